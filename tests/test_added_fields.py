@@ -50,7 +50,7 @@ def test_any_other_value_counts_the_default_included():
         for one in (Before(), Since(), Since(polish=False, limits=(1, 3)), Since(n=4, polish=False))
     }
     assert len(texts) == 4
-    assert canonical_params(Since()) == '{"n":3,"polish":true}'
+    assert canonical_params(Since()) == '{"n":3,"pfa":0.001,"polish":true}'
 
 
 def test_values_are_told_apart_by_their_type_as_json_tells_them():

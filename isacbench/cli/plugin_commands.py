@@ -48,16 +48,22 @@ def check_command(
     from isacbench.checking.contract import CheckReport, PluginFindings
     from isacbench.checking.contract.guarded_checks import check_guarded
     from isacbench.plugins.registry import distribution
-    from isacbench.report.texts.contract_findings import describe_checks, print_checks
+    from isacbench.report.texts.contract_findings import describe_checks, print_counts, print_findings
 
-    found = [
-        PluginFindings(kind, name, distribution(kind, name), tuple(check_guarded(kind, name)))
-        for kind, name in wanted
-    ]
+    found = []
+    for kind, name in wanted:
+
+        def tell(running: str, of: str = f"{kind} {name}") -> None:
+            say(f"isacbench: {of}: still at {running!r}", err=True)
+
+        findings = tuple(check_guarded(kind, name, tell=tell))
+        found.append(PluginFindings(kind, name, distribution(kind, name), findings))
+        if not as_json:
+            print_findings(found[-1])
     report = CheckReport(tuple(found))
     if as_json:
         print_json(describe_checks(report))
     else:
-        print_checks(report)
+        print_counts(report)
     if not report.ok:
         raise typer.Exit(EXIT_FAILED_CELLS)

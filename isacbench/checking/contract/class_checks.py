@@ -39,6 +39,12 @@ SEED = 20310
 BUILT = "default parameters"
 """Check that builds the instance of all further checks."""
 
+CALLABLE = "arguments"
+"""Check that the method takes the arguments of all further checks."""
+
+WANTED = {"estimator": "estimate(observation)", "detector": "detect(power, looks=1)"}
+"""Method of a plugin with its arguments, by kind."""
+
 
 class PluginSubject(ABC):
     """A plugin under check: its class, and an instance.
@@ -58,6 +64,12 @@ class PluginSubject(ABC):
     def plugin_class(self) -> Any:
         """Registered class."""
         return self.entry.load()
+
+    @property
+    def module(self) -> str:
+        """Module of the class, or what is registered as such where it cannot be imported."""
+        loaded = vars(self).get("plugin_class")
+        return str(getattr(loaded, "__module__", self.entry.module))
 
     @cached_property
     def plugin(self) -> Any:
@@ -155,6 +167,23 @@ def _is_built(subject: PluginSubject) -> str:
             "estimator without parameters"
         )
     subject.plugin  # noqa: B018  built here first
+    return ""
+
+
+def _takes_its_arguments(subject: PluginSubject) -> str:
+    method = METHODS[subject.entry.kind]
+    signature = inspect.signature(getattr(subject.plugin, method))
+    calls: list[tuple[list[Any], dict[str, Any]]] = [([None], {}), ([None, 1], {}), ([None], {"looks": 1})]
+    if subject.entry.kind == "estimator":
+        calls = [([None] * (1 + bool(getattr(subject.plugin, "needs_truth", False))), {})]
+    try:
+        for given, named in calls:
+            signature.bind(*given, **named)
+    except TypeError as error:
+        raise BrokenPromiseError(
+            f"{method}{signature} does not take what it is called with ({error}): define "
+            f"{WANTED[subject.entry.kind].replace('(', '(self, ')}"
+        ) from error
     return ""
 
 
@@ -308,6 +337,7 @@ CLASS_CHECKS: tuple[Check[Any], ...] = (
     Check("frozen dataclass", _is_frozen, ("import",)),
     Check("name", _is_named, ("frozen dataclass",)),
     Check(BUILT, _is_built, ("frozen dataclass",)),
+    Check(CALLABLE, _takes_its_arguments, (BUILT,)),
     Check("parameter types", _is_typed, (BUILT,)),
     Check("canonical parameters", _is_canonical, (BUILT,)),
 )

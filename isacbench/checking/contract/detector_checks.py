@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from isacbench.checking.contract.class_checks import (
     BUILT,
+    CALLABLE,
     CLASS_CHECKS,
     PluginSubject,
     conduct_checks,
@@ -19,7 +20,7 @@ from isacbench.checking.contract.class_checks import (
     refuse_writes,
     timed_call,
 )
-from isacbench.checking.contract.findings import Check
+from isacbench.checking.contract.findings import Check, DoubtfulError
 from isacbench.checking.promises import map_promises as promises
 from isacbench.checking.promises.map_promises import TestedMap, white_noise_map
 from isacbench.checking.promises.promise import (
@@ -37,6 +38,9 @@ SHAPE = 40, 24
 LARGE = 512, 512
 RATE = 1e-2
 """Probability of false alarm to measure at, if the detector has a field for it."""
+
+BORDER_RATE = 0.1
+"""The same at the borders of maps, which have few cells."""
 
 LOOKS = 1, 16
 
@@ -152,15 +156,48 @@ def _refuses_bad_maps(subject: DetectorSubject) -> str:
 
 
 def _keeps_its_rate(subject: DetectorSubject) -> str:
-    detector = subject.plugin
-    if any(field.name == "pfa" for field in dataclasses.fields(detector)):
-        detector = dataclasses.replace(detector, pfa=RATE)
+    detector = _at_rate(subject.plugin, RATE)
     try:
-        rates = [promises.require_rate(detector, looks, LARGE, SEED) for looks in LOOKS]
+        rates = [
+            promises.require_rate(detector, looks, LARGE, SEED, margin=LARGE[0] // 16) for looks in LOOKS
+        ]
     except NotApplicableError as reason:
         return str(reason)
     told = ", ".join(f"{rate:.4f} at {looks} looks" for rate, looks in zip(rates, LOOKS, strict=True))
     return f"{detector.pfa:g} nominal, {told}"
+
+
+def _keeps_its_rate_at_borders(subject: DetectorSubject) -> str:
+    """Measure at borders; a rate of 0 there is allowed, but no cell is tested."""
+    try:
+        detector = _at_rate(subject.plugin, BORDER_RATE)
+        measured = {looks: promises.border_rates(detector, looks, SEED) for looks in LOOKS}
+    except NotApplicableError as reason:
+        return str(reason)
+    except InputError as error:
+        return f"refused in words: {error}"
+    for looks, rates in measured.items():
+        wrong = {name: rate for name, (rate, low, high) in rates.items() if not low <= rate <= high}
+        if any(wrong.values()):
+            told = ", ".join(f"{rate:.3g} in the {name}" for name, rate in wrong.items())
+            raise BrokenPromiseError(
+                f"at pfa = {detector.pfa:g} and {looks} looks, the share of detected cells of white noise is "
+                f"{told}: pad maps with nothing, let the window shift inwards there, and take the factor of "
+                "the cells that it then has (isacbench.dsp.cfar.windows_of)"
+            )
+        if wrong:
+            raise DoubtfulError(
+                f"detects nothing in the {', '.join(wrong)} of maps: echoes there are lost; let the window "
+                "shift inwards (isacbench.dsp.cfar.windows_of)"
+            )
+    every = [rate for rates in measured.values() for rate, *_ in rates.values()]
+    return f"{detector.pfa:g} nominal, {min(every):.3f} to {max(every):.3f} in rows, columns and corners"
+
+
+def _at_rate(detector: Any, pfa: float) -> Any:
+    """Give a detector another rate, if it has a field for it."""
+    has_field = any(field.name == "pfa" for field in dataclasses.fields(detector))
+    return dataclasses.replace(detector, pfa=pfa) if has_field else detector
 
 
 def _is_fast(subject: DetectorSubject) -> str:
@@ -178,7 +215,7 @@ SHAPED = "shapes"
 DETECTOR_CHECKS: tuple[Check[Any], ...] = (
     *CLASS_CHECKS,
     Check("pfa", _has_a_rate, (BUILT,)),
-    Check(TESTED, _returns_a_detection, (BUILT,)),
+    Check(TESTED, _returns_a_detection, (CALLABLE,)),
     Check(SHAPED, _ordinary(promises.MAP_SHAPES), (TESTED,)),
     Check("mask", _ordinary(promises.MASK), (SHAPED,)),
     Check("threshold and noise", _ordinary(promises.MAP_POWERS), (SHAPED,)),
@@ -191,6 +228,7 @@ DETECTOR_CHECKS: tuple[Check[Any], ...] = (
     Check("silence", _takes_silence, (SHAPED,)),
     Check("bad maps", _refuses_bad_maps, (TESTED,)),
     Check("false-alarm rate", _keeps_its_rate, ("pfa", SHAPED, "looks")),
+    Check("rate at borders", _keeps_its_rate_at_borders, ("false-alarm rate",)),
     Check("listed cells", _ordinary(promises.LISTED), (SHAPED,)),
     Check("time", _is_fast, (TESTED,)),
 )

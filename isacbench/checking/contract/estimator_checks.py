@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.class_checks import (
-    BUILT,
+    CALLABLE,
     CLASS_CHECKS,
     PluginSubject,
     conduct_checks,
@@ -20,26 +18,18 @@ from isacbench.checking.contract.class_checks import (
     refuse_writes,
     timed_call,
 )
-from isacbench.checking.contract.findings import Check, DoubtfulError
+from isacbench.checking.contract.findings import Check
+from isacbench.checking.contract.lone_scatterer import require_lone_scatterer
 from isacbench.checking.promises import image_promises as promises
 from isacbench.checking.promises import small_scenes
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError, Promise, refuse_warnings
 from isacbench.checking.promises.small_scenes import Shot
-from isacbench.model.frame import FrameName
 from isacbench.model.observation import cross_elements
 from isacbench.plugins.contracts import needs_of
 
 REFERENCES = ("isacbench_algorithms.oracle", "isacbench_algorithms.chance")
 """Modules of the estimators that may see the truth: references, which do not compete."""
-
-MISS_CELLS = 2.0
-"""Rayleigh cells beyond which a lone strong echo counts as missed."""
-
-FOUND_CELLS = 1.0
-"""Rayleigh cells within which a point confirms a mistake."""
-
-POWER_FACTOR = 10.0
 
 
 class EstimatorSubject(PluginSubject):
@@ -101,75 +91,8 @@ def _returns_a_cloud(subject: EstimatorSubject) -> str:
 def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
     if subject.sees_truth:
         return "not asked of what sees the truth"
-    return ", ".join(
-        f"{_miss_m(subject, name):.2g} m off in the {name} frame" for name in small_scenes.LONE_VIEWS
-    )
-
-
-def _miss_m(subject: EstimatorSubject, frame: FrameName) -> float:
-    """Distance in m between a lone scatterer and its image; a miss is warned of with its likely cause."""
-    shot = small_scenes.lone(frame)
-    cloud, truth = subject.imaging(shot).cloud, shot.scenario.truth
-    if not len(cloud):
-        raise DoubtfulError(
-            "images nothing where one scatterer stands far above the noise: it is not detected, or all "
-            "detections fall outside the region (look at signs and units)"
-        )
-    places, true = radio_places(shot.scenario, cloud), radio_places(shot.scenario, truth)[0]
-    cells = rayleigh_cells(shot.scenario)
-    off_cells = np.abs(places - true) / cells
-    nearest = int(off_cells.max(axis=1).argmin())
-    if off_cells[nearest].max() > MISS_CELLS:
-        mistake = _likeliest_mistake(places / cells, true / cells)
-        if mistake is not None:
-            raise DoubtfulError(
-                f"images a lone scatterer where it would be if {mistake} ({frame} frame): look at the signs "
-                "and the order of u and w; the phase of element (p, q) is -π (p u + q w), and v > 0 "
-                "approaches. In a scene whose region does not reach that place, all detections fall outside "
-                "the region"
-            )
-        axis = ("range", "velocity", "u", "w")[int(off_cells[nearest].argmax())]
-        raise DoubtfulError(
-            f"the nearest point to a lone scatterer far above the noise is {off_cells[nearest].max():.3g} "
-            f"Rayleigh cells off in {axis}: look at units (m, m/s) and signs"
-        )
-    power = float(cloud.power[nearest])
-    if not 1 / POWER_FACTOR < power < POWER_FACTOR:
-        raise DoubtfulError(
-            f"the power of a lone unit scatterer comes out as {power:.3g}, not about 1: divide by "
-            "observation.system.processing_gain"
-        )
-    return float(np.linalg.norm(cloud.xyz[nearest] - truth.xyz[0]))
-
-
-def _likeliest_mistake(places: NDArray[np.float64], true: NDArray[np.float64]) -> str | None:
-    """Name the mistake of signs or of order that puts a scatterer where an image has it.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        Points of the image: range, velocity, u and w in Rayleigh cells.
-    true : ndarray of float64, shape (4,)
-        The scatterer.
-
-    Returns
-    -------
-    str or None
-        None where no such mistake does.
-    """
-    misses = {}
-    for swapped, *signs in product((False, True), (1, -1), (1, -1), (1, -1)):
-        seen = true[[0, 1, 3, 2]] if swapped else true
-        off_cells = np.abs(places - seen * [1, *signs]).max(axis=1).min()
-        misses[off_cells] = swapped, signs
-    swapped, signs = misses[min(misses)]
-    if min(misses) > FOUND_CELLS:
-        return None
-    wrong = [name for name, sign in zip(("velocity", "u", "w"), signs, strict=True) if sign < 0]
-    parts = ["u and w were swapped"] if swapped else []
-    if wrong:
-        parts.append(f"{' and '.join(wrong)} had the wrong sign{'s' if len(wrong) > 1 else ''}")
-    return " and ".join(parts)
+    views = {name: subject.imaging(small_scenes.lone(name)) for name in small_scenes.LONE_VIEWS}
+    return require_lone_scatterer(views)
 
 
 def _reads_what_it_declares(subject: EstimatorSubject) -> str:
@@ -244,7 +167,7 @@ IMAGED = "image"
 ESTIMATOR_CHECKS: tuple[Check[Any], ...] = (
     *CLASS_CHECKS,
     Check("truth", _sees_no_truth, ("import",)),
-    Check(IMAGED, _returns_a_cloud, (BUILT,)),
+    Check(IMAGED, _returns_a_cloud, (CALLABLE,)),
     Check("region", _in_every_scene(promises.IN_REGION), (IMAGED,)),
     Check("velocity", _in_every_scene(promises.SPEEDS), (IMAGED,)),
     Check("power", _in_every_scene(promises.POWERS), (IMAGED,)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 import traceback
 import warnings
 from collections import Counter
@@ -23,8 +24,8 @@ Status = Literal["ok", "warning", "failed", "skipped"]
 
 Subject = TypeVar("Subject")
 
-_LIBRARIES = frozenset({"isacbench", "numpy", "scipy"})
-"""Folders of code that calls a plugin, or that a plugin calls."""
+_LIBRARIES = frozenset({"isacbench", "numpy", "scipy"}) | sys.stdlib_module_names
+"""Packages that call a plugin, or that a plugin calls."""
 
 
 class DoubtfulError(Exception):
@@ -179,23 +180,33 @@ def _found(check: Check[Subject], subject: Subject) -> Finding:
     except BrokenPromiseError as error:
         return Finding(check.name, "failed", str(error))
     except (Exception, SystemExit) as error:
-        return Finding(check.name, "failed", raised_at(error))
+        return Finding(check.name, "failed", raised_at(error, getattr(subject, "module", "")))
 
 
-def raised_at(error: BaseException) -> str:
+def raised_at(error: BaseException, module: str = "") -> str:
     """Describe an exception of a plugin, with the place where it was raised.
 
     Parameters
     ----------
     error : BaseException
+    module : str
+        The plugin's module.
 
     Returns
     -------
     str
-        The place is the innermost line of the plugin's own code, if there is one.
+        The place is the innermost line of the plugin's own package, else of
+        any code but that of this package and of the libraries that it uses.
     """
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not _LIBRARIES.intersection(Path(frame.filename).parts)]
-    frame = (own or frames)[-1]
+    # By the names of modules: a plugin's file may lie in any folder, one called numpy as well.
+    packages = [
+        str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        for frame, _ in traceback.walk_tb(error.__traceback__)
+    ]
+    mine = module.partition(".")[0]
+    own = [frame for frame, package in zip(frames, packages, strict=True) if package == mine]
+    others = [frame for frame, package in zip(frames, packages, strict=True) if package not in _LIBRARIES]
+    frame = (own or others or frames)[-1]
     place = f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"
     return f"raises {type(error).__name__}: {error} ({place})"

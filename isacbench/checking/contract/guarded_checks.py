@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from threading import Timer
 
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking.contract.contract_check import check_names, iterate_checks
@@ -14,10 +15,18 @@ from isacbench.plugins.local_files import PluginFile
 CHECK_TIMEOUT_S = 120.0
 """Longest time of a check in s; it images small scenes a few times."""
 
+TOLD_S = 1.0
+"""Time in s from which a check that still runs is told."""
+
 LOSSES = {"timeout": "takes {}: does it hang?", "killed": "ends its process: {}"}
 
 
-def check_guarded(kind: PluginKind, name: str, timeout_s: float = CHECK_TIMEOUT_S) -> list[Finding]:
+def check_guarded(
+    kind: PluginKind,
+    name: str,
+    timeout_s: float = CHECK_TIMEOUT_S,
+    tell: Callable[[str], object] = lambda running: None,
+) -> list[Finding]:
     """Put a plugin through the contract as `check_plugin` does, in a process that it may lose.
 
     Parameters
@@ -27,6 +36,8 @@ def check_guarded(kind: PluginKind, name: str, timeout_s: float = CHECK_TIMEOUT_
         A registered name.
     timeout_s : float
         Longest time of one check in s.
+    tell : callable, optional
+        Given the name of each check that has run for `TOLD_S`, from another thread.
 
     Returns
     -------
@@ -39,7 +50,12 @@ def check_guarded(kind: PluginKind, name: str, timeout_s: float = CHECK_TIMEOUT_
     with GuardedProcess(_start, kind, name, local_plugins()) as process:
         try:
             while len(found) < len(names):
-                found.append(process.call(_next, timeout_s=timeout_s))
+                timer = Timer(TOLD_S, tell, [names[len(found)]])
+                timer.start()
+                try:
+                    found.append(process.call(_next, timeout_s=timeout_s))
+                finally:
+                    timer.cancel()
         except ProcessLostError as loss:
             found.append(Finding(names[len(found)], "failed", LOSSES[loss.status].format(loss.reason)))
     return found + [Finding(name, "skipped", f"needs {found[-1].check!r}") for name in names[len(found) :]]

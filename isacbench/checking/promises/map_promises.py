@@ -46,6 +46,18 @@ APPROXIMATION = 0.03
 RAREST = 10
 """Least expected number of false alarms for which a rate is measured."""
 
+BORDER_MAPS = 64, 64, 64
+"""Number and shape of the noise maps whose borders are looked at; many, for a map has four corners."""
+
+BORDERS: dict[str, Any] = {
+    "first rows": np.s_[:, :2, 2:-2],
+    "last rows": np.s_[:, -2:, 2:-2],
+    "first columns": np.s_[:, 2:-2, :2],
+    "last columns": np.s_[:, 2:-2, -2:],
+    "corners": np.s_[:, [[0], [1], [-2], [-1]], [[0, 1, -2, -1]]],
+}
+"""Cells within two of a border: there the window lacks most cells, however far it reaches."""
+
 
 @dataclass(frozen=True, eq=False)
 class TestedMap:
@@ -267,7 +279,9 @@ def _rate_order(tested: TestedMap) -> float:
     return _relative(tested.found.threshold, tested.found.threshold - fallen)
 
 
-def require_rate(detector: Detector, looks: int, shape: tuple[int, ...] = STRIP, seed: int = 0) -> float:
+def require_rate(
+    detector: Detector, looks: int, shape: tuple[int, ...] = STRIP, seed: int = 0, margin: int = 0
+) -> float:
     """Measure the false-alarm rate of a detector in white noise.
 
     Parameters
@@ -277,6 +291,8 @@ def require_rate(detector: Detector, looks: int, shape: tuple[int, ...] = STRIP,
     shape : tuple of int
         Shape of the noise map.
     seed : int
+    margin : int
+        Cells from each border that do not count.
 
     Returns
     -------
@@ -289,21 +305,54 @@ def require_rate(detector: Detector, looks: int, shape: tuple[int, ...] = STRIP,
     BrokenPromiseError
         If the rate is not the nominal one.
     """
-    n_cells = int(np.prod(shape)) // DEPENDENCE
     pfa: float = getattr(detector, "pfa")  # noqa: B009, no part of the protocol
-    if pfa * n_cells < RAREST:
-        raise NotApplicableError(f"too rare to measure at pfa = {pfa:g}")
-    low, high = binom.interval(1 - CONFIDENCE, n_cells, pfa)
     found = TestedMap(detector, white_noise_map(shape, seed, looks), looks).found
-    rate = float(found.mask.mean())
-    low, high = (1 - APPROXIMATION) * low, (1 + APPROXIMATION) * high
-    if not low <= rate * n_cells <= high:
+    mask = found.mask[tuple(slice(margin, length - margin) for length in shape)]
+    low, high = _rate_limits(pfa, mask.size)
+    rate = float(mask.mean())
+    if not low <= rate <= high:
         raise BrokenPromiseError(
             f"at pfa = {pfa:g} and {looks} looks, {rate:.3g} of the cells of white noise are detected, not "
-            f"{low / n_cells:.3g} to {high / n_cells:.3g}: derive the factor from the distribution of the "
-            "noise estimate (isacbench.dsp.cfar.factors)"
+            f"{low:.3g} to {high:.3g}: derive the factor from the distribution of the noise estimate "
+            "(isacbench.dsp.cfar.factors)"
         )
     return rate
+
+
+def _rate_limits(pfa: float, n_cells: int) -> tuple[float, float]:
+    """Limits of the measured rate of a detector that keeps it; refuse rates too rare to measure."""
+    n_trials = n_cells // DEPENDENCE
+    if pfa * n_trials < RAREST:
+        raise NotApplicableError(f"too rare to measure at pfa = {pfa:g}")
+    low, high = binom.interval(1 - CONFIDENCE, n_trials, pfa)
+    return (1 - APPROXIMATION) * low / n_trials, (1 + APPROXIMATION) * high / n_trials
+
+
+def border_rates(detector: Detector, looks: int, seed: int = 0) -> dict[str, tuple[float, float, float]]:
+    """Measure false-alarm rates at the borders of maps, where a mean over the whole map hides them.
+
+    Parameters
+    ----------
+    detector : Detector
+    looks : int
+    seed : int
+
+    Returns
+    -------
+    dict of str to (float, float, float)
+        By the part of the border, of `BORDERS`: the rate and its limits.
+
+    Raises
+    ------
+    NotApplicableError
+        If the detector's `pfa` is too low to be measured on these maps.
+    """
+    noise = white_noise_map(BORDER_MAPS, seed, looks)
+    pfa: float = getattr(detector, "pfa")  # noqa: B009, no part of the protocol
+    _rate_limits(pfa, noise[BORDERS["corners"]].size)
+    masks = np.stack([TestedMap(detector, power, looks).found.mask for power in noise])
+    parts = {name: masks[where] for name, where in BORDERS.items()}
+    return {name: (float(part.mean()), *_rate_limits(pfa, part.size)) for name, part in parts.items()}
 
 
 def _keeps_its_rate(tested: TestedMap) -> float:

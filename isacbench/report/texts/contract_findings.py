@@ -12,7 +12,7 @@ from rich.text import Text
 from isacbench.files.escaping import counted, visible, visible_lines
 
 if TYPE_CHECKING:
-    from isacbench.checking.contract import CheckReport, Status
+    from isacbench.checking.contract import CheckReport, PluginFindings, Status
 
 SHOWN: dict[Status, tuple[str, str]] = {
     "ok": ("ok", "green"),
@@ -40,25 +40,37 @@ def describe_checks(report: CheckReport) -> dict[str, Any]:
     return {**dataclasses.asdict(report), "counts": report.counts}
 
 
-def print_checks(report: CheckReport) -> None:
-    """Print findings: a line a check, and a line of counts.
+def print_findings(plugin: PluginFindings) -> None:
+    """Print the findings about a plugin, a line a check.
+
+    Parameters
+    ----------
+    plugin : PluginFindings
+    """
+    console = _console()
+    console.print(Text(visible(str(plugin)), style="bold"))
+    table = Table.grid(padding=(0, 2))
+    for finding in plugin.findings:
+        word, colour = SHOWN[finding.status]
+        table.add_row(
+            "",
+            Text(word, style=colour),
+            Text(visible(finding.check)),
+            Text(visible_lines(finding.message)),
+        )
+    console.print(table)
+
+
+def print_counts(report: CheckReport) -> None:
+    """Print how many checks of all plugins ended how.
 
     Parameters
     ----------
     report : CheckReport
     """
-    console = Console(soft_wrap=False, highlight=False)
-    for plugin in report.plugins:
-        console.print(Text(visible(str(plugin)), style="bold"))
-        table = Table.grid(padding=(0, 2))
-        for finding in plugin.findings:
-            word, colour = SHOWN[finding.status]
-            table.add_row(
-                "",
-                Text(word, style=colour),
-                Text(visible(finding.check)),
-                Text(visible_lines(finding.message)),
-            )
-        console.print(table)
     counts = ", ".join(f"{n} {SHOWN[status][0]}" for status, n in report.counts.items() if n)
-    console.print(f"{counted(len(report.plugins), 'plugin')}: {counts}")
+    _console().print(f"{counted(len(report.plugins), 'plugin')}: {counts}")
+
+
+def _console() -> Console:
+    return Console(soft_wrap=False, highlight=False)

@@ -1,7 +1,9 @@
 """`isacbench.check`: names, packages, files, classes and instances, and its report."""
 
 import os
+import sys
 from dataclasses import dataclass
+from importlib import import_module
 from typing import ClassVar
 
 import pytest
@@ -65,10 +67,10 @@ def test_a_name_is_checked_as_the_command_does():
 
 def test_a_file_is_read_anew_each_time_and_not_registered(write_plugin):
     path = write_plugin("still.py", FILE.format(deed="print('loud')"))
-    assert not isacbench.check(path).ok
+    assert "failed: stdout" in repr(isacbench.check(path))
     write_plugin("still.py", FILE.format(deed="pass"))
     report = isacbench.check(str(path))
-    assert report.ok
+    assert "failed: stdout" not in repr(report)
     assert report.plugins[0].package == "still.py"
     assert "still" not in entries("estimator")
 
@@ -76,9 +78,9 @@ def test_a_file_is_read_anew_each_time_and_not_registered(write_plugin):
 def test_a_class_is_checked_without_being_registered(monkeypatch):
     monkeypatch.delenv("BLIND", raising=False)
     report = isacbench.check(Blind)
-    assert report.ok
+    assert not report.ok
     assert [finding.check for finding in report.plugins[0].findings] == check_names("estimator")
-    assert "warning: lone scatterer: images nothing" in repr(report)
+    assert "failed: lone scatterer: images nothing" in repr(report)
     assert "BLIND" not in os.environ
 
 
@@ -100,3 +102,43 @@ def test_an_instance_of_a_registered_detector_is_checked():
 def test_what_is_no_plugin_is_refused(plugin):
     with pytest.raises(InputError, match="is not a plugin: allowed are a registered name"):
         isacbench.check(plugin)
+
+
+PLACES = {
+    "numpy/mine.py": "raise KeyError('gone')",
+    "isacbench/mine.py": "raise KeyError('gone')",
+    "site-packages/scipy/mine.py": "np.linalg.inv(np.ones((2, 3)))",
+    "mine.py": "functools.reduce(lambda one, two: one / two, [1, 0])",
+}
+
+
+@pytest.mark.parametrize("path", PLACES)
+def test_the_place_of_an_exception_is_in_the_module_of_the_plugin_whatever_its_folder(
+    path, tmp_path, monkeypatch
+):
+    """The module is imported, so that its frames have the path of its file."""
+    file = tmp_path / path
+    file.parent.mkdir(parents=True, exist_ok=True)
+    head = "import functools\nimport numpy as np\n"
+    file.write_text(head + FILE.format(deed=PLACES[path]))
+    monkeypatch.syspath_prepend(file.parent)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    report = isacbench.check(import_module("mine").Still)
+    [message] = [one.message for one in report.plugins[0].findings if one.check == "image"]
+    monkeypatch.delitem(sys.modules, "mine")
+    line = file.read_text()[: file.read_text().index(PLACES[path])].count("\n") + 1
+    assert f"(mine.py, line {line}, in " in message
+
+
+def test_the_place_is_in_the_plugins_own_code_before_that_of_other_packages(tmp_path, monkeypatch):
+    (tmp_path / "helping.py").write_text("def fail():\n    raise KeyError('gone')\n")
+    source = "from helping import fail\n" + FILE.format(deed="fail()")
+    (tmp_path / "mine.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("mine", "helping"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    report = isacbench.check(import_module("mine").Still)
+    [message] = [one.message for one in report.plugins[0].findings if one.check == "image"]
+    for name in ("mine", "helping"):
+        monkeypatch.delitem(sys.modules, name)
+    assert message == f"raises KeyError: 'gone' (mine.py, line {source.count(chr(10)) - 1}, in estimate)"

@@ -2,6 +2,8 @@
 
 import pytest
 
+from isacbench.checking.contract import Finding
+from isacbench.checking.promises import map_promises
 from tests.checking.contract.changed_plugins import failed, findings_of_changed, indented
 
 SOUND = '''
@@ -56,6 +58,14 @@ BROKEN = [
         "broken: n = frozenset(): allowed are finite numbers",
     ),
     ("pfa", ("pfa: float = 1e-3", "pfa: ClassVar = None\n    rate: float = 1e-3"), "give it a field pfa"),
+    (
+        "arguments",
+        ("power, looks=1)", "power)"),
+        "detect(power) does not take what it is called with (too many positional arguments): define "
+        "detect(self, power, looks=1)",
+    ),
+    ("arguments", ("power, looks=1)", "power, looks)"), "missing a required argument: 'looks'"),
+    ("arguments", ("power, looks=1)", "power, n=1)"), "unexpected keyword argument 'looks'"),
     ("detection", (RETURN, "        return mask\n"), "must return a Detection, not ndarray"),
     ("detection", put("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
     ("shapes", put("mask = mask.astype(int)"), "mask is int64 (40, 24), not bool (40, 24)"),
@@ -115,6 +125,14 @@ BROKEN = [
         "of white noise are detected",
     ),
     (
+        "rate at borders",
+        put(
+            "factor = np.ones(power.shape); factor[:2] = 0.2\n"
+            "threshold = factor * threshold; mask = power > threshold"
+        ),
+        " in the first rows, ",
+    ),
+    (
         "listed cells",
         ("looks=1):\n", "looks=1, cells=None):\n        power = power if cells is None else power[cells]\n"),
         "cells says where to test, and changes no test",
@@ -145,6 +163,65 @@ def test_every_check_has_a_detector_that_breaks_it():
     assert {name for name, *_ in BROKEN} | {"import", "time"} == set(check())
 
 
+WINDOWED = put(
+    "from scipy.ndimage import convolve\n"
+    "from isacbench_algorithms.detectors import CaCfar\n"
+    "if power.ndim == 2 and min(power.shape) > 9:\n"
+    "    window = np.ones((9, 9)); window[3:6, 3:6] = 0\n"
+    "    noise = convolve({around}, window / 72, mode={mode!r})[-power.shape[0]:, -power.shape[1]:]\n"
+    "    factor = CaCfar(self.pfa).detect(np.ones((30, 30)), looks).threshold[15, 15]\n"
+    "    threshold = {threshold}\n"
+    "    mask = power > threshold"
+)
+AS_IT_IS = "noise * factor"
+
+
+def windowed(mode, threshold=AS_IT_IS, around="power"):
+    """Average 72 cells around each, behind a border that is made up or left out."""
+    return WINDOWED[0], WINDOWED[1].format(mode=mode, threshold=threshold, around=around)
+
+
+def test_a_window_that_wraps_around_passes_at_the_borders():
+    findings = check(*windowed("wrap"))
+    assert findings["false-alarm rate"].status == findings["rate at borders"].status == "ok"
+
+
+def test_zeros_beyond_the_border_are_told_by_the_rate_there_and_not_by_the_mean():
+    findings = check(*windowed("constant"))
+    assert findings["false-alarm rate"].status == "ok"
+    assert failed(findings) == {"rate at borders"}
+    message = findings["rate at borders"].message
+    assert all(f" in the {part}" in message for part in map_promises.BORDERS)
+    assert "pad maps with nothing" in message
+
+
+def test_a_border_that_is_padded_on_one_side_alone_is_named():
+    above = "np.concatenate([power[-9:], power, np.zeros((9, power.shape[1]))])"
+    below = WINDOWED[1].replace("[-power.shape[0]:, ", "[9:-9, ")
+    findings = check(WINDOWED[0], below.format(mode="wrap", threshold=AS_IT_IS, around=above))
+    message = findings["rate at borders"].message
+    assert failed(findings) == {"rate at borders"}
+    assert " in the last rows" in message
+    assert "columns" not in message
+    assert "first" not in message
+
+
+def test_cells_of_the_border_that_are_never_tested_are_warned_of():
+    untested = "np.pad((noise * factor)[4:-4], ((4, 4), (0, 0)), constant_values=1e300)"
+    findings = check(*windowed("wrap", untested))
+    assert not failed(findings) - {"scale"}
+    assert findings["rate at borders"].status == "warning"
+    assert findings["rate at borders"].message.startswith(
+        "detects nothing in the first rows, last rows, corners of maps: echoes there are lost"
+    )
+
+
+def test_a_window_larger_than_the_maps_with_borders_is_no_failure():
+    refusal = "from isacbench.errors import InputError\nif power.shape == (64, 64): raise InputError('small')"
+    findings = check(*put(refusal))
+    assert findings["rate at borders"] == Finding("rate at borders", "ok", "refused in words: small")
+
+
 def test_a_detector_that_refuses_small_maps_in_words_passes():
     refusal = put("from isacbench.errors import InputError\nif power.size < 9: raise InputError('too small')")
     findings = check(*refusal)
@@ -154,4 +231,5 @@ def test_a_detector_that_refuses_small_maps_in_words_passes():
 
 def test_a_rate_that_cannot_be_chosen_is_measured_where_it_is_not_too_rare():
     findings = check("pfa: float = 1e-3", "pfa: ClassVar[float] = 1e-9")
-    assert findings["false-alarm rate"].message == "too rare to measure at pfa = 1e-09"
+    for name in ("false-alarm rate", "rate at borders"):
+        assert findings[name].message == "too rare to measure at pfa = 1e-09"

@@ -1,6 +1,6 @@
 import pytest
 
-from isacbench.checking.contract import check_names, check_plugin
+from isacbench.checking.contract import check_names, check_plugin, guarded_checks
 from isacbench.checking.contract.guarded_checks import check_guarded
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
@@ -26,6 +26,19 @@ class Deadly:
 def test_findings_are_those_of_this_process():
     guarded, here = check_guarded("detector", "ca"), check_plugin("detector", "ca")
     assert [(one.check, one.status) for one in guarded] == [(one.check, one.status) for one in here]
+
+
+def test_a_check_that_runs_on_is_told_while_it_does(monkeypatch):
+    monkeypatch.setattr(guarded_checks, "TOLD_S", 0.2)
+    deed = (
+        "import time; time.sleep(0.5 if observation.array.shape == (2, 2) else 0); return PointCloud.empty()"
+    )
+    told = []
+    with isolated_plugins():
+        register_plugin(PluginFile("deadly.py", DEADLY.format(deed=deed)))
+        check_guarded("estimator", "deadly", tell=told.append)
+    assert "2 x 2 array" in told
+    assert told == [name for name in check_names("estimator") if name in told]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,13 @@ import pytest
 from isacbench_algorithms import chance, oracle
 from typer.testing import CliRunner
 
-from isacbench.checking.contract import check_plugin, detector_checks, estimator_checks, find_plugins
+from isacbench.checking.contract import (
+    check_plugin,
+    detector_checks,
+    estimator_checks,
+    find_plugins,
+    guarded_checks,
+)
 from isacbench.cli import app
 from isacbench.errors import InputError
 from isacbench.plugins.registry import detector_names, estimator_names
@@ -42,13 +48,25 @@ class Loud:
 print("imported")
 '''
 
+QUIET = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from isacbench_algorithms.fft4d import Fft4d
+
+
+@dataclass(frozen=True)
+class Quiet(Fft4d):
+    name: ClassVar[str] = "quiet"
+"""
+
 
 @pytest.fixture
 def cli(write_plugin, tmp_path, monkeypatch):
     """Run the command line in a folder that holds a plugin file."""
     monkeypatch.chdir(tmp_path)
     write_plugin("local.py", LOCAL)
-    write_plugin("quiet.py", LOCAL.partition("@dataclass(frozen=True)\nclass Loud")[0])
+    write_plugin("quiet.py", QUIET)
     return lambda *args: CliRunner().invoke(app, ["check", *args])
 
 
@@ -112,14 +130,14 @@ def test_check_prints_a_line_a_check_and_exits_with_3_where_one_failed(cli):
     lines = result.stdout.splitlines()
     assert lines[0] == "estimator nothing (local.py)"
     assert any(line.split()[:2] == ["FAILED", "stdout"] for line in lines)
-    assert any(line.split()[:3] == ["warning", "lone", "scatterer"] for line in lines)
+    assert any(line.split()[:3] == ["FAILED", "lone", "scatterer"] for line in lines)
     assert lines[-1].startswith("2 plugins: ")
-    assert lines[-1].endswith("2 warning, 1 FAILED")
+    assert lines[-1].endswith(" ok, 3 FAILED")
 
 
 def test_check_exits_with_0_where_all_pass_and_2_where_nothing_is_found(cli):
     assert cli("quiet.py").exit_code == 0
-    assert cli("nothing", "--plugin", "quiet.py").exit_code == 0
+    assert cli("quiet", "--plugin", "quiet.py").exit_code == 0
     result = cli("no_such")
     assert result.exit_code == 2
     assert "no registered name" in result.stderr
@@ -132,6 +150,13 @@ def test_check_prints_json_and_nothing_else_though_a_plugin_prints(cli):
     content = json.loads(result.stdout)
     nothing, loud = content["plugins"]
     assert (nothing["kind"], nothing["name"], nothing["package"]) == ("estimator", "nothing", "local.py")
-    assert [f["check"] for f in loud["findings"] if f["status"] == "failed"] == ["stdout"]
-    assert content["counts"]["failed"] == 1
+    assert [f["check"] for f in loud["findings"] if f["status"] == "failed"] == ["lone scatterer", "stdout"]
+    assert content["counts"]["failed"] == 3
     assert sum(content["counts"].values()) == len(nothing["findings"]) + len(loud["findings"])
+
+
+def test_what_is_running_is_told_on_stderr_beside_json(cli, monkeypatch):
+    monkeypatch.setattr(guarded_checks, "TOLD_S", 0.0)
+    result = cli("quiet.py", "--json")
+    assert json.loads(result.stdout)["plugins"][0]["name"] == "quiet"
+    assert "isacbench: estimator quiet: still at 'import'\n" in result.stderr

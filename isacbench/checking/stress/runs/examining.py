@@ -74,18 +74,18 @@ def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
         subjects.append(case.subject(plugin, seed))
         return 0.0
 
-    verdict = _verdict(Promise("input", 0.0, bring_together), None, case.may_refuse)
+    verdict = _verdict(Promise("input", 0.0, bring_together), plugin, None, case.may_refuse)
     if not subjects:
         return [verdict]
     verdicts: list[Verdict] = []
     for promise in case.promises:
-        verdicts.append(_verdict(promise, subjects[0], case.may_refuse))
+        verdicts.append(_verdict(promise, plugin, subjects[0], case.may_refuse))
         if verdicts[0].outcome != "ok":
             break
     return verdicts
 
 
-def _verdict(promise: Promise[Any], subject: Any, may_refuse: bool) -> Verdict:
+def _verdict(promise: Promise[Any], plugin: object, subject: Any, may_refuse: bool) -> Verdict:
     start = time.perf_counter()
     drift = bound = math.nan
     outcome: CaseOutcome = "failed"
@@ -100,5 +100,5 @@ def _verdict(promise: Promise[Any], subject: Any, may_refuse: bool) -> Verdict:
     except InputError as error:
         outcome, message = "refused" if may_refuse else "failed", str(error)
     except (Exception, SystemExit, KeyboardInterrupt) as error:  # of the plugin: it is alone in its process
-        message = raised_at(error)
+        message = raised_at(error, type(plugin).__module__)
     return Verdict(promise.name, outcome, drift, bound, time.perf_counter() - start, visible(message))

@@ -1,0 +1,334 @@
+"""A wrong image of a lone scatterer is called by its fault, with sidelobes or without, a right one passes."""
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
+from isacbench.checking.contract.findings import DoubtfulError
+from isacbench.checking.contract.lone_scatterer import MISS_CELLS, _places_of_mistakes, require_lone_scatterer
+from isacbench.checking.promises import small_scenes
+from isacbench.checking.promises.image_promises import Imaging
+from isacbench.checking.promises.promise import BrokenPromiseError
+from isacbench.model.cloud import PointCloud
+
+BEAMS = 32
+VIEWS = tuple(small_scenes.LONE_VIEWS)
+
+
+SEEN = {}
+
+
+def detected(observation, *options):
+    """What the beamformer sees in the cells of an observation, formed once."""
+    key = complex(observation.cells[0, 0, 0, 0]), options
+    if key not in SEEN:
+        SEEN[key] = beams_of(observation, *options)
+    return SEEN[key]
+
+
+def beams_of(observation, lowest_db, beams):
+    """Range bin, Doppler bin, u, w and power of the beams of all cells, above a level below the peak."""
+    spectrum = np.fft.ifft2(observation.cells, (beams, beams)) * beams**2
+    power = np.abs(spectrum / np.prod(observation.array.shape)) ** 2 / observation.system.processing_gain
+    row, column, i, j = np.nonzero(power >= power.max() * 10 ** (lowest_db / 10))
+    cosine = 2 * np.fft.fftfreq(beams)
+    gate = observation.gate
+    bins = gate.range_bins[row].astype(float), gate.doppler_bins[column].astype(float)
+    return *bins, cosine[i], cosine[j], power[row, column, i, j]
+
+
+@dataclass(frozen=True)
+class Beamformer:
+    """Images the beams of the cells, and changes their places before or the image after it was placed."""
+
+    name: ClassVar[str] = "beamformer"
+
+    lowest_db: float = 0.0
+    alike: bool = False
+    beams: int = BEAMS
+    placed: Any = None
+    made: Any = None
+
+    def estimate(self, observation):
+        """Image one observation."""
+        found = detected(observation, self.lowest_db, self.beams)
+        if self.alike:
+            found = *found[:4], np.ones_like(found[4])
+        if self.placed:
+            found = self.placed(observation, *found)
+        cloud = observation.cloud(*found)
+        return self.made(observation, cloud) if self.made else cloud
+
+
+IMAGES = {
+    "one point": {},
+    "sidelobes": {"lowest_db": -30.0},
+    "unpadded beams": {"lowest_db": -30.0, "beams": 10},
+}
+ALIKE = {"sidelobes as strong": {"lowest_db": -20.0, "alike": True}}
+
+
+def judged(**options):
+    """Look at the image of a beamformer."""
+    estimator = Beamformer(**options)
+    return require_lone_scatterer({name: Imaging(estimator, small_scenes.lone(name)) for name in VIEWS})
+
+
+def message(error, **options):
+    with pytest.raises(error) as caught:
+        judged(**options)
+    return str(caught.value)
+
+
+def by_hand(change):
+    """Build the cloud without `observation.cloud`, from a changed range, velocity and directions."""
+
+    def made(observation, cloud):
+        offset_m = cloud.xyz - observation.base_station_m
+        range_m, (u, w) = np.linalg.norm(offset_m, axis=1), observation.frame.direction_cosines(offset_m)
+        range_m, velocity, u, w = change(observation, range_m, cloud.velocity, u, w)
+        xyz = observation.base_station_m + observation.frame.offsets(range_m, u, w)
+        return PointCloud(xyz, velocity, cloud.power)
+
+    return {"made": made}
+
+
+PLACES = {
+    "range had the wrong sign": {"placed": lambda o, r, d, u, w, p: (-r, d, u, w, p)},
+    "range had the wrong sign, of unsigned bins": {"placed": lambda o, r, d, u, w, p: (512 - r, d, u, w, p)},
+    "range was there and back": {"placed": lambda o, r, d, u, w, p: (2 * r, d, u, w, p)},
+    "range was there and back, by hand": by_hand(lambda o, r, v, u, w: (2 * r, v, u, w)),
+    "range was halved once too often": {"placed": lambda o, r, d, u, w, p: (r / 2, d, u, w, p)},
+    "range was in m where bins are wanted": {
+        "placed": lambda o, r, d, u, w, p: (r * o.system.range_bin_m, d, u, w, p)
+    },
+    "range was in bins where m are wanted": by_hand(
+        lambda o, r, v, u, w: (r / o.system.range_bin_m, v, u, w)
+    ),
+    "velocity had the wrong sign": {"placed": lambda o, r, d, u, w, p: (r, -d, u, w, p)},
+    "velocity had the wrong sign, by hand": by_hand(lambda o, r, v, u, w: (r, -v, u, w)),
+    "velocity was twice as large": {"placed": lambda o, r, d, u, w, p: (r, 2 * d, u, w, p)},
+    "velocity was half as large": {"placed": lambda o, r, d, u, w, p: (r, d / 2, u, w, p)},
+    "velocity was in km/h": by_hand(lambda o, r, v, u, w: (r, 3.6 * v, u, w)),
+    "velocity was in m/s where bins are wanted": {
+        "placed": lambda o, r, d, u, w, p: (r, d * o.system.velocity_bin_mps, u, w, p)
+    },
+    "velocity was in bins where m/s are wanted": by_hand(
+        lambda o, r, v, u, w: (r, v / o.system.velocity_bin_mps, u, w)
+    ),
+    "velocity was 0": by_hand(lambda o, r, v, u, w: (r, 0 * v, u, w)),
+    "u had the wrong sign": {"placed": lambda o, r, d, u, w, p: (r, d, -u, w, p)},
+    "w had the wrong sign": {"placed": lambda o, r, d, u, w, p: (r, d, u, -w, p)},
+    "u and w had the wrong signs": {"placed": lambda o, r, d, u, w, p: (r, d, -u, -w, p)},
+    "u and w were swapped": {"placed": lambda o, r, d, u, w, p: (r, d, w, u, p)},
+    "u and w were swapped and u had the wrong sign": {"placed": lambda o, r, d, u, w, p: (r, d, -w, u, p)},
+    "velocity had the wrong sign and w had the wrong sign": {
+        "placed": lambda o, r, d, u, w, p: (r, -d, u, -w, p)
+    },
+    "velocity had the wrong sign and u and w were swapped": {
+        "placed": lambda o, r, d, u, w, p: (r, -d, w, u, p)
+    },
+    "range was there and back and velocity was twice as large": {
+        "placed": lambda o, r, d, u, w, p: (2 * r, 2 * d, u, w, p)
+    },
+    "u and w were angles in radians": {
+        "placed": lambda o, r, d, u, w, p: (r, d, np.arcsin(u), np.arcsin(w), p)
+    },
+}
+
+
+@pytest.mark.parametrize("image", IMAGES | ALIKE)
+@pytest.mark.parametrize("mistake", PLACES)
+def test_a_wrong_place_is_called_by_its_mistake(mistake, image):
+    told = message(BrokenPromiseError, **(IMAGES | ALIKE)[image], **PLACES[mistake])
+    assert told.startswith(f"images a lone scatterer where it would be if {mistake.partition(', ')[0]}: ")
+    assert told.endswith("(panel frame)")
+    assert "power" not in told
+
+
+@pytest.mark.parametrize("image", ["one point", "sidelobes"])
+@pytest.mark.parametrize("mistake", PLACES)
+def test_a_wrong_place_in_the_paper_frame_alone_is_called_by_its_mistake(mistake, image):
+    [(when, change)] = PLACES[mistake].items()
+    told = message(BrokenPromiseError, **(IMAGES | ALIKE)[image], **{when: in_paper(when, change)})
+    assert told.startswith(f"images a lone scatterer where it would be if {mistake.partition(', ')[0]}: ")
+    assert told.endswith("(paper frame)")
+
+
+def in_paper(when, change):
+    """Change images in the paper's frame alone."""
+    unchanged = {"placed": lambda observation, *found: found, "made": lambda observation, cloud: cloud}[when]
+
+    def changed(observation, *what):
+        is_paper = type(observation.frame).__name__ == "PaperFrame"
+        return (change if is_paper else unchanged)(observation, *what)
+
+    return changed
+
+
+@pytest.mark.parametrize("image", IMAGES | ALIKE)
+@pytest.mark.parametrize(
+    ("angle", "told"),
+    [
+        (lambda u: np.rad2deg(np.arcsin(u)), "not angles in degrees"),
+        (np.arccos, "not angles in radians"),
+        (lambda u: u % 2, "if u and w ran from 0 to 2: subtract 2 above 1"),
+    ],
+)
+def test_directions_that_are_no_cosines_are_called_so(angle, told, image):
+    options = {"placed": lambda o, r, d, u, w, p: (r, d, angle(u), angle(w), p)}
+    assert told in message(BrokenPromiseError, **(IMAGES | ALIKE)[image], **options)
+
+
+@pytest.mark.parametrize("image", IMAGES)
+def test_a_right_image_passes(image):
+    assert judged(**IMAGES[image]).endswith(" m off in the paper frame")
+
+
+def test_bins_of_another_turn_are_the_same():
+    def placed(observation, r, d, u, w, p):
+        return r - observation.system.n_subcarriers, d % observation.system.n_symbols, u, w, p
+
+    assert judged(placed=placed) == judged()
+
+
+def test_sidelobes_at_all_places_of_mistakes_decide_nothing():
+    """Each is an eighth as strong as the scatterer, together they are stronger."""
+
+    def placed(observation, r, d, u, w, p):
+        axes = np.meshgrid(r[0] * np.array([1, 2]), d[0] * np.array([1, -1]), [u[0], -u[0]], [w[0], -w[0]])
+        echoes = [axis.ravel() for axis in np.transpose(axes, (0, 2, 1, 3, 4))]
+        return *echoes, np.r_[p[0], np.full(15, p[0] / 8)]
+
+    assert judged(placed=placed) == judged()
+
+
+POWERS = {
+    "divide by observation.system.processing_gain": lambda p, gain: p * gain,
+    "as 1 and 1: a power is |G|² relative to": lambda p, gain: p / p.max(),
+    "these follow the amplitude": lambda p, gain: p**0.5,
+    "these follow the amplitude, divided": lambda p, gain: (p * gain) ** 0.5 / gain,
+    "these are in dB": lambda p, gain: np.maximum(10 * np.log10(p * gain), 0),
+    "these are in dB, of 20": lambda p, gain: 200 + 20 * np.log10(p),
+    ": a power is |G|² relative to a unit": lambda p, gain: 900 * p,
+    "as 0 and 0: a power is |G|² relative to": lambda p, gain: 0 * p,
+}
+
+
+@pytest.mark.parametrize("image", IMAGES)
+@pytest.mark.parametrize("mistake", POWERS)
+def test_a_wrong_power_at_the_right_place_is_called_by_its_mistake(mistake, image):
+    def placed(observation, r, d, u, w, p):
+        return r, d, u, w, POWERS[mistake](p, observation.system.processing_gain)
+
+    told = message(DoubtfulError, **IMAGES[image], placed=placed)
+    assert told.startswith("powers of 1 and 0.0001 come out as ")
+    assert mistake.partition(", ")[0] in told
+
+
+@pytest.mark.parametrize("image", ALIKE)
+def test_points_as_strong_as_each_other_are_blamed_for_their_power_alone(image):
+    told = message(DoubtfulError, **ALIKE[image])
+    assert told.startswith("powers of 1 and 0.0001 come out as 1 and 1: a power is |G|²")
+
+
+@pytest.mark.parametrize("image", IMAGES)
+@pytest.mark.parametrize(
+    ("change", "axes"),
+    [
+        (lambda r, d: (r + 0.5, d), ["range"]),
+        (lambda r, d: (r - 0.5, d), ["range"]),
+        (lambda r, d: (r, d + 0.5), ["velocity"]),
+        (lambda r, d: (r, d - 0.5), ["velocity"]),
+        (lambda r, d: (r - 0.5, d - 0.5), ["range", "velocity"]),
+    ],
+)
+def test_half_a_bin_too_much_or_too_little_is_told_with_its_axis(change, axes, image):
+    options = {"placed": lambda o, r, d, u, w, p: (*change(r, d), u, w, p)}
+    told = message(DoubtfulError, **IMAGES[image], **options)
+    assert told.startswith(f"images lone scatterers about half a bin off in {axes[0]} (")
+    assert [axis for axis in ("range", "velocity", "u (", "w (", "power") if axis in told] == axes
+
+
+ROUNDINGS = {np.floor: ["range", "velocity"], np.ceil: ["range", "velocity"], np.trunc: ["range", "velocity"]}
+
+
+@pytest.mark.parametrize("rounding", ROUNDINGS)
+def test_a_bin_that_is_not_the_nearest_is_told(rounding):
+    """The estimator has found the places exactly, and rounds them to bins."""
+
+    def placed(observation, r, d, u, w, p):
+        _, echo = small_scenes.LONE_VIEWS["panel" if observation.region.z_m[1] > 70 else "paper"]
+        return [rounding(echo.range_bin)], [rounding(echo.doppler_bin)], [echo.u], [echo.w], p[:1]
+
+    told = message(DoubtfulError, placed=placed)
+    assert "half a bin off in range" in told
+    assert "velocity" in told
+    assert "take the nearest bin" in told
+
+
+def test_half_a_bin_and_a_wrong_power_are_both_told():
+    told = message(DoubtfulError, placed=lambda o, r, d, u, w, p: (r + 0.5, d, u, w, 1e4 * p))
+    assert "half a bin off in range" in told
+    assert "; and powers of 1 and 0.0001 come out as" in told
+
+
+def test_one_point_for_all_cells_is_called_so():
+    def placed(observation, r, d, u, w, p):
+        return [24.0], [0.0], [0.3], [0.8], [1.0]
+
+    assert "whatever the cells hold" in message(BrokenPromiseError, placed=placed)
+
+
+def middle(observation, cloud):
+    return PointCloud([(observation.region.lower_m + observation.region.upper_m) / 2], [0.0], [1.0])
+
+
+def test_the_middle_of_the_region_is_called_so():
+    assert "whatever the cells hold" in message(BrokenPromiseError, made=middle)
+
+
+def test_nothing_where_one_scatterer_stands_out_is_a_failure():
+    told = message(BrokenPromiseError, made=lambda observation, cloud: PointCloud.empty())
+    assert told.startswith("drops a lone scatterer that it has placed rightly")
+
+
+@pytest.mark.parametrize("axis", range(4))
+def test_every_point_more_than_two_cells_off_is_a_failure_that_names_the_axis(axis):
+    def placed(observation, *found):
+        shift = np.array([-9.0, 12.0, -0.55, 0.65]) * (np.arange(4) == axis)
+        return *(one + by for one, by in zip(found[:4], shift, strict=True)), found[4]
+
+    name = ("range", "velocity", "u", "w")[axis]
+    assert f" in {name}, in Rayleigh cells: " in message(BrokenPromiseError, placed=placed)
+
+
+@pytest.mark.parametrize("frame", VIEWS)
+def test_no_two_mistakes_lead_to_the_same_place(frame):
+    shot = small_scenes.lone(frame)
+    cells = rayleigh_cells(shot.scenario)
+    true = radio_places(shot.scenario, shot.scenario.truth)[0] / cells
+    found = list(_places_of_mistakes(true, cells))
+    mistakes, places = zip(*found, strict=True)
+    places = np.array(places)
+    assert mistakes[0] == ()
+    np.testing.assert_array_equal(places[0], true)
+    apart = np.abs(places[:, None] - places).max(axis=2) + 9 * np.eye(len(places))
+    assert apart.min() > 0.5
+
+
+@pytest.mark.parametrize("frame", VIEWS)
+def test_no_mistake_of_signs_or_of_order_is_near_another_or_outside_the_region(frame):
+    shot = small_scenes.lone(frame)
+    [(range_m, _, u, w)] = radio_places(shot.scenario, shot.scenario.truth)
+    cells = rayleigh_cells(shot.scenario)[2:]
+    mirrored = [(a * p, b * q) for p, q in ((u, w), (w, u)) for a in (1, -1) for b in (1, -1)]
+    for one, two in combinations(mirrored, 2):
+        assert (np.abs(np.subtract(one, two)) / cells).max() > MISS_CELLS
+    for place in mirrored:
+        xyz = shot.scenario.base_station_m + shot.scenario.frame.offsets([range_m], *np.array([place]).T)
+        assert shot.scenario.region.contains(xyz, -1.0).all()
