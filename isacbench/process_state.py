@@ -87,6 +87,19 @@ if hasattr(os, "sched_getaffinity"):
     INNER.append((partial(os.sched_getaffinity, 0), partial(os.sched_setaffinity, 0)))
 
 
+_alone = threading.RLock()
+"""Held by the thread whose changes are to be undone: those of another one could not be told from them."""
+
+
+def _after_fork() -> None:
+    global _alone
+    _alone = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_after_fork)
+
+
 @contextmanager
 def process_state_kept(at_import: bool = False) -> Iterator[None]:
     """Undo what the code within changes about this process, where a process may undo it.
@@ -111,7 +124,7 @@ def process_state_kept(at_import: bool = False) -> Iterator[None]:
         *(warnings.catch_warnings(), np.errstate(), np.printoptions(), decimal.localcontext()),
         *(_signals_kept(), lent_streams()),
     )
-    with ExitStack() as stack:
+    with _alone, ExitStack() as stack:
         stack.callback(np.random.set_state, np.random.get_state())  # noqa: NPY002, plugins may use it
         for read, write in settings:
             with suppress(OSError):  # a folder that is gone

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -55,7 +57,12 @@ class RegisteredPlugin:
         return self.target.partition(":")[0]
 
 
-_local: dict[PluginFile, tuple[RegisteredPlugin, ...]] = {}
+Registered = dict[PluginFile, tuple[RegisteredPlugin, ...]]
+
+_everywhere: Registered = {}
+_within: ContextVar[Registered] = ContextVar("plugin files of a thread or task", default=_everywhere)
+_users: Counter[str] = Counter()
+"""How many registrations have a module in use, by its name."""
 
 
 def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
@@ -75,7 +82,7 @@ def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
         If two packages or files claim the same name, naming both.
     """
     installed = _installed(kind, _import_path())
-    local = [entry for registered in _local.values() for entry in registered if entry.kind == kind]
+    local = [entry for registered in _within.get().values() for entry in registered if entry.kind == kind]
     return _by_name([*installed, *local])
 
 
@@ -126,7 +133,8 @@ def register_plugin(file: PluginFile) -> list[str]:
         except InputError:
             forget_module(file)
             raise
-        _local[file] = added
+        _within.get()[file] = added
+        _users[file.module_name] += 1
     return list(dict.fromkeys(entry.name for entry in entries_of(file)))
 
 
@@ -143,25 +151,28 @@ def entries_of(file: PluginFile) -> tuple[RegisteredPlugin, ...]:
     tuple of RegisteredPlugin
         Empty if no such file is registered.
     """
-    return next((found for other, found in _local.items() if other.digest == file.digest), ())
+    return next((found for other, found in _within.get().items() if other.digest == file.digest), ())
 
 
 def local_plugins() -> tuple[PluginFile, ...]:
     """List the plugin files of this process in order; another process registers them for the same names."""
-    return tuple(_local)
+    return tuple(_within.get())
 
 
 @contextmanager
 def isolated_plugins() -> Iterator[None]:
-    """Forget at the end which plugin files were registered within."""
-    before = dict(_local)
+    """Forget at the end which plugin files were registered within; other threads do not know of them."""
+    before = _within.get()
+    own = dict(before)
+    token = _within.set(own)
     try:
         yield
     finally:
-        for file in set(_local) - set(before):
-            forget_module(file)
-        _local.clear()
-        _local.update(before)
+        _within.reset(token)
+        for file in own.keys() - before.keys():
+            _users[file.module_name] -= 1
+            if not _users[file.module_name]:
+                forget_module(file)
 
 
 @lru_cache(maxsize=8)

@@ -142,7 +142,7 @@ def _run(file: PluginFile) -> ModuleType:
     sys.modules[file.module_name] = module
     try:
         # What it prints is no part of a command's output, which may be JSON.
-        with redirect_stdout(sys.stderr), process_state_kept(at_import=True), libraries_kept():
+        with process_state_kept(at_import=True), libraries_kept(), redirect_stdout(sys.stderr):
             exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
     except BaseException as error:
         forget_module(file)

@@ -365,7 +365,7 @@ def _imported(entry: RegisteredPlugin) -> Any:
         or entry.version is None
     ):
         return entry.load()
-    with redirect_stdout(sys.stderr), process_state_kept(at_import=True), libraries_kept():
+    with process_state_kept(at_import=True), libraries_kept(), redirect_stdout(sys.stderr):
         return entry.load()
 
 

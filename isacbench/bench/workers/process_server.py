@@ -6,34 +6,46 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import entry_points
-from multiprocessing import resource_tracker
+from multiprocessing import (
+    current_process,
+    forkserver,
+    get_all_start_methods,
+    resource_tracker,
+    spawn,
+)
 from multiprocessing.context import ForkServerContext, ForkServerProcess
-from multiprocessing.forkserver import ensure_running
-from multiprocessing.process import BaseProcess
 from threading import Lock
-from typing import TYPE_CHECKING
 
 from isacbench.bench.suites.suite_kinds import PLANNERS
-
-if TYPE_CHECKING:
-    from multiprocessing.popen_forkserver import Popen
 
 PRELOADED = ["isacbench.bench.workers.guarded_cells", *PLANNERS]
 """Modules that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
 
-_hiding = Lock()
+_server = forkserver.ForkServer()
+"""Beside the one of the standard library, which processes of the caller may come from."""
+
+_launching = Lock()
 
 
 class _Process(ForkServerProcess):
     """Process that does not import the caller's script: what it needs of it travels by its code."""
 
-    @staticmethod
-    def _Popen(process_obj: BaseProcess) -> Popen:  # noqa: N802, the name that multiprocessing calls
-        with _hiding, _script_hidden():
-            return ForkServerProcess._Popen(process_obj)
+    def start(self) -> None:
+        """Start the process, also from a process of a pool, which may have no children or its own ways."""
+        caller, connect = current_process(), forkserver.connect_to_new_process
+        is_daemon, method = caller.daemon, vars(spawn)["get_start_method"]
+        with _launching, _script_hidden():
+            try:
+                caller.daemon, forkserver.connect_to_new_process = False, _server.connect_to_new_process
+                if method() not in get_all_start_methods():
+                    vars(spawn)["get_start_method"] = lambda: "forkserver"
+                super().start()
+            finally:
+                caller.daemon, forkserver.connect_to_new_process = is_daemon, connect
+                vars(spawn)["get_start_method"] = method
 
 
 class _Context(ForkServerContext):
@@ -74,17 +86,27 @@ def _safe_path() -> Iterator[None]:
 
 
 @cache
-def _context() -> ForkServerContext:
-    """Context whose server has imported what workers need."""
+def _preloaded() -> list[str]:
+    """Modules that the server imports: what workers need."""
     built_in = {
         point.module
         for group in ("isacbench.estimators", "isacbench.detectors")
         for point in entry_points(group=group)
         if point.dist is not None and point.dist.name == "isacbench"
     }
-    context = _Context()
-    context.set_forkserver_preload([*PRELOADED, *sorted(built_in)])
-    return context
+    return [*PRELOADED, *sorted(built_in)]
+
+
+def _after_fork() -> None:
+    """Leave the server to the process that has started it: a fork of that one starts its own."""
+    global _server, _launching
+    with suppress(OSError, TypeError):
+        os.close(getattr(_server, "_forkserver_alive_fd", None))  # type: ignore[arg-type]
+    _server, _launching = forkserver.ForkServer(), Lock()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def start_process_server() -> ForkServerContext:
@@ -96,7 +118,7 @@ def start_process_server() -> ForkServerContext:
         Context of processes that inherit neither threads nor locks, and that
         start in milliseconds.
     """
-    context = _context()
+    _server.set_forkserver_preload(_preloaded())
     # The tracker unblocks these signals when it starts, and the server starts it where nothing has.
     resource_tracker.ensure_running()
     # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
@@ -104,7 +126,7 @@ def start_process_server() -> ForkServerContext:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         with _safe_path():
-            ensure_running()
+            _server.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    return context
+    return _Context()

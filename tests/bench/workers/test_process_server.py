@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import os
 from isacbench.bench.workers.guarded_process import GuardedProcess
@@ -32,3 +34,46 @@ def test_another_isacbench_in_the_working_folder_is_not_imported(tmp_path):
     )
     assert done.stdout == "7\n"
     assert done.stderr == ""
+
+
+CALLERS = """
+import asyncio, multiprocessing, os, signal, sys, threading
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import spawn
+
+from isacbench.bench.workers.guarded_process import GuardedProcess
+
+def work(number):
+    with GuardedProcess(os.getpid) as process:
+        return process.call(abs, number)
+
+def handlers(_):
+    return signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+async def both():
+    return await asyncio.gather(*(asyncio.to_thread(work, number) for number in (-5, -6)))
+
+if __name__ == "__main__":
+    print(work(-1), flush=True)
+    fork = multiprocessing.get_context("fork")
+    CALL
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "printed"),
+    [
+        ("print(fork.Pool(1).map(work, [-2]))", "[2]"),
+        ("print(list(ProcessPoolExecutor(1, fork).map(work, [-3, -4])))", "[3, 4]"),
+        ("print(asyncio.run(both()))", "[5, 6]"),
+        ("if os.fork():\n    os.wait()\nelse:\n    print(work(-7), flush=True)\n    os._exit(0)", "7"),
+        ("vars(spawn)['get_start_method'] = lambda: 'loky'\nprint(work(-8))", "8"),
+        ("print(multiprocessing.get_context('forkserver').Pool(1).map(handlers, [0]))", "[set()]"),
+    ],
+    ids=["pool", "executor", "asyncio", "fork", "loky", "forkserver of the caller"],
+)
+def test_workers_start_from_whatever_process_calls_and_leave_the_caller_s_own_alone(tmp_path, call, printed):
+    script = tmp_path / "script.py"
+    script.write_text(CALLERS.replace("CALL", call.replace("\n", "\n    ")))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=120)
+    assert (done.stdout, done.stderr) == (f"1\n{printed}\n", "")
