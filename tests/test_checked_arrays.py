@@ -222,7 +222,8 @@ def test_columns_of_a_table_are_taken_by_their_names(kind):
 
 
 @pytest.mark.parametrize(
-    "names", ["x y z", "x y z power", "x y z v rcs", "x y z v power label", "x y z v velocity", "X y z v"]
+    "names",
+    ["x y v", "x y power", "x y z rcs", "x y z v rcs", "x y z v power label", "x y z v velocity", "X y z v"],
 )
 def test_a_table_with_other_columns_is_refused(names):
     with pytest.raises(InputError, match=f"takes columns x, y, z, v .*, not {', '.join(names.split())}"):

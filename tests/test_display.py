@@ -159,3 +159,12 @@ def test_names_have_no_power_over_a_page(street):
     page = hostile._repr_html_()
     assert "<script>" not in page
     assert "<script>alert" in html.unescape(page)
+
+
+def test_a_cloud_without_velocities_says_so_and_is_drawn():
+    cloud = PointCloud([[1, 2, 3], [4, 5, 6]])
+    assert "velocity unknown" in repr(cloud)
+    assert "<img" in cloud._repr_html_()
+    assert "velocity unknown" in repr(cloud.select([1]))
+    assert list(cloud.to_dataframe()) == ["x", "y", "z", "power"]
+    assert np.isnan(cloud.to_array()[:, 3]).all()

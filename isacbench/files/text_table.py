@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from array import array
-from typing import TYPE_CHECKING, NamedTuple
+import re
+from itertools import takewhile
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,21 +16,64 @@ from isacbench.files.escaping import quoted, shortened
 from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 Floats = NDArray[np.float64]
 
+BLANKS = r"\s+"
+"""Separator of fields: any white space."""
 
-class TextLine(NamedTuple):
-    """A line of text and its number in the file, from 1."""
+CHUNK_ROWS = 2**16
+"""Rows that are held as texts at once: a text takes ten times the memory of its number."""
 
-    number: int
-    text: str
+_BLANK = re.compile(r"\s*$")
+_BLANK_OR_COMMENT = re.compile(r"\s*($|#|//)")
+_SWAPPED = str.maketrans(",.", ".,")
 
 
-def read_lines(path: Path) -> list[TextLine]:
-    """Read the lines of a UTF-8 text file that are not blank.
+class TextTable(NamedTuple):
+    """Rows of a text file, not yet told apart into fields.
+
+    Attributes
+    ----------
+    lines : list of str
+        One a row.
+    numbers : list of int
+        Numbers of the rows in the file, from 1.
+    delimiter : str
+        Separator of fields, as pandas takes it.
+    """
+
+    lines: list[str]
+    numbers: list[int]
+    delimiter: str
+
+
+def split_text(text: str, first_number: int = 1, is_left_out: re.Pattern[str] = _BLANK) -> TextTable:
+    """Find the rows of a text with lines of any ends.
+
+    Parameters
+    ----------
+    text : str
+    first_number : int
+        Number of its first line.
+    is_left_out : re.Pattern
+        Matches the lines that are no rows; by default, blank ones.
+
+    Returns
+    -------
+    TextTable
+        Its delimiter is that of its first row.
+    """
+    lines = re.sub("\r\n?", "\n", text).split("\n")
+    numbers = [number for number, line in enumerate(lines, first_number) if not is_left_out.match(line)]
+    rows = [lines[number - first_number] for number in numbers]
+    return TextTable(rows, numbers, delimiter_of(rows[0] if rows else ""))
+
+
+def read_text_rows(path: Path) -> tuple[TextTable, list[str]]:
+    """Read the lines of a UTF-8 text file that are neither blank nor a comment.
 
     Parameters
     ----------
@@ -37,36 +81,72 @@ def read_lines(path: Path) -> list[TextLine]:
 
     Returns
     -------
-    list of TextLine
+    table : TextTable
+    comments : list of str
+        Lines that start with # or // before the first row, without these marks.
 
     Raises
     ------
     InputError
         If the file cannot be read, is too large or is not text.
     """
-    lines = io.StringIO(read_text(path, CLOUD_BYTES), newline=None)
-    return [TextLine(number, text) for number, text in enumerate(lines, start=1) if text.strip()]
+    text = read_text(path, CLOUD_BYTES)
+    table = split_text(text, is_left_out=_BLANK_OR_COMMENT)
+    above = takewhile(_BLANK_OR_COMMENT.match, io.StringIO(text, newline=None))
+    return table, [line.strip("#/ \t\n") for line in above]
 
 
-def parse_rows(
-    path: Path, lines: Iterable[TextLine], columns: Sequence[str], delimiter: str | None
-) -> Floats:
-    """Turn lines of numbers into an array.
+def delimiter_of(line: str) -> str:
+    """Find the separator of the fields of a line.
+
+    Parameters
+    ----------
+    line : str
+
+    Returns
+    -------
+    str
+        The first of semicolon, comma and tab that it has outside quotes, or `BLANKS`.
+    """
+    plain = re.sub('"[^"]*"', "", line)
+    return next((mark for mark in ";,\t" if mark in plain), BLANKS)
+
+
+def fields_of(path: Path, line: str, delimiter: str) -> list[str]:
+    """Split one line.
 
     Parameters
     ----------
     path : Path
         File to name in messages.
-    lines : iterable of TextLine
-        One row each.
-    columns : sequence of str
-        Names of the columns.
-    delimiter : str or None
-        Separator of fields; None is any white space.
+    line : str
+        Not blank.
+    delimiter : str
 
     Returns
     -------
-    ndarray of float64, shape (n, len(columns))
+    list of str
+    """
+    return [field.strip() for field in next(_chunks(path, TextTable([line], [1], delimiter), None))[0]]
+
+
+def parse_numbers(path: Path, table: TextTable, columns: Sequence[str], wanted: Sequence[int]) -> Floats:
+    """Turn rows of fields into numbers.
+
+    Parameters
+    ----------
+    path : Path
+        File to name in messages.
+    table : TextTable
+        Separated by semicolons, its numbers may have decimal commas.
+    columns : sequence of str
+        Names of all columns.
+    wanted : sequence of int
+        Columns that are numbers; others are ignored.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, len(wanted))
         Finite values, each the double nearest to its text.
 
     Raises
@@ -75,28 +155,35 @@ def parse_rows(
         On a row with too few or too many fields, a field that is no number,
         or one that is not finite.
     """
-    values, numbers = array("d"), array("q")
-    for number, text in lines:
-        fields = text.split(delimiter)
-        if len(fields) != len(columns):
-            raise InputError(
-                f"{path}: row {number}: {len(fields)} fields instead of {len(columns)} "
-                f"({shortened(', '.join(columns))})"
-            )
+    has_commas = table.delimiter == ";" and any(re.search(r"\d,\d", line) for line in table.lines)
+    values = np.empty((len(table.lines), len(wanted)))
+    at = 0
+    for chunk in _chunks(path, table, columns):
+        is_short = (chunk[:, -1] == "") & (table.delimiter == BLANKS)  # which pandas fills up
+        if is_short.any():
+            row = int(is_short.argmax())
+            n_fields = int((chunk[row] != "").sum())
+            _refuse_count(path, table.numbers[at + row], n_fields, columns)
+        fields = chunk[:, wanted]
+        texts = fields.ravel().tolist()
+        if has_commas:
+            texts = [text.translate(_SWAPPED) for text in texts]
+        numbers = values[at : at + len(chunk)]
         try:
-            if "_" in text or not text.isascii():  # as `is_number`, for all fields at once
-                raise ValueError(text)
-            values.extend(map(float, fields))
+            if "_" in (joined := "".join(texts)) or not joined.isascii():  # as `is_number`, for all at once
+                raise ValueError
+            numbers[:] = np.reshape(np.array(texts, dtype=np.float64), numbers.shape)
         except ValueError:
-            column = next(k for k, field in enumerate(fields) if not is_number(field))
-            found = quoted(fields[column].strip())
+            row, column = divmod(next(k for k, text in enumerate(texts) if not is_number(text)), len(wanted))
             raise InputError(
-                f"{path}: row {number}: column {columns[column]} is {found}; expected a number"
+                f"{path}: row {table.numbers[at + row]}: column {columns[wanted[column]]} is "
+                f"{quoted(fields[row, column].strip(' '))}; expected a number"
             ) from None
-        numbers.append(number)
-    table = np.array(values, dtype=np.float64).reshape(len(numbers), len(columns))
-    check_finite(path, table, columns, numbers)
-    return table
+        check_finite(path, numbers, [columns[k] for k in wanted], table.numbers[at : at + len(chunk)])
+        at += len(chunk)
+    if at < len(table.lines):
+        raise InputError(f"{path}: has a line break within quotes; allowed is one line a row")
+    return values
 
 
 def check_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers: Sequence[int]) -> None:
@@ -139,3 +226,39 @@ def format_rows(values: Floats, delimiter: str) -> Iterator[str]:
         One row.
     """
     return (delimiter.join(map(repr, row)) for row in values.tolist())
+
+
+def _chunks(path: Path, table: TextTable, columns: Sequence[str] | None) -> Iterator[NDArray[np.object_]]:
+    """Texts (rows, fields) of some rows at a time; without names, as many fields as the first row has."""
+    import pandas as pd  # which takes longer to load than all that other formats need
+
+    if not table.lines:
+        return
+    if columns is not None and len(found := fields_of(path, table.lines[0], table.delimiter)) > len(columns):
+        _refuse_count(path, table.numbers[0], len(found), columns)
+    try:
+        # As texts: float_precision="round_trip" is needed up to pandas 3.0 and warned of from 3.1 on, and
+        # columns of True are read as 1.
+        with pd.read_csv(
+            io.StringIO("\n".join(table.lines)),
+            sep=table.delimiter,
+            header=None,
+            names=None if columns is None else range(len(columns)),
+            index_col=False,
+            dtype=object,
+            na_filter=False,
+            skipinitialspace=True,
+            chunksize=CHUNK_ROWS,
+        ) as chunks:
+            yield from (chunk.to_numpy() for chunk in chunks)
+    except pd.errors.ParserError as error:
+        if (long := re.search(r"in line (\d+), saw (\d+)", str(error))) and columns is not None:
+            _refuse_count(path, table.numbers[int(long[1]) - 1], long[2], columns)
+        raise InputError(f"{path}: cannot be read as csv: {shortened(str(error).strip())}") from error
+
+
+def _refuse_count(path: Path, row: int, n_fields: int | str, columns: Sequence[str]) -> NoReturn:
+    """Refuse a row that is too long or too short."""
+    raise InputError(
+        f"{path}: row {row}: {n_fields} fields instead of {len(columns)} ({shortened(', '.join(columns))})"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,8 @@ class Deviation:
     density : float
         Relative error of the number of points, |n_estimated - n_true| / n_true.
     velocity_nmse : float
-        Normalised mean square error of the radial velocity.
+        Normalised mean square error of the radial velocity; NaN, as is the
+        deviation, if a cloud has no velocities.
     """
 
     hausdorff_xy_m: float
@@ -97,7 +99,7 @@ def paper_deviation(
     Returns
     -------
     Deviation
-        All components finite.
+        All components finite but those that need velocities which a cloud lacks: they are NaN.
 
     Raises
     ------
@@ -153,6 +155,8 @@ def pair_deviation(
 
 def _velocity_nmse(pair: CloudPair, bin_mps: float) -> float:
     """Energy of velocity errors over that of the true velocities; in a static scene, over one bin each."""
+    if not pair.has_velocities:
+        return math.nan
     if not len(pair.estimate):
         return 1.0
     n_true = len(pair.truth)

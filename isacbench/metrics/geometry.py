@@ -51,11 +51,17 @@ class CloudPair:
     truth: PointCloud
     estimate: PointCloud
 
+    @property
+    def has_velocities(self) -> bool:
+        """True if the velocities of both clouds are known."""
+        return self.truth.has_velocity and self.estimate.has_velocity
+
     def __post_init__(self) -> None:
         if not len(self.truth):
             raise InputError("truth: the cloud is empty; a score takes at least one true scatterer")
         for name, cloud in (("truth", self.truth), ("estimate", self.estimate)):
-            if max(np.abs(cloud.xyz).max(initial=0), np.abs(cloud.velocity).max(initial=0)) > LARGEST:
+            # Unknown velocities, NaN, are beyond nothing.
+            if (np.abs(cloud.xyz) > LARGEST).any() or (np.abs(cloud.velocity) > LARGEST).any():
                 raise InputError(f"{name}: coordinates and velocities take magnitudes up to {LARGEST:g}")
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -74,7 +75,7 @@ def repository_deviation(
     Returns
     -------
     RepositoryDeviation
-        All components finite.
+        All components finite; the velocity is NaN if a cloud has none.
 
     Raises
     ------
@@ -95,7 +96,9 @@ def repository_deviation(
     RepositoryDeviation(position=10.0, velocity=0.5, density=0.0)
     """
     pair = CloudPair(truth, estimate)
-    if len(estimate):
+    if not pair.has_velocities:
+        velocity = math.nan
+    elif len(estimate):
         velocity = _velocity_deviation(truth.velocity, estimate.velocity)
     else:
         velocity = _worst_velocity(truth.velocity, region)

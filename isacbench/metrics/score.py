@@ -89,9 +89,9 @@ def score(
 
     Parameters
     ----------
-    truth : PointCloud or array_like, shape (n, 4) or (n, 5)
+    truth : PointCloud or array_like, shape (n, 3), (n, 4) or (n, 5)
         True scatterers, at least one; columns x, y, z in m, v in m/s, power.
-    estimate : PointCloud or array_like, shape (m, 4) or (m, 5)
+    estimate : PointCloud or array_like, shape (m, 3), (m, 4) or (m, 5)
         Estimated points, possibly none.
     metric : {"paper", "repository"}
         The paper's imaging deviation with further scores, or the deviation
@@ -110,7 +110,9 @@ def score(
     -------
     dict of str to float
         The columns that `METRICS` describes, all finite; counts are ints. Of
-        very dense clouds ``gospa_m`` is NaN, with an `InputWarning`.
+        very dense clouds ``gospa_m`` is NaN, with an `InputWarning`. Where a cloud
+        has no velocities, ``velocity_nmse`` (``velocity`` of ``repository``) and
+        ``deviation`` are NaN.
 
     Raises
     ------

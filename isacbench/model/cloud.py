@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from isacbench.checked_arrays import checked_array, named_columns, unmasked_arra
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS, read_point_table, write_point_table
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
 from isacbench.model.frozen_arrays import freeze_arrays
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class PointCloud(Displayed):
     """Points with a radial velocity and a power.
 
@@ -30,9 +31,10 @@ class PointCloud(Displayed):
     xyz : ndarray of float64, shape (n, 3)
         Positions in metres.
     velocity : ndarray of float64, shape (n,)
-        Radial velocities in m/s, positive when approaching.
+        Radial velocities in m/s, positive when approaching. None makes them
+        unknown: they are NaN, and scores that need them as well.
     power : ndarray of float64, shape (n,)
-        Echo power |G|² relative to a unit scatterer.
+        Echo power |G|² relative to a unit scatterer; None makes it 1.
 
     Raises
     ------
@@ -55,20 +57,32 @@ class PointCloud(Displayed):
     velocity: NDArray[np.float64]
     power: NDArray[np.float64]
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "xyz", "velocity", "power")
+    def __init__(
+        self, xyz: ArrayLike, velocity: ArrayLike | None = None, power: ArrayLike | None = None
+    ) -> None:
+        object.__setattr__(self, "xyz", xyz)
+        freeze_arrays(self, "xyz")
+        each = self.xyz.shape[:1]
+        object.__setattr__(self, "velocity", np.full(each, np.nan) if velocity is None else velocity)
+        object.__setattr__(self, "power", np.ones(each) if power is None else power)
+        freeze_arrays(self, "velocity", "power")
         n = self.velocity.size
         if self.xyz.shape != (n, 3) or self.velocity.shape != (n,) or self.power.shape != (n,):
             raise ValueError(
                 f"a point cloud takes xyz (n, 3), velocity (n,) and power (n,), "
                 f"not {self.xyz.shape}, {self.velocity.shape} and {self.power.shape}"
             )
-        for name in ("xyz", "velocity", "power"):
+        for name in ("xyz", "power") if velocity is None else ("xyz", "velocity", "power"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ValueError(f"a point cloud takes finite values; {name} has NaN or infinity")
 
     def __len__(self) -> int:
         return self.velocity.size
+
+    @property
+    def has_velocity(self) -> bool:
+        """False if the velocities are unknown; True for a cloud without points."""
+        return not np.isnan(self.velocity).any()
 
     def _description(self) -> Description:
         return describe_points("PointCloud", self.xyz, self.velocity, power=self.power)
@@ -80,12 +94,12 @@ class PointCloud(Displayed):
 
     @classmethod
     def from_array(cls, array: ArrayLike) -> PointCloud:
-        """Build a cloud from x, y, z, v and power of its points.
+        """Build a cloud from x, y, z and perhaps v and power of its points.
 
         Parameters
         ----------
-        array : array_like, shape (n, 4) or (n, 5), or table
-            Columns x, y, z, v and perhaps power, which is 1 where it is missing.
+        array : array_like, shape (n, 3), (n, 4) or (n, 5), or table
+            Columns x, y, z, v and power; without v it is unknown, without power it is 1.
             Columns of a table, such as a DataFrame, are found by their names (v may
             be called velocity), and others than these are refused.
 
@@ -107,13 +121,14 @@ class PointCloud(Displayed):
         [[1.0, 2.0, 3.0]]
         """
         columns = named_columns(array)
-        if columns is not None:
-            array = _stacked(columns)
-        array = checked_array("a point array", array)
-        if array.ndim != 2 or array.shape[1] not in (4, 5):
-            raise ValueError(f"a point array takes shape (n, 4) or (n, 5), not {array.shape}")
-        power = array[:, 4] if array.shape[1] == 5 else np.ones(len(array))
-        return cls(xyz=array[:, :3], velocity=array[:, 3], power=power)
+        if columns is None:
+            array = checked_array("a point array", array)
+            if array.ndim != 2 or array.shape[1] not in (3, 4, 5):
+                raise ValueError(f"a point array takes shape (n, 3), (n, 4) or (n, 5), not {array.shape}")
+            found = dict(zip(POINT_COLUMNS, array.T, strict=False))
+        else:
+            found = _found(columns)
+        return cls(np.column_stack([found[name] for name in "xyz"]), found.get("v"), found.get("power"))
 
     @classmethod
     def read(cls, path: str | Path) -> PointCloud:
@@ -128,7 +143,8 @@ class PointCloud(Displayed):
         -------
         PointCloud
         """
-        return cls.from_array(read_point_table(path))
+        columns: Any = read_point_table(path)
+        return cls.from_array(columns)
 
     def write(self, path: str | Path) -> None:
         """Write a csv, npy, npz, mat or ply file.
@@ -138,14 +154,19 @@ class PointCloud(Displayed):
         path : str or Path
             See `isacbench.model.cloud_files.point_files.write_point_table`.
         """
-        write_point_table(self.to_array(), path)
+        write_point_table(self._columns(), path)
+
+    def _columns(self) -> dict[str, NDArray[np.float64]]:
+        """Columns of a table by their names, v only if it is known."""
+        columns = dict(zip(POINT_COLUMNS, self.to_array().T, strict=True))
+        return {name: column for name, column in columns.items() if name != "v" or self.has_velocity}
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return the (n, 5) array of x, y, z, v and power."""
+        """Return the (n, 5) array of x, y, z, v and power; v is NaN if it is unknown."""
         return np.column_stack([self.xyz, self.velocity, self.power])
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return a table with the columns of a csv file: x, y, z in m, v in m/s and power.
+        """Return a table with the columns of a csv file: x, y, z in m, v in m/s if it is known, and power.
 
         Examples
         --------
@@ -155,7 +176,7 @@ class PointCloud(Displayed):
         """
         import pandas as pd  # which takes longer to load than all that this module needs
 
-        return pd.DataFrame(self.to_array(), columns=POINT_COLUMNS)
+        return pd.DataFrame(self._columns())
 
     def select(self, keep: ArrayLike) -> PointCloud:
         """Select points.
@@ -172,23 +193,24 @@ class PointCloud(Displayed):
         keep = unmasked_array("keep", keep)
         if keep.dtype != np.bool_:
             keep = checked_array("keep", keep, np.int64)
-        return PointCloud(xyz=self.xyz[keep], velocity=self.velocity[keep], power=self.power[keep])
+        velocity = self.velocity[keep] if self.has_velocity else None
+        return PointCloud(self.xyz[keep], velocity, self.power[keep])
 
 
-def _stacked(columns: dict[str, ArrayLike]) -> NDArray[np.float64]:
-    """Array (n, 4) or (n, 5) of the columns of a table, in their usual order."""
+def _found(columns: dict[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
+    """Columns of a table by their names in `POINT_COLUMNS`."""
     names = ["v" if name == "velocity" else name for name in columns]
-    wanted = POINT_COLUMNS[: len(names)]
-    if sorted(names) != sorted(wanted) or "v" not in wanted:
+    wanted = [name for name in POINT_COLUMNS if name in ("x", "y", "z") or name in names]
+    if sorted(names) != sorted(wanted):
         found = ", ".join(columns)
-        raise InputError(f"a table of points takes columns x, y, z, v and, if there, power, not {found}")
+        raise InputError(f"a table of points takes columns x, y, z, v if it is known and power, not {found}")
     values = dict(zip(names, columns.values(), strict=True))
-    arrays = [checked_array(name, values[name]) for name in wanted]
-    shapes = [array.shape for array in arrays]
-    if len(set(shapes)) > 1 or len(shapes[0]) > 1:
-        found = ", ".join(f"{name} {shape}" for name, shape in zip(wanted, shapes, strict=True))
+    arrays = {name: checked_array(name, values[name]) for name in wanted}
+    shapes = {name: array.shape for name, array in arrays.items()}
+    if len({*shapes.values()}) > 1 or len(shapes["x"]) > 1:
+        found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         raise InputError(f"columns of points take one number a point, as many in each, not shapes {found}")
-    return np.column_stack(arrays)
+    return arrays
 
 
 def describe_points(
@@ -213,5 +235,6 @@ def describe_points(
     if not len(velocity):
         return Description(title, {})
     places = {axis: span(values, "m") for axis, values in zip("xyz", xyz.T, strict=True)}
+    speeds = "unknown" if np.isnan(velocity).all() else span(velocity, "m/s")
     spans = {other: span(values) for other, values in others.items()}
-    return Description(title, {**places, "velocity": span(velocity, "m/s"), **spans})
+    return Description(title, {**places, "velocity": speeds, **spans})

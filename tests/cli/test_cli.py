@@ -326,6 +326,17 @@ def test_a_score_that_is_left_out_is_null_in_json_and_told(cli, tmp_path, monkey
     assert result.stderr.count("\n") == 1
 
 
+def test_a_score_that_needs_velocities_is_null_for_a_cloud_without_them(cli, tmp_path):
+    (tmp_path / "cloud.csv").write_text(CLOUD)
+    (tmp_path / "points.csv").write_text("x,y,z\n1,5,2\n")
+    for truth in ("tiny.toml", "cloud.csv"):
+        result = cli("score", truth, "points.csv", "--json")
+        found = {name for name, value in json.loads(result.stdout).items() if value is None}
+        assert found == {"velocity_nmse", "deviation"}
+        assert not result.stderr
+    assert "deviation        nan\n" in cli("score", "cloud.csv", "points.csv").stdout
+
+
 def test_a_scenario_as_truth_brings_its_region(cli, tmp_path, tiny):
     (tmp_path / "empty.csv").write_text("x,y,z,v,power\n")
     scenario = load_scenario(tiny)

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from isacbench.errors import InputError
@@ -140,7 +141,7 @@ def test_an_unknown_metric_is_refused_with_a_suggestion(metric, message):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ([[0, 0, 0]], r"estimate: a point array takes shape \(n, 4\) or \(n, 5\), not \(1, 3\)"),
+        ([[0, 0]], r"estimate: a point array takes shape \(n, 3\), \(n, 4\) or \(n, 5\), not \(1, 2\)"),
         ([], r"estimate: a point array takes shape .*, not \(0,\)"),
         ([[0, 0, 0, math.nan]], "estimate: a point cloud takes finite values; velocity has NaN"),
         ([["a", 0, 0, 0]], "estimate: a point array holds <U"),
@@ -164,3 +165,38 @@ def test_every_column_is_described():
             assert column.name == name
             assert column.description
             assert ("[m]" in column.description) == (name.endswith("_m") or name == "position")
+
+
+WITHOUT = {"paper": {"velocity_nmse", "deviation"}, "repository": {"velocity", "deviation"}}
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("alone", [0, 1])
+def test_a_cloud_without_velocities_has_all_scores_that_need_none(metric, alone):
+    """An array, a table and a cloud; a truth as well as an estimate."""
+    pair = [[[0, 0, 0, 2.0], [5, 5, 5, 0]], [[0, 0, 1, 1.0], [5, 6, 5, 0]]]
+    expected = score(*pair, metric)
+    points = np.array(pair[alone])[:, :3]
+    for one in (
+        points,
+        pd.DataFrame(points, columns=list("xyz")),
+        PointCloud(points),
+        PointCloud(points, None, [1, 2]),
+    ):
+        pair[alone] = one
+        found = score(*pair, metric)
+        assert {name for name, value in found.items() if math.isnan(value)} == WITHOUT[metric]
+        assert {name: found[name] for name in found if name not in WITHOUT[metric]} == {
+            name: value for name, value in expected.items() if name not in WITHOUT[metric]
+        }
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_an_empty_estimate_of_a_truth_without_velocities_has_no_velocity_score(metric):
+    found = score([[0, 0, 0]], np.empty((0, 4)), metric)
+    assert {name for name, value in found.items() if math.isnan(value)} == WITHOUT[metric]
+
+
+def test_coordinates_beyond_the_largest_are_refused_without_velocities_as_well():
+    with pytest.raises(InputError, match="estimate: coordinates and velocities take magnitudes up to"):
+        score([[0, 0, 0]], [[1e60, 0, 0]])

@@ -244,6 +244,8 @@ def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud)
     ------
     TypeError
         If the estimator returns anything but a `PointCloud`.
+    ValueError
+        If velocities are unknown.
     """
     with plugin_output():
         if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
@@ -252,4 +254,6 @@ def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud)
             cloud = estimator.estimate(observation)
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
+    if not cloud.has_velocity:
+        raise ValueError("estimate() must return a finite velocity of each point, which a row needs, not NaN")
     return cloud

@@ -15,7 +15,7 @@ from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -22,7 +22,7 @@ from isacbench.bench.cells.record import ADDED, COLUMNS, PROVENANCE, TYPES, with
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import cannot_be_written
 from isacbench.files.checked_files import require_file, require_inside
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

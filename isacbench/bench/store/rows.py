@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

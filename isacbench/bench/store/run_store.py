@@ -43,7 +43,7 @@ from isacbench.errors import InputError, InputWarning
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
 from isacbench.files.escaping import quoted
 from isacbench.metrics.score import METRIC_VERSION
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.scenes.scene_families import spelled_scenarios
 from isacbench.plugins.plugin_versions import plugin_version
 

@@ -21,7 +21,7 @@ from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import counted, quoted, shortened
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from isacbench.added_fields import identity_fields
 from isacbench.model.array import VirtualArray
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region

@@ -2,62 +2,42 @@
 
 from __future__ import annotations
 
+import io
 import re
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
-from isacbench.files.escaping import shortened
-from isacbench.files.text_table import TextLine, check_finite, format_rows, parse_rows
-from isacbench.model.cloud_files.power_names import require_no_power
+from isacbench.files.escaping import quoted, shortened
+from isacbench.files.text_table import BLANKS, TextTable, check_finite, format_rows, parse_numbers, split_text
+from isacbench.model.cloud_files.columns import find_columns
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 Floats = NDArray[np.float64]
+Elements = dict[str, dict[str, Any]]
+"""Elements that trimesh finds in a header: ``length``, ``properties`` by name, and ``data`` once read."""
 
-MOST_DIGITS = 18
-"""Of a count: what has more is no number of anything."""
-
-_BYTE_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_LIST = "list"
-_SIGNED = {"char": "int8", "short": "int16", "int": "int32"}
-_UNSIGNED = {f"u{name}": f"u{number}" for name, number in _SIGNED.items()}
-_TYPES = {**_SIGNED, **_UNSIGNED, "float": "float32", "double": "float64"}
-_TYPES.update({number: number for number in _TYPES.values()})
-"""NumPy's names of the types of properties, which PLY files name as C or as NumPy does."""
-
-_BESIDE_OTHER_V = re.compile(r"(.*[_ ])?(t?u|s)", re.IGNORECASE)
-"""Properties of a texture or a colour, whose v is no velocity."""
+_START = re.compile(rb"(?:\xef\xbb\xbf)?ply[ \t]*(\r\n|\r|\n)")
+_TYPE = r"(?:u?(?:char|short|int|int8|int16|int32)|float|double|float32|float64)"
+_LINE = re.compile(
+    r"format (ascii|binary_little_endian|binary_big_endian) 1\.0|element \S+ [0-9]{1,18}"
+    rf"|property {_TYPE} \S+|property list {_TYPE} {_TYPE} \S+"
+)
+"""What trimesh reads right; it takes whatever else there is for something."""
 
 
-@dataclass
-class _Element:
-    """Element of a PLY header: its names and types of the properties, in order."""
-
-    name: str
-    count: int
-    types: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def has_list(self) -> bool:
-        """True if the records differ in length."""
-        return _LIST in self.types.values()
-
-    def dtype(self, byte_order: str) -> np.dtype[np.void]:
-        """Layout of one binary record."""
-        return np.dtype([(name, byte_order + np.dtype(kind).str[1:]) for name, kind in self.types.items()])
-
-
-def write_ply(points: Floats, path: Path) -> None:
-    """Write points as ASCII PLY with the double properties x, y, z, v and power.
+def write_ply(points: Mapping[str, Floats], path: Path) -> None:
+    """Write points as ASCII PLY with double properties.
 
     Parameters
     ----------
-    points : ndarray of float64, shape (n, 5)
+    points : mapping of str to ndarray of float64, shape (n,)
+        By the names of the properties.
     path : Path
 
     Raises
@@ -69,19 +49,19 @@ def write_ply(points: Floats, path: Path) -> None:
         "ply",
         "format ascii 1.0",
         "comment x y z in m, v in m/s and positive when approaching, power relative to a unit scatterer",
-        f"element vertex {len(points)}",
-        *(f"property double {name}" for name in ("x", "y", "z", "v", "power")),
+        f"element vertex {len(points['x'])}",
+        *(f"property double {name}" for name in points),
         "end_header",
     ]
-    rows = format_rows(points, delimiter=" ")
+    rows = format_rows(np.column_stack([*points.values()]), delimiter=" ")
     path.write_text("\n".join([*header, *rows, ""]), encoding="ascii", newline="\n")
 
 
-def read_ply(path: Path) -> Floats:
+def read_ply(path: Path) -> dict[str, Floats]:
     """Read the vertices of a PLY file, ASCII or binary of either byte order, as points.
 
-    The element ``vertex`` needs the properties x, y, z and v (or velocity);
-    power is optional and others are ignored, as are other elements. A v beside
+    The element ``vertex`` needs the properties x, y and z; v (or velocity) and
+    power are optional and others are ignored, as are other elements. A v beside
     u or s belongs to a texture or a colour.
 
     Parameters
@@ -90,109 +70,115 @@ def read_ply(path: Path) -> Floats:
 
     Returns
     -------
-    ndarray of float64, shape (n, 4) or (n, 5)
+    dict of str to ndarray of float64, shape (n,)
 
     Raises
     ------
     InputError
         If the file is no such PLY, is truncated, or holds NaN or infinity.
     """
-    header, end, rest = path.read_bytes().partition(b"\nend_header")
-    lines = header.decode("latin-1").split("\n")
-    byte_order, elements = _parse_header(path, lines)
+    content = path.read_bytes()
+    start = _START.match(content)
+    if not start:
+        raise InputError(f"{path}: row 1: is not a PLY file, which starts with 'ply'")
+    end = re.compile(start[1] + rb"end_header[ \t]*(?:" + start[1] + rb"|\Z)").search(
+        content, start.end() - 2
+    )
+    header = content[start.end() : end.start() if end else None].decode("latin-1").split(start[1].decode())
+    elements, is_ascii = _parsed_header(path, header)
     if not end:
         raise InputError(f"{path}: the header has no line 'end_header'; is the file truncated?")
-    names = [element.name for element in elements]
-    if "vertex" not in names:
+    if "vertex" not in elements:
         raise InputError(
-            f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(names)) or 'none'}"
+            f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(elements)) or 'none'}"
         )
-    before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
-    columns = _wanted_properties(path, vertex)
-    body = rest.partition(b"\n")[2]
-    if not byte_order:
-        return _ascii_vertices(path, body, len(lines) + 2, before, vertex, columns)
-    return _binary_vertices(path, body, byte_order, before, vertex, columns)
-
-
-def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[_Element]]:
-    """Byte order, empty for ASCII, and elements that the lines of a header announce."""
-    if not lines[0].startswith("ply"):
-        raise InputError(f"{path}: row 1: is not a PLY file, which starts with 'ply'")
-    byte_order = None
-    elements: list[_Element] = []
-    for number, line in enumerate(lines[1:], start=2):
-        match line.split():
-            case ["format", name, "1.0"] if name in _BYTE_ORDER:
-                byte_order = _BYTE_ORDER[name]
-            case ["element", name, count] if count.isdecimal() and len(count) <= MOST_DIGITS:
-                elements.append(_Element(name, int(count)))
-            case ["property", "list", _, _, name] if elements:
-                elements[-1].types[name] = _LIST
-            case ["property", type_name, name] if elements and type_name in _TYPES:
-                if name in elements[-1].types:
-                    raise InputError(f"{path}: row {number}: property {name} appears twice")
-                elements[-1].types[name] = _TYPES[type_name]
-            case ["comment" | "obj_info", *_]:
-                pass
-            case [] if number == len(lines):
-                pass  # behind the last line of a header that has no end
-            case _:
-                raise InputError(
-                    f"{path}: row {number}: {line.strip()[:60]!r} does not belong in a PLY 1.0 header"
-                )
-    if byte_order is None:
-        raise InputError(f"{path}: the header has no line 'format'")
-    return byte_order, elements
-
-
-def _wanted_properties(path: Path, vertex: _Element) -> list[str]:
-    """Names of the properties that hold x, y, z, v and, if there, power."""
-    if vertex.has_list:
+    types = elements["vertex"]["properties"]
+    if any("$LIST" in kind for kind in types.values()):
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
-    wanted: list[str] = [name for name in ("x", "y", "z", "v", "velocity", "power") if name in vertex.types]
-    beside = next(filter(_BESIDE_OTHER_V.fullmatch, vertex.types), None) if "v" in wanted else None
-    if beside:
-        wanted.remove("v")
-    speeds = {"v", "velocity"} & {*wanted}
-    if wanted[:3] != ["x", "y", "z"] or len(speeds) != 1:
-        raise InputError(
-            f"{path}: element vertex: takes properties x, y, z and either v or velocity, optionally power; "
-            f"it has {shortened(', '.join(vertex.types)) or 'none'}"
-            f"{f', where v beside {beside} is of a texture' if beside else ''}"
+    columns = find_columns(path, "element vertex", [*types])
+    body = content[end.end() :]
+    if is_ascii:
+        values = _ascii_vertices(path, body, len(header) + 3, elements, [*columns.values()])
+    else:
+        records = _binary_vertices(path, body, elements)
+        values = np.column_stack([records[[*types][k]].astype(np.float64) for k in columns.values()])
+        check_finite(path, values, [*columns], range(1, len(values) + 1))
+    return dict(zip(columns, values.T, strict=True))
+
+
+def _parsed_header(path: Path, lines: list[str]) -> tuple[Elements, bool]:
+    """Elements that the lines between ``ply`` and ``end_header`` announce, and whether they are in ASCII."""
+    from trimesh.exchange import ply  # which takes longer to load than all that other formats need
+
+    kept: list[str] = []
+    element, seen = "", set()
+    for row, text in enumerate(lines, start=2):
+        line = " ".join(text.split())
+        kind, *words = line.split() or ["comment"]
+        if kind in ("comment", "obj_info"):
+            continue
+        if not _LINE.fullmatch(line) or (kind == "property" and not element):
+            raise InputError(
+                f"{path}: row {row}: {quoted(text.strip()[:60])} does not belong in a PLY 1.0 header"
+            )
+        element = words[0] if kind == "element" else element
+        name = {"format": "line format", "element": f"element {element}"}.get(kind, f"property {words[-1]}")
+        if (key := name if kind != "property" else f"{element} {name}") in seen:
+            raise InputError(f"{path}: row {row}: {name} appears twice")
+        seen.add(key)
+        kept.insert(0 if kind == "format" else len(kept), line)
+    if "line format" not in seen:
+        raise InputError(f"{path}: the header has no line 'format'")
+    elements, is_ascii, _ = ply._parse_header(io.BytesIO("\n".join(["ply", *kept, "end_header"]).encode()))
+    return dict(elements), bool(is_ascii)
+
+
+def _ascii_vertices(path: Path, body: bytes, first_row: int, elements: Elements, wanted: list[int]) -> Floats:
+    """Columns (n, k) of the vertices of an ASCII file, one line each.
+
+    trimesh drops what is too much in a row, and takes fewer rows than are announced.
+    """
+    rows = split_text(body.decode("ascii", "replace"), first_row)
+    start = sum(elements[name]["length"] for name in [*elements][: [*elements].index("vertex")])
+    n = elements["vertex"]["length"]
+    _require_whole(path, len(rows.lines) - start, n)
+    table = TextTable(rows.lines[start : start + n], rows.numbers[start : start + n], BLANKS)
+    return parse_numbers(path, table, [*elements["vertex"]["properties"]], wanted)
+
+
+def _binary_vertices(path: Path, body: bytes, elements: Elements) -> NDArray[np.void]:
+    """Vertices of a binary file."""
+    from trimesh.exchange import ply
+
+    before = {name: elements[name] for name in [*elements][: [*elements].index("vertex") + 1]}
+    sizes = [
+        one["length"] * np.dtype([*one["properties"].items()]).itemsize
+        for one in before.values()
+        if not any("$LIST" in kind for kind in one["properties"].values())
+    ]
+    vertex = elements["vertex"]
+    if len(sizes) == len(before):
+        # What follows is cut off: trimesh cannot read lists of several lengths, which faces may be.
+        elements, body = before, body[: sum(sizes)]
+        layout = np.dtype([*vertex["properties"].items()])
+        _require_whole(path, (len(body) - sum(sizes[:-1])) // layout.itemsize, vertex["length"])
+    if not vertex["length"]:
+        return np.empty(0, [*vertex["properties"].items()])
+    elements = {name: one for name, one in elements.items() if one["length"] and one["properties"]}
+    try:
+        ply._ply_binary(elements, io.BytesIO(body))
+        same = all(
+            (data[name]["f0"] == data.dtype[name]["f1"].shape[0]).all()
+            for data in (one["data"] for one in elements.values())
+            for name in data.dtype.names
+            if data.dtype[name].names
         )
-    if "power" not in wanted:
-        require_no_power(path, vertex.types)
-    return wanted
-
-
-def _ascii_vertices(
-    path: Path, body: bytes, first_row: int, before: list[_Element], vertex: _Element, columns: list[str]
-) -> Floats:
-    """Columns (n, k) of the vertices of an ASCII file, one line each."""
-    text = body.decode("ascii", "replace").split("\n")
-    lines = [TextLine(number, line) for number, line in enumerate(text, first_row) if line.strip()]
-    start = sum(element.count for element in before)
-    _require_whole(path, len(lines) - start, vertex.count)
-    names = list(vertex.types)
-    values = parse_rows(path, lines[start : start + vertex.count], names, delimiter=None)
-    return values[:, [names.index(name) for name in columns]]
-
-
-def _binary_vertices(
-    path: Path, body: bytes, byte_order: str, before: list[_Element], vertex: _Element, columns: list[str]
-) -> Floats:
-    """Columns (n, k) of the vertices of a binary file."""
-    listed = [element.name for element in before if element.has_list]
-    if listed:
-        raise InputError(f"{path}: element {listed[0]}: has a list property before the element vertex")
-    start = sum(element.count * element.dtype(byte_order).itemsize for element in before)
-    layout = vertex.dtype(byte_order)
-    _require_whole(path, (len(body) - start) // layout.itemsize, vertex.count)
-    records = np.frombuffer(body[start:], layout, vertex.count)
-    values = np.column_stack([records[name].astype(np.float64) for name in columns])
-    check_finite(path, values, columns, range(1, vertex.count + 1))
-    return values
+    except Exception as error:  # a parser fails in its own ways
+        raise InputError(f"{path}: cannot be read as ply: {quoted(str(error))}") from error
+    if not same:
+        raise InputError(f"{path}: has lists of several lengths around a list before its vertices")
+    records: NDArray[np.void] = vertex["data"]
+    return records
 
 
 def _require_whole(path: Path, held: int, announced: int) -> None:

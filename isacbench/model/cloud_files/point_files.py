@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import closing
-from itertools import chain
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +16,28 @@ from isacbench.files.arrays.array_files import listed, listed_arrays
 from isacbench.files.arrays.stored_arrays import TEXTS, StoredArray
 from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_writable
 from isacbench.files.escaping import quoted, shortened
-from isacbench.files.text_table import TextLine, check_finite, format_rows, parse_rows, read_lines
+from isacbench.files.text_table import (
+    TextTable,
+    check_finite,
+    delimiter_of,
+    fields_of,
+    format_rows,
+    parse_numbers,
+    read_text_rows,
+)
+from isacbench.model.cloud_files.columns import POINT_COLUMNS, find_columns, plain_name
 from isacbench.model.cloud_files.ply import read_ply, write_ply
-from isacbench.model.cloud_files.power_names import require_no_power
+from isacbench.model.cloud_files.power_names import require_no_other_names
 from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-POINT_COLUMNS = ["x", "y", "z", "v", "power"]
-"""Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""
-
+    from collections.abc import Callable, Mapping
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
 
-_CLOUD = tuple(POINT_COLUMNS)
-_POINT = _CLOUD[:-1]
+_SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
+_TAKES = "takes xyz (n, 3), optionally velocity (n) and power (n)"
 
 
 class Points(NamedTuple):
@@ -53,7 +58,7 @@ class Points(NamedTuple):
     amplitude: Floats
 
 
-def read_point_table(path: str | Path) -> Floats:
+def read_point_table(path: str | Path) -> dict[str, Floats]:
     r"""Read the points of a cloud; `isacbench.model.cloud.PointCloud.read` makes a cloud of them.
 
     Parameters
@@ -61,20 +66,21 @@ def read_point_table(path: str | Path) -> Floats:
     path : str or Path
         File in one of these formats, told apart by the extension:
 
-        - csv: header ``x,y,z,v,power`` in any order, power optional, or no
-          header and 4 or 5 columns in that order;
-        - npy: an array of shape (n, 4) or (n, 5);
-        - npz and mat (MATLAB's -v4 to -v7.3): arrays ``xyz`` (n, 3),
-          ``velocity`` (n,) and optionally ``power`` (n,), or exactly one
-          array of shape (n, 4) or (n, 5) under any name, and none larger;
-        - ply: element vertex with x, y, z, v (or velocity), optionally power.
+        - csv: header ``x,y,z,v,power`` in any order, v (or velocity) and power
+          optional, other columns ignored; or no header and 3 to 5 columns in
+          that order. Separators are commas, semicolons, tabs or blanks;
+        - npy: an array of shape (n, 3), (n, 4) or (n, 5);
+        - npz and mat (MATLAB's -v4 to -v7.3): arrays ``xyz`` (n, 3) and
+          optionally ``velocity`` (n,) and ``power`` (n,), or exactly one array
+          of shape (n, 4) or (n, 5), or else (n, 3), under any name, and none larger;
+        - ply: element vertex with x, y, z, optionally v (or velocity) and power.
 
-        A missing power is 1. Nothing is ever unpickled.
+        Nothing is ever unpickled.
 
     Returns
     -------
-    ndarray of float64, shape (n, 4) or (n, 5)
-        Columns x, y, z in m, v in m/s and, where the file has it, power; n may be 0.
+    dict of str to ndarray of float64, shape (n,)
+        Columns x, y, z in m and, where the file has them, v in m/s and power; n may be 0.
 
     Raises
     ------
@@ -88,8 +94,8 @@ def read_point_table(path: str | Path) -> Floats:
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "cloud.csv"
     >>> _ = path.write_text("x,y,z,v\n1,2,3,4\n")
-    >>> read_point_table(path).tolist()
-    [[1.0, 2.0, 3.0, 4.0]]
+    >>> {name: column.tolist() for name, column in read_point_table(path).items()}
+    {'x': [1.0], 'y': [2.0], 'z': [3.0], 'v': [4.0]}
     """
     path = Path(path)
     read = _by_extension(path, _READERS)
@@ -97,13 +103,13 @@ def read_point_table(path: str | Path) -> Floats:
     return read(path)
 
 
-def write_point_table(points: Floats, path: str | Path) -> None:
+def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
     """Write the points of a cloud, so that reading them returns the same doubles.
 
     Parameters
     ----------
-    points : ndarray of float64, shape (n, 5)
-        Columns x, y, z in m, v in m/s and power; any number of rows.
+    points : mapping of str to ndarray of float64, shape (n,)
+        Columns x, y, z in m, v in m/s if it is known, and power; any number of rows.
     path : str or Path
         File to write, or to overwrite; its extension, one of csv, npy, npz,
         mat and ply, decides the format.
@@ -111,7 +117,8 @@ def write_point_table(points: Floats, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If the extension is another or the file cannot be written.
+        If the extension is another, the format cannot hold the columns, or
+        the file cannot be written.
     """
     path = Path(path)
     write = _by_extension(path, _WRITERS)
@@ -128,7 +135,7 @@ def read_points_csv(path: str | Path) -> Points:
     Parameters
     ----------
     path : str or Path
-        The csv file.
+        The csv file, spelled as those of clouds may be.
 
     Returns
     -------
@@ -142,13 +149,27 @@ def read_points_csv(path: str | Path) -> Points:
         column, or on a value that is not a finite number.
     """
     path = Path(path)
-    header, *rows = _csv_lines(path)
-    columns = _header_columns(path, header, (*_POINT, "amplitude"))
-    table = dict(zip(columns, parse_rows(path, rows, columns, delimiter=",").T, strict=True))
-    if not rows:
+    table, names, place = _csv_table(path)
+    plain = [plain_name(name) for name in names]
+    unknown = [name for name in names if name and plain_name(name) not in _SCATTERER]
+    missing = [name for name in _SCATTERER[:-1] if name not in plain]
+    twice = [name for name in _SCATTERER if plain.count(name) > 1]
+    for fault, found in (
+        ("unknown column {}", [*map(quoted, unknown)]),
+        ("column {} appears twice", twice),
+        ("column {} is missing", missing),
+    ):
+        if found:
+            raise InputError(
+                f"{path}: {place}: {fault.format(found[0])}; the file takes the columns x, y, z, v and "
+                "optionally amplitude"
+            )
+    if not table.lines:
         raise InputError(f"{path}: holds no points below its header")
-    xyz = np.column_stack([table[name] for name in "xyz"])
-    return Points(xyz, table["v"], table.get("amplitude", np.ones(len(xyz))))
+    wanted = [name for name in _SCATTERER if name in plain]
+    values = parse_numbers(path, table, names, [plain.index(name) for name in wanted])
+    amplitude = values[:, 4] if "amplitude" in plain else np.ones(len(values))
+    return Points(values[:, :3], values[:, 3], amplitude)
 
 
 def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
@@ -160,84 +181,127 @@ def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
         raise InputError(f"{path}: has {found}; a cloud takes {', '.join(handlers)}") from None
 
 
-def _csv_lines(path: Path) -> list[TextLine]:
-    """Lines of a csv file, one at least."""
-    lines = read_lines(path)
-    if not lines:
-        raise InputError(f"{path}: is empty; at least the header {','.join(_POINT)} is required")
-    return lines
+def _csv_table(path: Path) -> tuple[TextTable, list[str], str]:
+    """Rows of a csv file, the names of its columns, none if it has no header, and where these stand."""
+    table, comments = read_text_rows(path)
+    if not table.lines:
+        raise InputError(f"{path}: is empty; at least the header x,y,z is required")
+    first = fields_of(path, table.lines[0], table.delimiter)
+    place = f"row {table.numbers[0]}"
+    if any(is_number(field.replace(",", ".")) for field in first) and not _name_points(first):
+        return table, _commented_names(path, comments, first), place
+    below = table._replace(lines=table.lines[1:], numbers=table.numbers[1:])
+    names = ["", *first] if _has_row_names(path, below, first) else first
+    return below, names, place
 
 
-def _header_columns(path: Path, header: TextLine, allowed: Sequence[str]) -> list[str]:
-    """Column names of a header that must hold x, y, z and v, may hold the rest, and nothing else."""
-    columns = [name.strip() for name in header.text.split(",")]
-    faults = chain(
-        (f"unknown column {quoted(name)}" for name in columns if name not in allowed),
-        (f"column {name} appears twice" for name in columns if columns.count(name) > 1),
-        (f"column {name} is missing" for name in _POINT if name not in columns),
-    )
-    fault = next(faults, None)
-    if fault is not None:
+def _name_points(fields: list[str]) -> bool:
+    return {"x", "y", "z"} <= {plain_name(field) for field in fields}
+
+
+def _commented_names(path: Path, comments: list[str], first: list[str]) -> list[str]:
+    """Names in a comment above rows without a header, as CloudCompare and NumPy write them."""
+    names: list[str] = []
+    for line in comments:
+        if {"x", "y", "z"} <= {*re.findall(r"\w+", line.lower())}:
+            names = fields_of(path, line, delimiter_of(line))
+            if len(names) != len(first) or not _name_points(names):
+                raise InputError(
+                    f"{path}: the comment {quoted(line)} may name the {len(first)} columns; allowed is a "
+                    "header line with a name for each"
+                )
+    return names
+
+
+def _has_row_names(path: Path, table: TextTable, names: list[str]) -> bool:
+    """Tell if rows begin with a name that the header does not announce, as those that R writes."""
+    first = fields_of(path, table.lines[0], table.delimiter) if table.lines else []
+    if len(first) != len(names) + 1 or not first[-1]:
+        return False
+    if table.lines[0].lstrip().startswith('"') or not is_number(first[0]):
+        return True
+    return _counts(first[0], parse_numbers(path, table, ["", *names], [0])[:, 0])
+
+
+def _counts(first: str, values: Floats) -> bool:
+    """Tell if values are the numbers of rows, from 0 or 1."""
+    return first in ("0", "1") and np.array_equal(values, np.arange(len(values)) + int(first))
+
+
+def _read_csv(path: Path) -> dict[str, Floats]:
+    table, names, place = _csv_table(path)
+    if names:
+        found = find_columns(path, place, names)
+        return dict(zip(found, parse_numbers(path, table, names, [*found.values()]).T, strict=True))
+    first = fields_of(path, table.lines[0], table.delimiter)
+    if len(first) not in (3, 4, 5):
         raise InputError(
-            f"{path}: row {header.number}: {fault}; the file takes the columns {', '.join(_POINT)} and "
-            f"optionally {allowed[-1]}"
+            f"{path}: {place}: {len(first)} fields; without a header a cloud takes 3, 4 or 5 "
+            f"({', '.join(POINT_COLUMNS)})"
         )
-    return columns
-
-
-def _read_csv(path: Path) -> Floats:
-    lines = _csv_lines(path)
-    fields = lines[0].text.split(",")
-    if not any(map(is_number, fields)):
-        columns = _header_columns(path, lines[0], _CLOUD)
-        table = parse_rows(path, lines[1:], columns, delimiter=",")
-        return table[:, [columns.index(name) for name in _CLOUD if name in columns]]
-    if len(fields) not in (4, 5):
+    if first == [*map(str, range(len(first)))]:
         raise InputError(
-            f"{path}: row {lines[0].number}: {len(fields)} fields; without a header a cloud takes "
-            f"4 or 5 ({', '.join(_CLOUD)})"
+            f"{path}: {place}: may be a header that numbers the columns; allowed are the names x, y, z"
         )
-    return parse_rows(path, lines, _CLOUD[: len(fields)], delimiter=",")
+    columns = POINT_COLUMNS[: len(first)]
+    values = parse_numbers(path, table, columns, range(len(first)))
+    if len(first) > len("xyz") and _counts(first[0], values[:, 0]):
+        raise InputError(
+            f"{path}: the first column counts the rows, and may be x as well; allowed is a header, or rows "
+            "without their numbers (pandas: index=False, R: row.names=FALSE)"
+        )
+    return dict(zip(columns, values.T, strict=True))
 
 
-def _write_csv(points: Floats, path: Path) -> None:
-    rows = format_rows(points, delimiter=",")
-    path.write_text("\n".join([",".join(_CLOUD), *rows, ""]), encoding="ascii", newline="\n")
+def _write_csv(points: Mapping[str, Floats], path: Path) -> None:
+    rows = format_rows(np.column_stack([*points.values()]), delimiter=",")
+    path.write_text("\n".join([",".join(points), *rows, ""]), encoding="ascii", newline="\n")
 
 
-def _read_arrays(path: Path) -> Floats:
+def _read_arrays(path: Path) -> dict[str, Floats]:
     """Read a file of arrays: xyz, velocity and power, or the only table among them."""
     with listed_arrays(path) as file, closing(file):
         chosen = _chosen_arrays(path, file.arrays)
-        if sum(array.n_bytes for array in chosen) > CLOUD_BYTES:
+        if sum(array.n_bytes for array in chosen.values()) > CLOUD_BYTES:
             raise InputError(
                 f"{path}: its arrays take more than the {binary_size(CLOUD_BYTES)} that are allowed"
             )
-        xyz, *others = [array.read() for array in chosen]
-        values = np.column_stack([xyz, *(other.ravel() for other in others)]).astype(np.float64, copy=False)
-        if values.shape[1] < len(_CLOUD):
-            rest = {name: array for name, array in file.arrays.items() if array not in chosen}
-            require_no_power(path, (name for name in rest if _may_be_power(rest[name], len(values))))
-    check_finite(path, values, _CLOUD[: values.shape[1]], range(1, len(values) + 1))
-    return values
+        first, *others = [array.read() for array in chosen.values()]
+        values = np.column_stack([first, *(other.ravel() for other in others)])
+        columns = POINT_COLUMNS[: values.shape[1]]
+        if "xyz" in chosen:  # and no table has this name
+            columns = [*"xyz", *(plain_name(name) for name in [*chosen][1:])]
+        rest = {name: array for name, array in file.arrays.items() if array not in chosen.values()}
+        beside = [name for name, array in rest.items() if _may_be_of_points(array, len(values))]
+        require_no_other_names(path, columns, beside)
+    values = values.astype(np.float64, copy=False)
+    check_finite(path, values, columns, range(1, len(values) + 1))
+    return dict(zip(columns, values.T, strict=True))
 
 
-def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[StoredArray]:
-    """Find the arrays that make a cloud: the table, or xyz, velocity and, if there, power."""
+def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> dict[str, StoredArray]:
+    """Find the arrays that make a cloud: the table, or xyz and, if there, velocity and power."""
     if "xyz" in arrays or "velocity" in arrays:
         return _parts(path, arrays)
     outer = [name for name in arrays if not set("/@") & {*name}] or arrays
-    tables = {name: array for name in outer if _is_table(array := arrays[name])}
+    tables: dict[str, StoredArray] = {}
+    for columns in ((4, 5), (3,)):
+        # A matrix of 3 x 3 turns points; without a name it is all that a file has.
+        tables = tables or {
+            name: array
+            for name in outer
+            if _is_table(array := arrays[name], columns) and (array.shape != (3, 3) or not name)
+        }
     if len(tables) == 1:
         _require_no_other_points(path, arrays, *tables.items())
-        return list(tables.values())
+        return tables
     if "" in arrays:
-        raise InputError(f"{path}: takes real numbers of shape (n, 4) or (n, 5), not {arrays['']}")
+        raise InputError(f"{path}: takes real numbers of shape (n, 3), (n, 4) or (n, 5), not {arrays['']}")
     held = listed({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
     found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
     raise InputError(
-        f"{path}: takes xyz (n, 3) and velocity (n), optionally power (n), "
-        f"or exactly one array of shape (n, 4) or (n, 5); {shortened(found)}"
+        f"{path}: {_TAKES}, or exactly one array of shape (n, 4) or (n, 5), or else (n, 3); "
+        f"{shortened(found)}"
     )
 
 
@@ -255,26 +319,25 @@ def _require_no_other_points(
     if others:
         raise InputError(
             f"{path}: {table[0]} may be the cloud, and so may {shortened(listed(others))}; allowed are the "
-            "names xyz (n, 3) and velocity (n), optionally power (n), or no other such array"
+            "names xyz (n, 3), velocity (n) and power (n), or no other such array"
         )
 
 
-def _parts(path: Path, arrays: Mapping[str, StoredArray | str]) -> list[StoredArray]:
-    """Find the arrays xyz, velocity and, if there, power."""
-    for name in ("xyz", "velocity"):
-        if name not in arrays:
-            raise InputError(f"{path}: has no array {name}, but takes both xyz (n, 3) and velocity (n)")
+def _parts(path: Path, arrays: Mapping[str, StoredArray | str]) -> dict[str, StoredArray]:
+    """Find the arrays xyz and, if there, velocity and power."""
+    if "xyz" not in arrays:
+        raise InputError(f"{path}: has no array xyz, but {_TAKES}")
     xyz = arrays["xyz"]
     if not (_is_real(xyz) and len(xyz.shape) == 2 and xyz.shape[1] == 3):
         raise InputError(f"{path}: xyz takes real numbers of shape (n, 3), not {xyz}")
-    parts, n = [xyz], xyz.shape[0]
+    parts, n = {"xyz": xyz}, xyz.shape[0]
     for name in ("velocity", "power"):
         if name in arrays:
             part = arrays[name]
             # MATLAB knows no vectors: a row, a column and a vector are the same here.
             if not (_is_real(part) and prod(part.shape) == n == max(part.shape, default=1)):
                 raise InputError(f"{path}: {name} takes {n} real numbers, one a row of xyz, not {part}")
-            parts.append(part)
+            parts[name] = part
     return parts
 
 
@@ -283,46 +346,60 @@ def _is_real(array: StoredArray | str) -> TypeGuard[StoredArray]:
     return isinstance(array, StoredArray) and array.dtype.kind in "fiu"
 
 
-def _is_table(array: StoredArray | str) -> TypeGuard[StoredArray]:
-    """Tell if an entry of a file is an array that could be a cloud."""
-    return _is_real(array) and len(array.shape) == 2 and array.shape[1] in (4, 5)
+def _is_table(array: StoredArray | str, columns: tuple[int, ...]) -> TypeGuard[StoredArray]:
+    """Tell if an entry of a file is an array that could be a cloud of so many columns."""
+    return _is_real(array) and len(array.shape) == 2 and array.shape[1] in columns
 
 
-def _may_be_power(array: StoredArray | str, n: int) -> bool:
+def _may_be_of_points(array: StoredArray | str, n: int) -> bool:
     """Tell if an entry of a file may have a number for each of n points; texts and scalars do not."""
     if isinstance(array, str):
         return array not in TEXTS
     return array.dtype.kind in "biufcV" and array.shape != () and prod(array.shape) >= min(n, 2) > 0
 
 
-def _write_npy(points: Floats, path: Path) -> None:
+def _write_npy(points: Mapping[str, Floats], path: Path) -> None:
+    columns = [*points.values()]
+    if "v" not in points:
+        if (points["power"] != 1).any():
+            raise InputError(
+                f"{path}: npy has no place for powers without velocities; allowed are csv, npz, mat and ply, "
+                "or powers of 1"
+            )
+        columns.pop()
     # An open file, because numpy appends the extension to a path that ends in .NPY.
     with path.open("wb") as file:
-        np.save(file, points)
+        np.save(file, np.column_stack(columns))
 
 
-def _write_npz(points: Floats, path: Path) -> None:
+def _named_arrays(points: Mapping[str, Floats]) -> dict[str, Any]:
+    """Arrays of a cloud by their names in files."""
+    xyz, velocity = np.column_stack([points[name] for name in "xyz"]), points.get("v")
+    named = {"power": points["power"], **({} if velocity is None else {"velocity": velocity})}
+    # xyz last: a file cut off between two arrays, which the parser accepts, then lacks what it cannot lack.
+    return {**named, "xyz": xyz}
+
+
+def _write_npz(points: Mapping[str, Floats], path: Path) -> None:
     with path.open("wb") as file:
-        np.savez(file, xyz=points[:, :3], velocity=points[:, 3], power=points[:, 4])
+        np.savez(file, **_named_arrays(points))
 
 
-def _write_mat(points: Floats, path: Path) -> None:
+def _write_mat(points: Mapping[str, Floats], path: Path) -> None:
     from scipy.io import savemat
 
-    # xyz last: a file cut off between two arrays, which the parser accepts, then lacks what it cannot lack.
-    arrays = {"power": points[:, 4], "velocity": points[:, 3], "xyz": points[:, :3]}
     path.open("wb").close()  # Says why a file cannot be written, which savemat does not.
-    savemat(path, arrays, appendmat=False, oned_as="column")
+    savemat(path, _named_arrays(points), appendmat=False, oned_as="column")
 
 
-_READERS: dict[str, Callable[[Path], Floats]] = {
+_READERS: dict[str, Callable[[Path], dict[str, Floats]]] = {
     ".csv": _read_csv,
     ".npy": _read_arrays,
     ".npz": _read_arrays,
     ".mat": _read_arrays,
     ".ply": read_ply,
 }
-_WRITERS: dict[str, Callable[[Floats, Path], None]] = {
+_WRITERS: dict[str, Callable[[Mapping[str, Floats], Path], None]] = {
     ".csv": _write_csv,
     ".npy": _write_npy,
     ".npz": _write_npz,

@@ -1,4 +1,4 @@
-"""Names under which other programs store the power of points."""
+"""Names under which other programs store the power and the velocity of points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Sequence
     from pathlib import Path
 
 _LIKE_POWER = re.compile(
@@ -18,25 +18,43 @@ _LIKE_POWER = re.compile(
     re.IGNORECASE,
 )
 
+_LIKE_VELOCITY = re.compile(
+    "velocity|(?<![a-z])vel|doppler|speed|range.?rate|(?<![a-z])vr(?![a-z])|^v([^a-z]|$)", re.IGNORECASE
+)
 
-def require_no_power(path: Path, names: Iterable[str]) -> None:
-    """Refuse what may be the power, where nothing is named so and all points would get power 1.
+
+_ALIKE = {
+    "v": (
+        _LIKE_VELOCITY,
+        "velocity",
+        "the name velocity for m/s, positive when approaching, or nothing like it for unknown velocities",
+    ),
+    "power": (
+        _LIKE_POWER,
+        "power",
+        "the name power for powers relative to a unit scatterer, or nothing like it for points of power 1",
+    ),
+}
+
+
+def require_no_other_names(path: Path, columns: Collection[str], others: Sequence[str]) -> None:
+    """Refuse what may be velocity or power, where nothing is named so and all points would get none or 1.
 
     Parameters
     ----------
     path : Path
         File to name in messages.
-    names : iterable of str
-        Of what a cloud without ``power`` has for each point.
+    columns : collection of str
+        Columns of the cloud.
+    others : sequence of str
+        Names of what else the file has for each point.
 
     Raises
     ------
     InputError
-        Naming all that may be the power.
+        Naming all that may be the velocity or the power.
     """
-    found = ", ".join(filter(_LIKE_POWER.search, names))
-    if found:
-        raise InputError(
-            f"{path}: has no power, but {shortened(found)}; allowed is the name power for powers relative "
-            "to a unit scatterer, or nothing like it for points of power 1"
-        )
+    for column, (like, name, allowed) in _ALIKE.items():
+        found = ", ".join(filter(like.search, others))
+        if column not in columns and found:
+            raise InputError(f"{path}: has no {name}, but {shortened(found)}; allowed is {allowed}")

@@ -58,6 +58,9 @@ THRESHOLD = "#D55E00"
 
 # Dark in the middle, so that static points are seen on white.
 VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
+UNKNOWN = "#7A7A7A"
+"""Grey of points whose velocity is unknown."""
+
 SLOW_MPS = 2.0
 TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
 
@@ -308,6 +311,8 @@ def file_stems(names: Iterable[str]) -> dict[str, str]:
 def velocity_colours(fastest_mps: float) -> ScalarMappable:
     """Map radial velocities to colours: 0 in the middle, slow ones spread to differ visibly from it.
 
+    Unknown velocities, NaN, have a colour of their own.
+
     Parameters
     ----------
     fastest_mps : float
@@ -318,7 +323,7 @@ def velocity_colours(fastest_mps: float) -> ScalarMappable:
     ScalarMappable
     """
     fastest_mps = max(SLOW_MPS, fastest_mps)
-    colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS)
+    colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS).with_extremes(bad=UNKNOWN)
     return ScalarMappable(AsinhNorm(SLOW_MPS, -fastest_mps, fastest_mps), colours)
 
 

@@ -63,6 +63,7 @@ class _Scene(NamedTuple):
     lower_m: Floats
     upper_m: Floats
     colours: ScalarMappable
+    has_velocities: bool
     radius_m: float
 
 
@@ -169,7 +170,8 @@ def draw_comparison(
     _draw_perspective(panels["estimate"], scene, drawable(heading), image, zoom)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
-    velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]], BAR_LABEL)
+    if scene.has_velocities:
+        velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]], BAR_LABEL)
     return figure
 
 
@@ -207,7 +209,9 @@ def _scene(truth: PointCloud, images: Sequence[Image], region: Region, radius_m:
     upper_m = np.ceil(points.max(axis=0))
     shortest_m = max(SMALLEST_BOX_M, FLATTEST * float((upper_m - lower_m).max()))
     upper_m = np.maximum(upper_m, np.ceil(lower_m + shortest_m))
-    return _Scene(truth, lower_m, upper_m, velocity_colours(max(map(abs, region.speed_mps))), radius_m)
+    colours = velocity_colours(max(map(abs, region.speed_mps)))
+    has_velocities = any(image.cloud.has_velocity for image in images)
+    return _Scene(truth, lower_m, upper_m, colours, has_velocities, radius_m)
 
 
 def _perspectives(
@@ -232,7 +236,8 @@ def _perspectives(
         axes = figure.add_subplot(n_rows, n_columns, number, projection="3d")
         _draw_perspective(axes, scene, heading, image)
         panels.append(axes)
-    velocity_bar(figure, scene.colours, panels, BAR_LABEL)
+    if scene.has_velocities:
+        velocity_bar(figure, scene.colours, panels, BAR_LABEL)
     return figure, panels
 
 

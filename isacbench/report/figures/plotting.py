@@ -35,7 +35,8 @@ def plot_clouds(
 ) -> Figure:
     """Draw estimated point clouds beside the truth, or alone where there is no truth.
 
-    Clouds are shown in perspective, coloured by radial velocity. One estimate
+    Clouds are shown in perspective, coloured by radial velocity, grey where it
+    is unknown. One estimate
     and the truth are also laid over each other in the xy, xz and yz
     projections. A notebook shows the figure where it is the value of a cell.
 
@@ -127,6 +128,7 @@ def _cloud(name: str, value: object) -> PointCloud:
 def _span(clouds: Sequence[PointCloud]) -> Region:
     """Compute the smallest region of all points and speeds; an empty one of no points."""
     points = np.concatenate([cloud.to_array()[:, :4] for cloud in clouds])
+    points[np.isnan(points)] = 0.0  # velocities that are unknown
     lower, upper = (points.min(axis=0), points.max(axis=0)) if len(points) else np.zeros((2, 4))
     return Region(*zip(lower.tolist(), upper.tolist(), strict=True))
 

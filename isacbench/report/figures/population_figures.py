@@ -20,7 +20,7 @@ from isacbench.bench.studies.population_study import (
 )
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import drawable, file_stems, looks_over, new_figure
 from isacbench.report.figures.cloud_figures import Image, draw_comparison

@@ -19,7 +19,7 @@ from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted
 from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
 from isacbench.report.figures.curves import draw_deviations, draw_scores, nearest_values, variant_looks

@@ -83,7 +83,7 @@ def _(cloud: PointCloud) -> Figure | None:
         return None
     stride = -(-len(cloud) // MOST_POINTS)
     points = cloud.select(np.arange(0, len(cloud), stride))
-    colours = velocity_colours(float(np.abs(cloud.velocity).max()))
+    colours = velocity_colours(float(np.abs(cloud.velocity).max()) if cloud.has_velocity else 0.0)
     figure = new_figure(7.0, 3.0)
     panels = figure.subplots(1, 2)
     for axes, up, name in zip(panels, (1, 2), ("from above", "from the side"), strict=True):
@@ -94,7 +94,8 @@ def _(cloud: PointCloud) -> Figure | None:
         axes.set_title(name if stride == 1 else f"{name}, one point in {stride}")
         axes.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]")
         axes.grid(True)
-    velocity_bar(figure, colours, panels, "radial velocity [m/s]")
+    if cloud.has_velocity:
+        velocity_bar(figure, colours, panels, "radial velocity [m/s]")
     return figure
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.store.rows import Rows
-from isacbench.model.cloud_files.point_files import POINT_COLUMNS
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 sizes = st.lists(st.integers(0, 3), max_size=6)
 

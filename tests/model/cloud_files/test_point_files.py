@@ -154,22 +154,44 @@ def test_a_csv_of_a_header_alone_is_an_empty_cloud(tmp_path: Path) -> None:
     assert len(PointCloud.read(text_file(tmp_path, "cloud.csv", "x,y,z,v,power\n"))) == 0
 
 
-TAKES = "the file takes the columns x, y, z, v and optionally power"
+TAKES = "a cloud takes x, y, z and, if there, v (or velocity) and power; it has"
+NO_VELOCITY = "allowed is the name velocity for m/s, positive when approaching, or nothing like it"
+NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty; at least the header x,y,z,v is required"),
-        (" \n\n", "is empty; at least the header x,y,z,v is required"),
-        ("x,y,z,v,amplitude\n1,2,3,4,5\n", f"row 1: unknown column 'amplitude'; {TAKES}"),
-        ("\nx,y,z,speed\n1,2,3,4\n", f"row 2: unknown column 'speed'; {TAKES}"),
-        ("x,y,v,power\n", f"row 1: column z is missing; {TAKES}"),
-        ("x,y,z,v,v\n", f"row 1: column v appears twice; {TAKES}"),
-        ("x;y;z;v\n", f"row 1: unknown column 'x;y;z;v'; {TAKES}"),
+        ("", "is empty; at least the header x,y,z is required"),
+        (" \n\n", "is empty; at least the header x,y,z is required"),
+        (
+            "x,y,z,v,amplitude\n1,2,3,4,5\n",
+            f"has no power, but amplitude; {NO_POWER} for points of power 1",
+        ),
+        ("\nx,y,z,speed\n1,2,3,4\n", f"has no velocity, but speed; {NO_VELOCITY} for unknown velocities"),
+        ("x,y,z,v [m/s]\n", f"has no velocity, but v [m/s]; {NO_VELOCITY} for unknown velocities"),
+        ("x,y,v,power\n", f"row 1: z is missing; {TAKES} x, y, v, power"),
+        ("x,y,z,v,v\n", f"row 1: v appears twice, as v and v; {TAKES} x, y, z, v, v"),
+        ("X,x,y,z,v\n", f"row 1: x appears twice, as X and x; {TAKES} X, x, y, z, v"),
+        ("x,y,z,v,velocity\n", f"row 1: v appears twice, as v and velocity; {TAKES} x, y, z, v, velocity"),
+        ("x,y,z,u,v\n", f"row 1: v beside u is of a texture; {TAKES} x, y, z, u, v"),
+        ("V1,V2,V3,V4\n1,2,3,4\n", f"row 1: x is missing; {TAKES} V1, V2, V3, V4"),
         ("x,y,z,v\n1,2,3,4\n1,2,3,nan\n", "row 3: column v is NaN; expected a finite number"),
         ("x,y,z,v\n\n1,-inf,3,4\n", "row 3: column y is infinite; expected a finite number"),
-        ("x,y,z,v\n1,2,3\n", "row 2: 3 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n1,2,3\n", "row 2: column v is ''; expected a number"),
+        ("x y z v\n1 2 3\n", "row 2: 3 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n1,2,3,4,5,6\n", "row 2: 6 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n2,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n1,2,3,4,\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n\n1,2,3,4\n1,2,3,4,5\n", "row 4: 5 fields instead of 4 (x, y, z, v)"),
+        ("x,y,z,v\n1,2,3,True\n", "row 2: column v is 'True'; expected a number"),
+        ("x,y,z,v\n1,2,3,NA\n", "row 2: column v is 'NA'; expected a number"),
+        ("x;y;z;v\n1,5;2;3.5;4\n", "row 2: column z is '3.5'; expected a number"),
+        ("x;y;z;v\n1.234,5;2;3;4\n", "row 2: column x is '1.234,5'; expected a number"),
+        (
+            'x,y,z,v,a\n1,2,3,4,b\n1,2,3,4,"a\nb"\n',
+            "has a line break within quotes; allowed is one line a row",
+        ),
         ("x,y,z,v\n1,2,3,\n", "row 2: column v is ''; expected a number"),
         ("x,y,z,v\n1,2, abc,4\n", "row 2: column z is 'abc'; expected a number"),
         ("1,2,3,four\n", "row 1: column v is 'four'; expected a number"),
@@ -179,8 +201,8 @@ TAKES = "the file takes the columns x, y, z, v and optionally power"
         ("1,2,0x1p3,4\n", "row 1: column z is '0x1p3'; expected a number"),
         ("1,2,3,4\n1,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
         (
-            "1,2,3\n",
-            "row 1: 3 fields; without a header a cloud takes 4 or 5 (x, y, z, v, power)",
+            "1,2\n",
+            "row 1: 2 fields; without a header a cloud takes 3, 4 or 5 (x, y, z, v, power)",
         ),
     ],
 )
@@ -212,7 +234,8 @@ TAKES_AMPLITUDE = "the file takes the columns x, y, z, v and optionally amplitud
         ("x,y,z,v\n", "holds no points below its header"),
         ("x,y,z\n1,2,3\n", f"row 1: column v is missing; {TAKES_AMPLITUDE}"),
         ("x,y,z,v,power\n1,2,3,4,5\n", f"row 1: unknown column 'power'; {TAKES_AMPLITUDE}"),
-        ("1,2,3,4\n", f"row 1: unknown column '1'; {TAKES_AMPLITUDE}"),
+        ("x,y,z,v,velocity\n1,2,3,4,5\n", f"row 1: column v appears twice; {TAKES_AMPLITUDE}"),
+        ("1,2,3,4\n", f"row 1: column x is missing; {TAKES_AMPLITUDE}"),
     ],
 )
 def test_a_faulty_points_file_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
@@ -239,9 +262,15 @@ def test_an_npy_of_any_real_table_is_read(tmp_path: Path, array: np.ndarray) -> 
 @pytest.mark.parametrize(
     ("array", "message"),
     [
-        (np.zeros((2, 3)), "takes real numbers of shape (n, 4) or (n, 5), not float64 of shape (2, 3)"),
-        (np.zeros(4), "takes real numbers of shape (n, 4) or (n, 5), not float64 of shape (4,)"),
-        (np.array([["a"] * 4]), "takes real numbers of shape (n, 4) or (n, 5), not <U1 of shape (1, 4)"),
+        (
+            np.zeros((2, 6)),
+            "takes real numbers of shape (n, 3), (n, 4) or (n, 5), not float64 of shape (2, 6)",
+        ),
+        (np.zeros(4), "takes real numbers of shape (n, 3), (n, 4) or (n, 5), not float64 of shape (4,)"),
+        (
+            np.array([["a"] * 4]),
+            "takes real numbers of shape (n, 3), (n, 4) or (n, 5), not <U1 of shape (1, 4)",
+        ),
         (np.array([[0, 0, 0, 0], [0, 0, np.nan, 0]]), "row 2: column z is NaN; expected a finite number"),
         (np.array([[0, 0, 0, 0, -np.inf]]), "row 1: column power is infinite; expected a finite number"),
     ],
@@ -332,7 +361,6 @@ def test_npz_and_mat_of_no_points_are_an_empty_cloud(save: Callable[..., Path], 
 
 
 POWERS = "Power", "rcs", "RCS_dBsm", "echo_power", "amplitude", "Intensity", "snr_db", "sigma", "pwr", "RCSdB"
-NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
 
 
 @pytest.mark.parametrize("name", POWERS)
@@ -366,11 +394,14 @@ def test_a_power_of_another_kind_is_refused(tmp_path: Path, power: Any) -> None:
 
 @pytest.mark.parametrize("name", ["Velocity", "doppler", "vel"])
 def test_a_velocity_under_another_name_is_refused(save: Callable[..., Path], name: str) -> None:
-    assert refusal(save(xyz=TABLE[:, :3], **{name: TABLE[:, 3]})).startswith("has no array velocity")
+    message = f"has no velocity, but {name}; {NO_VELOCITY}"
+    assert refusal(save(xyz=TABLE[:, :3], **{name: TABLE[:, 3]})).startswith(message)
+    assert refusal(save(points=TABLE[:, :3], **{name: TABLE[:, 3]})).startswith(message)
 
 
 ARRAYS = (
-    "takes xyz (n, 3) and velocity (n), optionally power (n), or exactly one array of shape (n, 4) or (n, 5)"
+    "takes xyz (n, 3), optionally velocity (n) and power (n), "
+    "or exactly one array of shape (n, 4) or (n, 5), or else (n, 3)"
 )
 
 
@@ -378,10 +409,17 @@ ARRAYS = (
     ("named", "message"),
     [
         ({"estimate": TABLE, "truth": TABLE}, f"{ARRAYS}; several could be the cloud: estimate, truth"),
-        ({"points": np.zeros((2, 3))}, f"{ARRAYS}; it holds points (float64 of shape (2, 3))"),
+        ({"points": np.zeros((2, 6))}, f"{ARRAYS}; it holds points (float64 of shape (2, 6))"),
+        ({"rotation": np.eye(3)}, f"{ARRAYS}; it holds rotation (float64 of shape (3, 3))"),
+        (
+            {"normals": TABLE[:, :3], "points": TABLE[:, :3]},
+            f"{ARRAYS}; several could be the cloud: normals, points",
+        ),
         ({}, f"{ARRAYS}; it holds nothing"),
-        ({"xyz": TABLE[:, :3]}, "has no array velocity, but takes both xyz (n, 3) and velocity (n)"),
-        ({"velocity": TABLE[:, 3]}, "has no array xyz, but takes both xyz (n, 3) and velocity (n)"),
+        (
+            {"velocity": TABLE[:, 3]},
+            "has no array xyz, but takes xyz (n, 3), optionally velocity (n) and power (n)",
+        ),
         (
             {"xyz": TABLE, "velocity": TABLE[:, 3]},
             "xyz takes real numbers of shape (n, 3), not float64 of shape (2, 5)",
@@ -477,6 +515,7 @@ def test_a_foreign_ascii_ply_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", POWERS)
 def test_a_ply_with_a_power_under_another_name_is_refused(tmp_path: Path, name: str) -> None:
+    name = name.replace("Power", "Powers")  # which is power itself in tables, where case makes no difference
     text = f"{HEAD}{PROPERTIES}property float scalar_{name}\nend_header\n1 2 3 4 5\n1 2 3 4 5\n"
     assert refusal(text_file(tmp_path, "a.ply", text)).startswith(
         f"has no power, but scalar_{name}; {NO_POWER}"
@@ -495,10 +534,12 @@ def test_a_mesh_with_a_texture_is_no_cloud(tmp_path: Path, form: str) -> None:
     text = "".join(f"{' '.join(map(str, row))}\n" for row in rows.tolist()).encode() + b"3 0 1 2\n"
     body = text if form == "ascii" else rows.tobytes() + face
     (tmp_path / "mesh.ply").write_bytes(header.encode() + body)
-    assert refusal(tmp_path / "mesh.ply") == f"{WANTED} x, y, z, u, v, where v beside u is of a texture"
+    assert (
+        refusal(tmp_path / "mesh.ply") == f"element vertex: v beside u is of a texture; {TAKES} x, y, z, u, v"
+    )
     for name in ("U", "tu", "texture_u", "s"):
         (tmp_path / "mesh.ply").write_bytes(header.replace("float u\n", f"float {name}\n").encode() + body)
-        assert refusal(tmp_path / "mesh.ply").endswith(f"where v beside {name} is of a texture")
+        assert refusal(tmp_path / "mesh.ply").startswith(f"element vertex: v beside {name} is of a texture")
     (tmp_path / "cloud.ply").write_bytes(header.encode().replace(b"float v\n", b"float velocity\n") + body)
     assert PointCloud.read(tmp_path / "cloud.ply").velocity.tolist() == [0, 0, 1]
 
@@ -524,15 +565,29 @@ def test_nan_in_a_binary_ply_is_refused_by_vertex(tmp_path: Path) -> None:
     assert refusal(path) == "row 2: column y is NaN; expected a finite number"
 
 
-def test_a_list_before_the_vertices_of_a_binary_ply_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_a_binary_ply_with_a_list_before_the_vertices_is_read(tmp_path: Path, order: str) -> None:
+    """Lists of one length each, as trimesh takes them; others are refused, however their lengths add up."""
+    sign = "<" if order == "little" else ">"
+    index = np.zeros(3, f"{sign}i4").tobytes()
+    header = (
+        f"ply\nformat binary_{order}_endian 1.0\nelement strip 2\nproperty list uchar int ids\n"
+        "element vertex 2\nproperty double x\nproperty double y\nproperty double z\nproperty double v\n"
+        "element face 2\nproperty list uchar int ids\nend_header\n"
+    ).encode()
+    points = TABLE[:, :4].astype(f"{sign}f8").tobytes()
     path = tmp_path / "cloud.ply"
-    path.write_bytes(ply_bytes("little", TABLE, extra="element strip 1\nproperty list uchar int ids\n"))
-    assert refusal(path) == "element strip: has a list property before the element vertex"
+    path.write_bytes(header + (b"\3" + index) * 2 + points + (b"\3" + index) * 2)
+    assert np.array_equal(PointCloud.read(path).to_array()[:, :4], TABLE[:, :4])
+    three_two = b"\3\0\0\0\2" + index[4:] + b"\2" + index[:8]
+    path.write_bytes(header + three_two + points + three_two)
+    assert refusal(path) == "has lists of several lengths around a list before its vertices"
+    path.write_bytes(header + three_two + points + (b"\3" + index) * 2)
+    assert refusal(path) == "cannot be read as ply: 'PLY is unexpected length!'"
 
 
 HEAD = "ply\nformat ascii 1.0\nelement vertex 2\n"
 PROPERTIES = "property float x\nproperty float y\nproperty float z\nproperty float v\n"
-WANTED = "element vertex: takes properties x, y, z and either v or velocity, optionally power; it has"
 
 
 @pytest.mark.parametrize(
@@ -548,9 +603,17 @@ WANTED = "element vertex: takes properties x, y, z and either v or velocity, opt
         ("ply\nelement vertex -1\n", "row 2: 'element vertex -1' does not belong in a PLY 1.0 header"),
         (HEAD + "property float x\nproperty float x\n", "row 5: property x appears twice"),
         ("ply\nformat ascii 1.0\nend_header\n", "has no element 'vertex'; its elements: none"),
-        (HEAD + "property float x\nproperty float y\nend_header\n", f"{WANTED} x, y"),
-        (HEAD + "end_header\n", f"{WANTED} none"),
-        (HEAD + PROPERTIES + "property float velocity\nend_header\n", f"{WANTED} x, y, z, v, velocity"),
+        (
+            HEAD + "property float x\nproperty float y\nend_header\n",
+            f"element vertex: z is missing; {TAKES} x, y",
+        ),
+        (HEAD + "end_header\n", f"element vertex: x is missing; {TAKES} none"),
+        (HEAD + "format ascii 1.0\n", "row 4: line format appears twice"),
+        (HEAD + "element vertex 2\n", "row 4: element vertex appears twice"),
+        (
+            HEAD + PROPERTIES + "property float velocity\nend_header\n",
+            f"element vertex: v appears twice, as v and velocity; {TAKES} x, y, z, v, velocity",
+        ),
         (
             HEAD + PROPERTIES + "property list uchar int ids\nend_header\n",
             "element vertex: has a list property; only plain ones can be read",
@@ -578,7 +641,7 @@ WANTED = "element vertex: takes properties x, y, z and either v or velocity, opt
         ),
         (
             HEAD + "property float u\n" + PROPERTIES + "end_header\n",
-            f"{WANTED} u, x, y, z, v, where v beside u is of a texture",
+            f"element vertex: v beside u is of a texture; {TAKES} u, x, y, z, v",
         ),
     ],
 )
@@ -591,3 +654,193 @@ def test_the_table_of_a_cloud_is_what_pandas_reads_of_its_csv_file(tmp_path: Pat
     cloud.write(tmp_path / "cloud.csv")
     pd.testing.assert_frame_equal(cloud.to_dataframe(), pd.read_csv(tmp_path / "cloud.csv"))
     assert PointCloud.empty().to_dataframe().columns.tolist() == ["x", "y", "z", "v", "power"]
+
+
+# As other programs write them
+
+
+ROWS = [[1.5, 2.0, 3.0, -4.0, 0.5], [5.0, 6.0, 7.25, 8.0, 2.0]]
+XYZ_ONE = [[1.5, 2.0, 3.0], [5.0, 6.0, 7.25]]
+
+CSV_OF = {
+    "pandas to_csv": ",x,y,z,v,power\n0,1.5,2.0,3.0,-4.0,0.5\n1,5.0,6.0,7.25,8.0,2.0\n",
+    "pandas read and written again": "Unnamed: 0,x,y,z,v,power\n0,1.5,2,3,-4,.5\n1,5,6,7.25,8,2\n",
+    "R write.csv": '"","x","y","z","v","power"\n"1",1.5,2,3,-4,0.5\n"2",5,6,7.25,8,2\n',
+    "R write.csv2": '"";"x";"y";"z";"v";"power"\n"1";1,5;2;3;-4;0,5\n"2";5;6;7,25;8;2\n',
+    "R write.table": '"x" "y" "z" "v" "power"\n"1" 1.5 2 3 -4 0.5\n"2" 5 6 7.25 8 2\n',
+    "R write.table of some rows": '"x" "y" "z" "v" "power"\n"3" 1.5 2 3 -4 0.5\n"9" 5 6 7.25 8 2\n',
+    "R write.table without quotes": "x y z v power\n1 1.5 2 3 -4 0.5\n2 5 6 7.25 8 2\n",
+    "R with named rows": 'x,y,z,v,power\n"a",1.5,2,3,-4,0.5\n"b, c",5,6,7.25,8,2\n',
+    "R row.names=FALSE": '"velocity","x","y","z","power"\n-4,1.5,2,3,0.5\n8,5,6,7.25,2\n',
+    "quoted numbers": '"x","y","z","v","power"\n"1.5","2","3","-4","0.5"\n"5","6","7.25","8","2"\n',
+    "tabs": "\tx\ty\tz\tv\tpower\n0\t1.5\t2\t3\t-4\t0.5\n1\t5\t6\t7.25\t8\t2\n",
+    "semicolons": "x;y;z;v;power\n1.5;2;3;-4;0.5\n5;6;7.25;8;2\n",
+    "a byte order mark": "\ufeffx,y,z,v,power\r\n1.5,2,3,-4,0.5\r\n5,6,7.25,8,2\r\n",
+    "carriage returns": "x,y,z,v,power\r1.5,2,3,-4,0.5\r5,6,7.25,8,2\r",
+    "other columns": "t,x,y,z,label,v,power,snr\na,1.5,2,3,a b,-4,0.5,1\nb,5,6,7.25,1_0,8,2,\n",
+    "CloudCompare": "//X Y Z V Power\n1.5 2 3 -4 0.5\n5 6 7.25 8 2\n",
+    "numpy.savetxt": "# x,y,z,v,power\n1.5e+00,2,3,-4,0.5\n5,6,7.25,8,2\n",
+    "names in another order": "# power v z y x\n0.5 -4 3 2 1.5\n2 8 7.25 6 5\n",
+    "comments": "# made by hand\nx,y,z,v,power\n1.5,2,3,-4,0.5\n// half\n5,6,7.25,8,2\n# end\n",
+    "blanks": " 1.5  2 3 -4 0.5 \n5 6 7.25\t8 2\n",
+}
+
+
+@pytest.mark.parametrize("text", CSV_OF.values(), ids=CSV_OF)
+def test_a_csv_is_read_as_other_programs_write_it(tmp_path: Path, text: str) -> None:
+    assert PointCloud.read(text_file(tmp_path, "cloud.csv", text)).to_array().tolist() == ROWS
+
+
+@few
+@given(table=st.integers(0, 6).flatmap(lambda n: arrays(np.float64, (n, 5), elements=finite)))
+def test_what_pandas_writes_of_a_cloud_is_read_exactly(table: np.ndarray) -> None:
+    frame = PointCloud.from_array(table).to_dataframe()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "cloud.csv"
+        for options in ({}, {"sep": ";", "decimal": ","}, {"sep": "\t"}, {"index": False}):
+            frame.to_csv(path, **options)
+            assert PointCloud.read(path).to_array().tobytes() == table.tobytes()
+
+
+AMBIGUOUS = {
+    "0,1.5,2,3\n1,4,5,6\n": "the first column counts the rows, and may be x as well; ",
+    "1 1.5 2 3\n2 4 5 6\n": "the first column counts the rows, and may be x as well; ",
+    '"1",1.5,2,3,4\n"2",4,5,6,7\n': "the first column counts the rows, and may be x as well; ",
+    "0,1,2,3\n7,4,5,6\n": "row 1: may be a header that numbers the columns; allowed are the names x, y, z",
+    "# columns: v x y z\n7,4,5,6\n": "the comment 'columns: v x y z' may name the 4 columns; ",
+    "# x y z power snr\n7,4,5,6\n": "the comment 'x y z power snr' may name the 4 columns; ",
+}
+
+
+@pytest.mark.parametrize(("text", "message"), AMBIGUOUS.items())
+def test_a_csv_that_can_be_read_in_two_ways_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    assert refusal(text_file(tmp_path, "cloud.csv", text)).startswith(message)
+
+
+def test_rows_without_a_header_whose_x_is_written_as_a_float_are_no_count(tmp_path: Path) -> None:
+    path = text_file(tmp_path, "cloud.csv", "0.0,1,2,3\n1.0,4,5,6\n")
+    assert PointCloud.read(path).xyz.tolist() == [[0, 1, 2], [1, 4, 5]]
+
+
+def test_many_rows_are_read_and_refused_by_their_place(tmp_path: Path) -> None:
+    """More than are held as texts at once."""
+    table = np.random.default_rng(1).normal(size=(70_000, 4)) * 1e-300
+    path = tmp_path / "cloud.csv"
+    pd.DataFrame(table).to_csv(path, header=False, index=False)
+    assert np.array_equal(PointCloud.read(path).to_array()[:, :4], table)
+    with path.open("a") as file:
+        file.write("1,2,inf,4\n")
+    assert refusal(path) == "row 70001: column z is infinite; expected a finite number"
+
+
+def test_points_of_a_scenario_are_read_as_pandas_and_r_write_them(tmp_path: Path) -> None:
+    for text in (
+        ",x,y,z,v,amplitude\n0,1,2,3,4,0.5\n",
+        '"";"X";"Y";"Z";"velocity";"amplitude"\n"1";1;2;3;4;0,5\n',
+    ):
+        points = read_points_csv(text_file(tmp_path, "points.csv", text))
+        assert (points.xyz.tolist(), points.velocity.tolist(), points.amplitude.tolist()) == (
+            [[1, 2, 3]],
+            [4],
+            [0.5],
+        )
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+@pytest.mark.parametrize("names", ["x y z v power", "x y z scalar_v scalar_power", "x y z velocity power"])
+def test_an_ascii_ply_is_read_with_any_ends_of_lines_and_blank_lines(
+    tmp_path: Path, ends: str, mark: bytes, names: str
+) -> None:
+    lines = [
+        "ply",
+        "format ascii 1.0",
+        "comment Author: CloudCompare",
+        "",
+        "obj_info Generated by CloudCompare",
+    ]
+    lines += [
+        "comment end_header",
+        "element vertex 2",
+        *(f"property double {name}" for name in names.split()),
+    ]
+    lines += ["end_header", *(" ".join(map(str, row)) for row in ROWS), ""]
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(mark + ends.join(lines).encode())
+    assert PointCloud.read(path).to_array().tolist() == ROWS
+
+
+@pytest.mark.parametrize("ends", [b"\n", b"\r\n", b"\r"])
+def test_a_binary_ply_begins_behind_the_end_of_a_line_of_its_header(tmp_path: Path, ends: bytes) -> None:
+    header = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar red\n"
+    header += b"property double x\nproperty double y\nproperty double z\nend_header\n"
+    path = tmp_path / "cloud.ply"
+    for first in (b"\n", b"\r", b"e"):
+        path.write_bytes(header.replace(b"\n", ends) + first + np.array([1.0, 2, 3]).tobytes())
+        assert PointCloud.read(path).xyz.tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("extra", [[], ["double nx", "double ny", "double nz"], ["uchar red", "uchar green"]])
+def test_a_ply_of_open3d_is_a_cloud_without_velocities(tmp_path: Path, extra: list[str]) -> None:
+    properties = ["double x", "double y", "double z", *extra]
+    header = "ply\nformat binary_little_endian 1.0\ncomment Created by Open3D\nelement vertex 2\n"
+    header += "".join(f"property {one}\n" for one in properties) + "end_header\n"
+    types = {"double": "<f8", "uchar": "u1"}
+    vertices = np.zeros(2, [(one.split()[1], types[one.split()[0]]) for one in properties])
+    for axis, values in zip("xyz", np.transpose(XYZ_ONE), strict=True):
+        vertices[axis] = values
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(header.encode() + vertices.tobytes())
+    assert_without_velocity(PointCloud.read(path))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_a_ply_of_trimesh_is_a_cloud_without_velocities(tmp_path: Path, encoding: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    cloud = trimesh.PointCloud(XYZ_ONE, colors=[[1, 2, 3, 255]] * 2)
+    (tmp_path / "cloud.ply").write_bytes(cloud.export(file_type="ply", encoding=encoding))
+    assert_without_velocity(PointCloud.read(tmp_path / "cloud.ply"))
+
+
+def test_faces_of_several_lengths_behind_the_vertices_do_no_harm(tmp_path: Path) -> None:
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 2\n"
+    header += "".join(f"property double {axis}\n" for axis in "xyz")
+    header += "element face 2\nproperty list uchar uchar vertex_indices\nend_header\n"
+    body = np.array(XYZ_ONE).tobytes() + b"\3\0\1\1\4\0\1\1\0"
+    (tmp_path / "mesh.ply").write_bytes(header.encode() + body)
+    assert_without_velocity(PointCloud.read(tmp_path / "mesh.ply"))
+
+
+# Without velocities
+
+
+def assert_without_velocity(cloud: PointCloud, power: tuple[float, float] = (1, 1)) -> None:
+    assert cloud.xyz.tolist() == XYZ_ONE
+    assert not cloud.has_velocity
+    assert np.isnan(cloud.velocity).all()
+    assert tuple(cloud.power) == power
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_cloud_without_velocities_is_written_and_read_as_such(tmp_path: Path, suffix: str) -> None:
+    for power in (None, [0.5, 2]):
+        cloud = PointCloud(XYZ_ONE, power=power)
+        path = tmp_path / f"cloud.{suffix}"
+        if suffix == "npy" and power:
+            with pytest.raises(InputError, match="npy has no place for powers without velocities"):
+                cloud.write(path)
+            continue
+        cloud.write(path)
+        assert_without_velocity(PointCloud.read(path), tuple(cloud.power))
+
+
+def test_points_alone_are_a_cloud_without_velocities(save: Callable[..., Path]) -> None:
+    for named in ({"xyz": XYZ_ONE}, {"points": XYZ_ONE}):
+        assert_without_velocity(PointCloud.read(save(**{k: np.array(v) for k, v in named.items()})))
+
+
+@pytest.mark.parametrize(
+    "text", ["x,y,z\n1.5,2,3\n5,6,7.25\n", "1.5 2 3\n5 6 7.25\n", "//X Y Z R\n1.5 2 3 9\n5 6 7.25 9"]
+)
+def test_a_csv_of_points_alone_is_a_cloud_without_velocities(tmp_path: Path, text: str) -> None:
+    assert_without_velocity(PointCloud.read(text_file(tmp_path, "cloud.csv", text)))

@@ -58,3 +58,17 @@ def test_a_mistake_is_one_clear_message(tmp_path, monkeypatch, arguments, messag
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=message):
         plot_clouds(**{"truth": TRUTH, "estimate": TRUTH, **arguments})
+
+
+def test_points_without_velocities_have_one_colour_and_no_scale():
+    points = PointCloud(TRUTH.xyz)
+    for truth, estimate in ((None, points), (points, {"a": points}), (points, points)):
+        figure = plot_clouds(truth, estimate)
+        colours = [
+            tuple(row) for axes in perspectives_of(figure) for row in axes.collections[-2].get_facecolor()
+        ]
+        assert len({colour[:3] for colour in colours}) == 1
+        assert all(colour[3] > 0 for colour in colours)
+        assert not any("radial velocity" in axes.get_ylabel() for axes in figure.axes)
+    figure = plot_clouds(TRUTH, points)
+    assert any("radial velocity" in axes.get_ylabel() for axes in figure.axes)

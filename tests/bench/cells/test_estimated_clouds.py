@@ -1,0 +1,37 @@
+"""Clouds of estimators: what a row takes."""
+
+import numpy as np
+import pytest
+
+from isacbench.bench.cells.cell import estimate_cloud
+from isacbench.model.cloud import PointCloud
+from isacbench.model.scenes.scenario import load_scenario
+
+
+class Returns:
+    """Estimator of the cloud that it was given."""
+
+    def __init__(self, cloud):
+        self.cloud = cloud
+
+    def estimate(self, observation):
+        return self.cloud
+
+
+def tampered():
+    """A cloud whose velocities became NaN after its checks."""
+    cloud = PointCloud([[1, 2, 3]], [4])
+    object.__setattr__(cloud, "velocity", np.array([np.nan]))
+    return cloud
+
+
+@pytest.mark.parametrize("cloud", [PointCloud([[1, 2, 3]]), tampered()])
+def test_a_cloud_without_velocities_is_refused(cloud):
+    truth = load_scenario("street").truth
+    with pytest.raises(ValueError, match=r"^estimate\(\) must return a finite velocity of each point"):
+        estimate_cloud(Returns(cloud), None, truth)
+
+
+def test_velocities_that_are_given_are_finite():
+    with pytest.raises(ValueError, match="takes finite values; velocity has NaN"):
+        PointCloud([[1, 2, 3]], [np.nan])
