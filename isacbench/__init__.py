@@ -15,6 +15,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from isacbench.checkout import keep_to_checkout
 from isacbench.former_paths import FormerPaths
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ _HOMES = {
 # First in the list: other finders would confuse former packages with present ones of the same name.
 if not any(isinstance(finder, FormerPaths) for finder in sys.meta_path):
     sys.meta_path.insert(0, FormerPaths())
+keep_to_checkout()
 
 
 def __getattr__(name: str) -> object:

@@ -17,6 +17,10 @@ class InputError(ValueError):
     """
 
 
+class AccessError(InputError):
+    """A file that the system does not let us read, which says nothing about its content."""
+
+
 class InputWarning(UserWarning):
     """Input that is allowed, but hardly what was meant; the command line prints the message alone."""
 

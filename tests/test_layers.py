@@ -14,7 +14,7 @@ import pytest
 from isacbench.former_paths import PRESENT
 from tests.documents.sources import FILES, ROOT, statements, trees
 
-BASE = {"errors", "choices", "cores", "added_fields", "former_paths", "number_text"}
+BASE = {"errors", "checkout", "choices", "cores", "added_fields", "former_paths", "number_text"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},

@@ -79,10 +79,13 @@ def run_command(
         start_process_server()  # it imports what workers need while this process imports the rest
     from isacbench.bench.cells.statuses import failed
     from isacbench.bench.cells.timing import repeats_wanted
+    from isacbench.bench.compare.worst_scenes import command_to_show
+    from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard
     from isacbench.bench.run.runner import Execution
     from isacbench.bench.store.resume import parse_reruns
     from isacbench.bench.store.run_folder import default_folder
+    from isacbench.bench.store.run_store import recover_manifest
     from isacbench.bench.workers.guarded_cells import Guard
 
     execution = Execution(
@@ -108,10 +111,14 @@ def run_command(
     lost = results.records[failed(results.records)]
     if not lost.empty:
         first = lost.iloc[0]
+        label = estimator_labels([(first["estimator"], first["params"])])[first["estimator"], first["params"]]
+        command = command_to_show(
+            recover_manifest(folder), first["scenario"], label, first["snr_db"], first["trial"], picture=""
+        )
         fail(
             f"{len(lost)} of {len(results.records)} cells failed, the first one {first['estimator']} on "
             f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, "
-            f"{first['reason']}",
+            f"{first['reason']}{f'; again: {command}' if command else ''}",
             EXIT_FAILED_CELLS,
         )
 

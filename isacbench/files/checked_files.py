@@ -10,7 +10,7 @@ import os
 import stat
 from typing import TYPE_CHECKING
 
-from isacbench.errors import InputError
+from isacbench.errors import AccessError, InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,6 +67,24 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
             f"{path}: has {binary_size(found.st_size)}; allowed are at most {binary_size(limit_bytes)}"
         )
     return found.st_size
+
+
+def require_utf8(path: Path) -> None:
+    """Refuse a name that no table, page or file of text can hold.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    AccessError
+        If it is not UTF-8.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise AccessError(f"{path}: its name is not UTF-8; rename it") from error
 
 
 def is_there(path: Path) -> bool:
@@ -186,7 +204,7 @@ def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> 
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        raise AccessError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def require_inside(path: Path, *folders: Path) -> None:
@@ -297,7 +315,7 @@ def _looked_at(path: Path) -> os.stat_result | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:  # too long, no permission, links in a circle, NUL
-        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
+        raise AccessError(f"{path}: cannot be accessed: {_reason(error)}") from error
 
 
 def _require_regular(path: Path, found: os.stat_result, prefix: str = "") -> None:

@@ -3,6 +3,7 @@
 __all__ = [
     "contracts",
     "discovery",
+    "error_places",
     "instances",
     "local_files",
     "plugin_versions",

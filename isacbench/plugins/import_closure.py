@@ -64,7 +64,7 @@ def import_closure(
     --------
     >>> found = import_closure(["isacbench.dsp.stable_order"], ["isacbench"])
     >>> sorted(found)[:3]
-    ['isacbench', 'isacbench.dsp', 'isacbench.dsp.array_types']
+    ['isacbench', 'isacbench.checkout', 'isacbench.dsp']
     """
     sources = sources or {}
     wanted = list(modules)

@@ -9,7 +9,7 @@ import re
 import sys
 import traceback
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,10 +35,13 @@ class PluginFile:
         Without folders, such as ``strongest.py``.
     source : str
         Its text.
+    path : str
+        Where it was read, as it was named; empty if it was not.
     """
 
     filename: str
     source: str
+    path: str = field(default="", compare=False)
 
     @classmethod
     def read(cls, path: str | Path) -> PluginFile:
@@ -61,7 +64,7 @@ class PluginFile:
         if path.suffix != ".py":
             raise InputError(f"plugin {path}: allowed is a Python file that ends in .py")
         require_file(path)
-        return cls(path.name, read_text(path, SOURCE_BYTES))
+        return cls(path.name, read_text(path, SOURCE_BYTES), str(path))
 
     @property
     def digest(self) -> str:

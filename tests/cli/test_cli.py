@@ -142,8 +142,10 @@ def test_run_with_failed_cells_keeps_all_rows_names_the_first_and_exits_3(cli):
     assert result.exit_code == 3
     assert result.stderr == (
         "isacbench: 1 of 4 cells failed, the first one trouble on tiny at 0 dB, trial 0: "
-        "error, ZeroDivisionError: no luck\n"
+        "error, ZeroDivisionError: no luck (test_plugins.py, line 68, in estimate); "
+        "again: isacbench image -s tiny.toml -e trouble --snr 0\n"
     )
+    assert "| isacbench image -s tiny.toml -e trouble --snr 0 |" in Path("out/summary.md").read_text()
     assert len(pd.read_parquet("out/results.parquet")) == 4
 
 

@@ -12,6 +12,7 @@ from isacbench.bench.cells.scored_images import ScoredImage, image_reference
 from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator, is_reference
+from isacbench.plugins.error_places import error_place
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> O
 
 
 def describe_error(error: BaseException) -> str:
-    """Type and message of an exception in one line.
+    """Type and message of an exception in one line, with the place in a plugin that it comes from.
 
     Parameters
     ----------
@@ -173,7 +174,9 @@ def describe_error(error: BaseException) -> str:
     message = " ".join(message[:MAX_MESSAGE].split()) + ("..." if len(message) > MAX_MESSAGE else "")
     # A file name that is not UTF-8 contains surrogates, which no table can hold.
     message = message.replace("\0", "").encode(errors="backslashreplace").decode()
-    return f"{type(error).__name__}: {message}" if message else type(error).__name__
+    told = f"{type(error).__name__}: {message}" if message else type(error).__name__
+    place = error_place(error)
+    return f"{told} ({place})" if place else told
 
 
 def failure(cell: Cell, status: CellStatus, reason: str, n_true: int, time_s: float) -> Outcome:

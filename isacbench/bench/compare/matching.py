@@ -19,7 +19,7 @@ from isacbench.bench.store.run_store import (
     read_table,
     require_described_scenarios,
 )
-from isacbench.errors import InputError
+from isacbench.errors import AccessError, InputError
 from isacbench.files.checked_files import is_there
 
 if TYPE_CHECKING:
@@ -132,6 +132,8 @@ def read_run(folder: Path) -> RunTable:
     try:
         records = with_added(read_table(folder / RECORDS))
         require_sound_records(records)
+    except AccessError:
+        raise
     except ValueError as error:
         raise InputError(f"{folder}: damaged run: {error}") from error
     _require(folder / MANIFEST, SECTIONS, manifest)

@@ -12,6 +12,7 @@ from isacbench.bench.compare.scene_scores import SCENE_CELL, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
 from isacbench.bench.plan.labels import rows_of, variants_in
 from isacbench.bench.store.run_store import scenario_texts
+from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -143,7 +144,12 @@ def most_changed(
 
 
 def command_to_show(
-    manifest: Mapping[str, Any], scenario: str, estimator: str, snr_db: float, trial: int
+    manifest: Mapping[str, Any],
+    scenario: str,
+    estimator: str,
+    snr_db: float,
+    trial: int,
+    picture: str = PICTURE,
 ) -> str:
     """Spell the command that takes the image of a cell and draws it.
 
@@ -151,15 +157,18 @@ def command_to_show(
     ----------
     manifest : mapping of str to Any
     scenario : str
-        Its name. It is spelled as in the suite.
+        Its name. It is spelled as in the suite, and plugin files as when the run was made.
     estimator : str
         Specification.
     snr_db : float
     trial : int
+    picture : str
+        File to draw into; empty for none.
 
     Returns
     -------
     str
+        Empty for a scene that only the study of the run makes, and where there is no manifest.
 
     Examples
     --------
@@ -167,8 +176,25 @@ def command_to_show(
     >>> command_to_show(run, "town", "music2d", 10.0, 0)
     'isacbench image -s made/town.toml -e music2d --snr 10 --plot image.png'
     """
+    text = scenario_texts(manifest).get(scenario) if manifest else None
+    if text is None:
+        return ""
+    words = ["isacbench", "image", "-s", text, "-e", estimator, "--snr", f"{snr_db:.10g}"]
     numbers = {"--trial": int(trial), "--seed": int(manifest["seed"])}
-    words = ["isacbench", "image", "-s", scenario_texts(manifest)[scenario], "-e", estimator]
-    words += ["--snr", f"{snr_db:.10g}"]
     words += [word for name, number in numbers.items() if number for word in (name, str(number))]
-    return shlex.join([*words, "--plot", PICTURE])
+    words += [word for path in _plugin_files(manifest, estimator) for word in ("--plugin", path)]
+    return shlex.join([*words, *(["--plot", picture] if picture else [])])
+
+
+def _plugin_files(manifest: Mapping[str, Any], estimator: str) -> list[str]:
+    """Paths of the plugin files that an estimator and its parts come from."""
+    paths: dict[str, str] = {}
+    for session in manifest.get("sessions", ()):
+        paths |= session.get("plugins", {})
+    name = parse_spec(estimator).name
+    entries = (one for one in manifest.get("estimators", ()) if one["name"] == name)
+    return [
+        paths[file]
+        for file in dict.fromkeys(file for one in entries for file in one["packages"])
+        if file in paths
+    ]

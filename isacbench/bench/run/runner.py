@@ -264,7 +264,8 @@ def run_suite(
         `out`.
     """
     job = load_job(suite)
-    started, tick, options = datetime.now().astimezone(), time.perf_counter(), execution.describe()
+    started, tick = datetime.now().astimezone(), time.perf_counter()
+    options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
     columns, plan = kind_of(suite).columns, job.plan
     with open_folder(out) as folder:
         manifest = run_store.recover_manifest(folder)

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from isacbench.errors import InputError
-from isacbench.files.checked_files import open_own
+from isacbench.files.checked_files import open_own, require_utf8
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -70,8 +70,9 @@ def open_folder(
         with TemporaryDirectory(prefix="isacbench-") as temporary:
             yield Path(temporary)
         return
-    is_new = not folder.exists()
+    require_utf8(folder)
     try:
+        is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         names = {path.name for path in folder.iterdir()}
     except (OSError, ValueError) as error:

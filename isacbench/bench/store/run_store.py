@@ -39,9 +39,16 @@ from isacbench.bench.suites.scenario_digest import (
     truth_table,
 )
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
-from isacbench.errors import InputError, InputWarning
-from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_file, require_inside
-from isacbench.files.escaping import quoted
+from isacbench.errors import AccessError, InputError, InputWarning
+from isacbench.files.checked_files import (
+    MANIFEST_BYTES,
+    is_there,
+    read_text,
+    require_file,
+    require_inside,
+    require_utf8,
+)
+from isacbench.files.escaping import quoted, visible
 from isacbench.metrics.score import METRIC_VERSION
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.scenes.scene_families import spelled_scenarios
@@ -94,7 +101,7 @@ def describe_session(
         In terms of JSON.
     """
     return {
-        "argv": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "argv": [visible(one) for one in (Path(sys.argv[0]).name, *sys.argv[1:])],
         "started": started.isoformat(timespec="seconds"),
         "wall_time_s": round(wall_time_s, 3),
         "interrupted": interrupted,
@@ -267,6 +274,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         If there is none, or it is damaged.
     """
     path = folder / MANIFEST
+    require_utf8(folder)
     if not is_there(path):
         raise InputError(
             f"{folder}: not the folder of a run, {MANIFEST} missing; give one that isacbench run wrote"
@@ -274,6 +282,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     require_inside(path, folder)
     try:
         manifest: dict[str, Any] = dict(json.loads(read_text(path, MANIFEST_BYTES)))
+    except AccessError:
+        raise
     except DAMAGE as error:
         raise InputError(f"{folder}: damaged run: {MANIFEST}: {_told(error)}") from error
     return manifest
@@ -433,7 +443,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
         If lines of the journal of a run that was killed are damaged.
     """
     if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
-        raise InputError(f"{folder}: damaged run: {RECORDS} is missing")
+        raise InputError(f"{folder}: has no rows, {RECORDS} is missing; isacbench run into it makes them")
     with _damage_told(folder):
         rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
@@ -498,8 +508,11 @@ def read_table(path: Path) -> pd.DataFrame:
     require_inside(path, path.parent)
     require_file(path)
     try:
-        table = pd.read_parquet(path, page_checksum_verification=True)
-    except Exception as error:  # Arrow raises many types for a damaged file
+        with path.open("rb") as file:
+            table = pd.read_parquet(file, page_checksum_verification=True)
+    except Exception as error:  # Arrow raises many types for a damaged file, without a number of the system
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) is not None:
+            raise AccessError(f"{path}: cannot be read: {error}") from error
         raise ValueError(f"{path.name}: {type(error).__name__}: {error}") from error
     # The checksums of pages do not cover the description of the table.
     if DIGEST in table.attrs and table.attrs[DIGEST] != _table_digest(table):
@@ -538,6 +551,8 @@ def _damage_told(folder: Path) -> Iterator[None]:
     """Turn errors in reading a damaged folder into an `InputError` that names it."""
     try:
         yield
+    except AccessError:
+        raise
     except DAMAGE as error:
         raise InputError(f"{folder}: damaged run: {_told(error)}") from error
 
@@ -554,7 +569,7 @@ def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> 
     try:
         return read(path)
     except DAMAGE as error:
-        if is_strict:
+        if is_strict or isinstance(error, AccessError):
             raise
         _warn_of_damage(path, _told(error))
         return None

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import io
-import sys
-import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar, get_args
 
 from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.display import Description, Displayed
 from isacbench.files.escaping import visible
+from isacbench.plugins.error_places import error_place
 
 if TYPE_CHECKING:
     from isacbench.plugins.discovery import PluginKind
@@ -23,9 +21,6 @@ if TYPE_CHECKING:
 Status = Literal["ok", "warning", "failed", "skipped"]
 
 Subject = TypeVar("Subject")
-
-_LIBRARIES = frozenset({"isacbench", "numpy", "scipy"}) | sys.stdlib_module_names
-"""Packages that call a plugin, or that a plugin calls."""
 
 
 class DoubtfulError(Exception):
@@ -195,18 +190,6 @@ def raised_at(error: BaseException, module: str = "") -> str:
     Returns
     -------
     str
-        The place is the innermost line of the plugin's own package, else of
-        any code but that of this package and of the libraries that it uses.
     """
-    frames = traceback.extract_tb(error.__traceback__)
-    # By the names of modules: a plugin's file may lie in any folder, one called numpy as well.
-    packages = [
-        str(frame.f_globals.get("__name__", "")).partition(".")[0]
-        for frame, _ in traceback.walk_tb(error.__traceback__)
-    ]
-    mine = module.partition(".")[0]
-    own = [frame for frame, package in zip(frames, packages, strict=True) if package == mine]
-    others = [frame for frame, package in zip(frames, packages, strict=True) if package not in _LIBRARIES]
-    frame = (own or others or frames)[-1]
-    place = f"{Path(frame.filename).name}, line {frame.lineno}, in {frame.name}"
-    return f"raises {type(error).__name__}: {error} ({place})"
+    place = error_place(error, module)
+    return f"raises {type(error).__name__}: {error}" + (f" ({place})" if place else "")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isacbench.model.echo import observe_echo as observe_plainly
+from isacbench.model.scenes.scenario import load_scenario
 
 if TYPE_CHECKING:
     from isacbench.choices import Division, Modulation, Sensing
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def observe(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     snr_db: float,
     trial: int = 0,
     seed: int = 0,
@@ -26,7 +28,8 @@ def observe(
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Scenario, str or Path
+        Or what `isacbench.load_scenario` takes: a name, a family such as ``town[seed=7]``, a path.
     snr_db : float
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element,
         whatever is sensed with; infinity for no noise.
@@ -52,13 +55,13 @@ def observe(
 
     Examples
     --------
-    >>> from isacbench.model.scenes.scenario import load_scenario
-    >>> street = load_scenario("street")
-    >>> whole_grid = observe(street, snr_db=10)
-    >>> pilots_alone = observe(street, snr_db=10, sensing="prs")
+    >>> whole_grid = observe("street", snr_db=10)
+    >>> pilots_alone = observe("street", snr_db=10, sensing="prs")
     >>> bool(abs(pilots_alone.cells).mean() > abs(whole_grid.cells).mean())
     True
     """
+    if isinstance(scenario, (str, Path)):
+        scenario = load_scenario(scenario)
     if (modulation, sensing, division) == ("qpsk", "all", "reciprocal"):
         return observe_plainly(scenario, snr_db, trial, seed)
     # Loaded where it is needed: the link brings in what most runs do without.

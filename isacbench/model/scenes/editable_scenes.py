@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from isacbench.errors import InputError
-from isacbench.files.checked_files import TOML_BYTES, read_text, require_new
+from isacbench.files.checked_files import TOML_BYTES, read_text, require_new, require_utf8
 from isacbench.files.escaping import visible
 from isacbench.model.scenes.scenario import MAX_NAME, load_scenario
 from isacbench.model.scenes.scene_families import family_specs, is_family_spec, scenario_file
@@ -64,6 +64,7 @@ def write_scene(name_or_path: str, out: Path) -> None:
     if out.suffix != ".toml" or len(out.stem) > MAX_NAME:
         raise InputError(f"{out}: allowed is a name of at most {MAX_NAME} characters that ends in .toml")
     require_new(out)
+    require_utf8(out)
     load_scenario(name_or_path)
     content = _content(name_or_path)
     _require_same_folder(content, name_or_path, out)

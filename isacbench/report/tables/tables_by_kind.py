@@ -9,6 +9,7 @@ import pandas as pd
 
 from isacbench.bench.store.csv_table import without_formulas
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
+from isacbench.bench.store.run_store import recover_manifest
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.run_tables import Grid, markdown
@@ -40,7 +41,7 @@ def grids_of(records: pd.DataFrame, kind: str = "imaging") -> list[Grid]:
 def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging") -> list[Path]:
     """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and the tables of its times.
 
-    ``summary.md`` ends with the reasons of failed cells, if there are any.
+    ``summary.md`` ends with the reasons of failed cells, if there are any, and commands that repeat them.
 
     Parameters
     ----------
@@ -59,14 +60,14 @@ def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging")
         is timed, and of images ``pareto.csv``, ``budgets.csv`` and
         ``budgets.md``, as far as there is anything to put into them.
     """
-    made = _by_stem(records, kind)
+    made, manifest = _by_stem(records, kind), recover_manifest(folder)
     written = []
     for stem in ("summary", *KINDS[kind].timed_tables):
         summary, grids = pd.DataFrame(), []
         if stem in made:
             summary, grids = resolve_name(made[stem].summary)(records), _grids(made[stem], records)
         if stem == "summary":
-            grids += failure_grids(records)
+            grids += failure_grids(records, manifest)
         csv = "" if summary.empty else without_formulas(summary).to_csv(index=False)
         written += _write(folder / f"{stem}.csv", csv)
         written += _write(folder / f"{stem}.md", "\n".join(map(markdown, grids)))

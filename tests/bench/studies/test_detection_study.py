@@ -98,8 +98,8 @@ def test_without_rates_each_detector_keeps_its_own(suite):
 
 
 FAILURES = {
-    "raise": "ZeroDivisionError: no luck",
-    "write": "ValueError: assignment destination is read-only",
+    "raise": "ZeroDivisionError: no luck (bad_plugins.py, line 20, in detect)",
+    "write": "ValueError: assignment destination is read-only (bad_plugins.py, line 22, in detect)",
     "list": "TypeError: detect() must return a Detection, not list",
     "shape": "ValueError: detect() must mark cells of a map of shape (128, 1024), not bool (3, 3)",
 }

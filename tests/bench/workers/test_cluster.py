@@ -197,7 +197,9 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     assert clouds[0] == clouds[1]
     assert set(far.loc[far["estimator"] == "crash", "reason"]) == {"the process exited with code 7"}
     # Cells do not get the allocator that workers have from their nannies.
-    assert set(far.loc[far["estimator"] == "environment", "reason"]) == {"RuntimeError: nothing"}
+    assert set(far.loc[far["estimator"] == "environment", "reason"]) == {
+        "RuntimeError: nothing (slow.py, line 35, in estimate)"
+    }
     assert not lanes_left(cluster)
 
 

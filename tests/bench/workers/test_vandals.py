@@ -134,7 +134,7 @@ def test_what_a_plugin_has_left_running_stands_still_while_others_work(tiny, wri
     ]
     suite = Suite(name="t", scenarios=[str(tiny)], estimators=["oracle"], snr_db=[0], trials=1)
     rows = run(suite, estimators=["vandal", "witness"], plugins=files, jobs=1)
-    assert rows["reason"].tolist() == ["", "RuntimeError: 0 written, True"]
+    assert rows["reason"].tolist() == ["", "RuntimeError: 0 written, True (witness.py, line 23, in estimate)"]
     size = stamps.stat().st_size
     time.sleep(0.2)
     assert stamps.stat().st_size == size  # it ended with the run

@@ -11,6 +11,8 @@ def records_of(*reasons, **columns):
         "scenario": "street",
         "estimator": "a",
         "params": json.dumps({}),
+        "snr_db": 0.0,
+        "trial": 0,
         "status": "error",
         "reason": reasons,
     }
