@@ -1,14 +1,18 @@
 import json
 import math
+import shlex
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.store.run_store import read_manifest
 from isacbench.errors import InputError
 from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
+from tests.conftest import PLUGINS
 
 TIMES = ["time_estimate_s", "time_score_s"]
 
@@ -137,3 +141,15 @@ def test_a_scenario_without_scatterers_is_refused(suite, tiny):
     tiny.write_text(tiny.read_text().partition("[[objects]]")[0])
     with pytest.raises(InputError, match="has no scatterers"):
         run(suite)
+
+
+def test_commands_name_the_plugin_file_that_they_need(tiny, write_plugin, tmp_path):
+    path = write_plugin("my plugin.py", PLUGINS)
+    asked = {"scenarios": [tiny], "snr_db": [0, 5], "trials": 1, "out": tmp_path / "run", "plugins": [path]}
+    run("quick", estimators=["trouble", "oracle"], **asked)
+    manifest = read_manifest(tmp_path / "run")
+    command = command_to_show(manifest, "tiny", "trouble", 5.0, 0, picture="")
+    assert command == shlex.join(
+        ["isacbench", "image", "-s", str(tiny), "-e", "trouble", "--snr", "5", "--plugin", str(path)]
+    )
+    assert "--plugin" not in command_to_show(manifest, "tiny", "oracle", 5.0, 0)

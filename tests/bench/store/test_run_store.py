@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from isacbench import load_run
+from isacbench.bench.compare.matching import read_run
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
 from isacbench.bench.store.run_store import read_results
@@ -182,3 +183,30 @@ def test_an_empty_manifest_is_damage(written):
 
 def test_the_default_folder_is_named_after_suite_and_time():
     assert default_folder("quick").match("results/quick-20??????-??????")
+
+
+@pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), MemoryError("no more")])
+def test_what_the_system_does_not_let_us_read_is_not_called_damaged(written, monkeypatch, error):
+    def refuse(*_, **__):
+        raise error
+
+    _, folder = written
+    monkeypatch.setattr(pd, "read_parquet", refuse)
+    for read in (load_run, read_run):
+        with pytest.raises(InputError, match=r"results\.parquet: cannot be read: ") as told:
+            read(folder)
+        assert "damaged" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "x\udcff"], ids=["too long", "no UTF-8"])
+def test_odd_names_of_folders_are_refused_in_a_line_and_no_sound_run_is_called_damaged(
+    written, tmp_path, name
+):
+    results, folder = written
+    with pytest.raises(InputError, match="File name too long|its name is not UTF-8; rename it"):
+        run_suite(results.suite, out=tmp_path / name)
+    if len(name) < 100:
+        shutil.copytree(folder, tmp_path / name)
+        for read in (load_run, read_run):
+            with pytest.raises(InputError, match="its name is not UTF-8; rename it"):
+                read(tmp_path / name)
