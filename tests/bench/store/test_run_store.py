@@ -203,7 +203,7 @@ def test_odd_names_of_folders_are_refused_in_a_line_and_no_sound_run_is_called_d
     written, tmp_path, name
 ):
     results, folder = written
-    with pytest.raises(InputError, match="File name too long|its name is not UTF-8; rename it"):
+    with pytest.raises(InputError, match=r"File name too long|its name is not UTF-8; rename it"):
         run_suite(results.suite, out=tmp_path / name)
     if len(name) < 100:
         shutil.copytree(folder, tmp_path / name)
