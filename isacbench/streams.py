@@ -8,7 +8,7 @@ import io
 import os
 import select
 import sys
-from contextlib import ExitStack, contextmanager, nullcontext, redirect_stdout, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
@@ -72,13 +72,6 @@ def own_output() -> Iterator[None]:
         sys.stdout.flush()
 
 
-@contextmanager
-def plugin_output() -> Iterator[None]:
-    """Let the code of a plugin print on standard error where standard output is the command line's."""
-    with redirect_stdout(sys.stderr) if isinstance(sys.stdout, OwnOutput) else nullcontext():
-        yield
-
-
 class _Relay(io.RawIOBase):
     """Raw stream that hands on to a stream without a descriptor, such as that of a notebook."""
 
@@ -113,19 +106,27 @@ def lent_streams() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def plugin_output() -> Iterator[None]:
+    """Lend streams to the code of a plugin on the command line; elsewhere they are the caller's."""
+    with lent_streams() if isinstance(sys.stdout, OwnOutput) else nullcontext():
+        yield
+
+
 def _duplicate(name: str, stream: Any) -> Any:
     """Stream of its own that leads where a standard stream does."""
     if stream is None:
         return None
     mode = "r" if name == "stdin" else "w"
     target = sys.stderr if isinstance(stream, OwnOutput) else stream
-    with suppress(OSError, ValueError):
-        if target.closed:  # of which the descriptor is left, where it is one of a standard stream
-            return os.fdopen(os.dup(STREAMS[name]), mode, errors="backslashreplace")
-        if mode == "w":
-            target.flush()
-        descriptor = os.dup(target.fileno())
-        return os.fdopen(descriptor, mode, buffering=1, encoding=target.encoding, errors=target.errors)
+    if isinstance(target, io.TextIOWrapper):  # others, as in notebooks, have descriptors that lead elsewhere
+        with suppress(OSError, ValueError):
+            if target.closed:  # of which the descriptor is left, where it is one of a standard stream
+                return os.fdopen(os.dup(STREAMS[name]), mode, errors="backslashreplace")
+            if mode == "w":
+                target.flush()
+            descriptor = os.dup(target.fileno())
+            return os.fdopen(descriptor, mode, buffering=1, encoding=target.encoding, errors=target.errors)
     if mode == "r":
         return io.StringIO()
     return io.TextIOWrapper(_Relay(target), encoding="utf-8", write_through=True)
