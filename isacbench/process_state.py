@@ -38,6 +38,9 @@ LIBRARIES = (
 
 OWN = "isacbench"
 
+REPLACED = float, int, str, tuple, property, staticmethod, classmethod
+"""Types of members that are put back, besides what can be called."""
+
 Setting = tuple[Callable[[], Any], Callable[[Any], object]]
 
 
@@ -142,7 +145,7 @@ def _restore(read: Callable[[], Any], write: Callable[[Any], object], before: An
 
 @contextmanager
 def libraries_kept() -> Iterator[None]:
-    """Put functions, classes and methods of `LIBRARIES` back in place that the code within has replaced."""
+    """Put functions, classes, methods and constants of `LIBRARIES` back that the code within has replaced."""
     owners: list[Any] = []
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] in LIBRARIES and "._" not in name:
@@ -154,7 +157,7 @@ def libraries_kept() -> Iterator[None]:
         (owner, name, value)
         for owner in owners
         for name, value in list(vars(owner).items())
-        if callable(value) or isinstance(value, (property, staticmethod, classmethod))
+        if callable(value) or isinstance(value, REPLACED)
     ]
     try:
         yield

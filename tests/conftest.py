@@ -435,6 +435,7 @@ def forget_code():
         import_closure._spec,
     ):
         remembered.cache_clear()
+    import_closure._read_once.cache_clear()
     import_closure._codes.clear()
 
 

@@ -6,13 +6,32 @@ what constants, defaults, closures and containers hold at the time.
 
 from __future__ import annotations
 
+import copyreg
+import dataclasses
 import dis
 import hashlib
+import sys
+import uuid
 from collections.abc import Iterator
 from functools import cached_property
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
+from io import IOBase
+from threading import Lock, RLock
+from types import (
+    BuiltinFunctionType,
+    ClassMethodDescriptorType,
+    CodeType,
+    FunctionType,
+    GetSetDescriptorType,
+    MappingProxyType,
+    MemberDescriptorType,
+    MethodDescriptorType,
+    MethodType,
+    MethodWrapperType,
+    ModuleType,
+    WrapperDescriptorType,
+)
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary, ref
 
 from isacbench.errors import InputError
 from isacbench.plugins.import_closure import is_importable
@@ -20,6 +39,32 @@ from isacbench.plugins.import_closure import is_importable
 PLAIN = bool, int, float, complex, str, type(None), type(Ellipsis)
 PROTOCOL = 4
 """Of the state of objects, as `pickle` takes it."""
+
+STATELESS = type(Lock()), type(RLock()), IOBase, WeakKeyDictionary, WeakValueDictionary
+"""Types of what an object works with, and not by."""
+
+HEAP_TYPE = 1 << 9
+"""Flag of the types that were not compiled in."""
+
+DESCRIPTORS = (
+    *(GetSetDescriptorType, MemberDescriptorType, MethodDescriptorType, WrapperDescriptorType),
+    *(ClassMethodDescriptorType, MethodWrapperType),
+)
+"""Types of members that code in C has."""
+
+MADE_BY_PYTHON = {
+    *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__slotnames__", "__match_args__"),
+    *("__annotations__", "__annotate__", "__annotate_func__", "__annotations_cache__", "__type_params__"),
+    *("__firstlineno__", "__static_attributes__", "__abstractmethods__", "__orig_bases__", "__parameters__"),
+    *("__dataclass_fields__", "__dataclass_params__", "_abc_impl", "_is_protocol", "__protocol_attrs__"),
+    *("_is_runtime_protocol", "__non_callable_proto_members__"),
+}
+"""Members of classes that no author has written."""
+
+MADE_BY_DATACLASS = {
+    *("__init__", "__repr__", "__eq__", "__lt__", "__le__", "__gt__", "__ge__", "__hash__"),
+    *("__setattr__", "__delattr__", "__getstate__", "__setstate__", "__replace__"),
+}
 
 
 class ClassCode(NamedTuple):
@@ -31,10 +76,13 @@ class ClassCode(NamedTuple):
         SHA-256, hexadecimal, of its functions, of those that they use, and of all values.
     modules : frozenset of str
         Modules with a file, whose code it uses besides.
+    homes : frozenset of str
+        Modules without a file that its code is in.
     """
 
     digest: str
     modules: frozenset[str]
+    homes: frozenset[str]
 
 
 known_codes: WeakKeyDictionary[type[Any], ClassCode] = WeakKeyDictionary()
@@ -55,7 +103,12 @@ def has_a_file(thing: Any) -> bool:
     """
     module = getattr(thing, "__module__", None)
     name = getattr(thing, "__qualname__", "<locals>")
-    return isinstance(module, str) and "<locals>" not in name and is_importable(module)
+    if not isinstance(module, str) or "<locals>" in name or not is_importable(module):
+        return False
+    if module == "builtins":  # of Python, or made by exec without the name of a module
+        return isinstance(thing, type) and not thing.__flags__ & HEAP_TYPE
+    members = vars(thing).values() if isinstance(thing, type) else ()
+    return all(is_importable(one.__module__ or "") for one in members if isinstance(one, FunctionType))
 
 
 def class_code(plugin_class: type[Any]) -> ClassCode:
@@ -75,11 +128,12 @@ def class_code(plugin_class: type[Any]) -> ClassCode:
     walk = _Walk()
     walk.text(plugin_class)
     try:
-        definitions = sorted(walk.definitions())
+        definitions = list(walk.definitions())
     except RecursionError as error:
         name = plugin_class.__qualname__
         raise InputError(f"{name}: uses values that are nested too deeply to be known again") from error
-    return ClassCode(hashlib.sha256(repr(definitions).encode()).hexdigest(), frozenset(walk.modules))
+    digest = hashlib.sha256(repr(definitions).encode()).hexdigest()
+    return ClassCode(digest, frozenset(walk.modules), frozenset(walk.homes))
 
 
 class _Walk:
@@ -87,15 +141,16 @@ class _Walk:
 
     def __init__(self) -> None:
         self.modules: set[str] = set()
-        self._waiting: list[Any] = []
+        self.homes: set[str] = set()
+        self._waiting: list[tuple[str, Any]] = []
         self._texts: dict[int, str] = {}
         self._kept: list[Any] = []  # so that none of the addresses is used again
 
     def definitions(self) -> Iterator[str]:
-        """Yield the text of each class and function that was named, in any order."""
+        """Yield the text of each class and function that was named, in the order of their names."""
         while self._waiting:
-            thing = self._waiting.pop()
-            yield self._class(thing) if isinstance(thing, type) else self._function(thing)
+            name, thing = self._waiting.pop(0)
+            yield f"{name}: {self._class(thing) if isinstance(thing, type) else self._function(thing)}"
 
     def text(self, value: Any) -> str:
         """Text of a value, equal for equal ones."""
@@ -114,16 +169,15 @@ class _Walk:
         match value:
             case type() | FunctionType():
                 return self._named(value)
-            case bytes() | bytearray():
+            case bytes() | bytearray() | memoryview() if type(value) in (bytes, bytearray, memoryview):
                 return f"{type(value).__name__} {hashlib.sha256(value).hexdigest()}"
             case list() | tuple() if type(value) in (list, tuple):
                 return f"{type(value).__name__}({', '.join(map(self.text, value))})"
-            case dict() if type(value) is dict:
-                return (
-                    f"dict({', '.join(f'{self.text(key)}: {self.text(one)}' for key, one in value.items())})"
-                )
-            case set() | frozenset():
-                return f"{type(value).__name__}({', '.join(sorted(map(self.text, value)))})"
+            case dict() | MappingProxyType() if type(value) in (dict, MappingProxyType):
+                return f"dict({', '.join(map(self.text, value.items()))})"
+            case set() | frozenset() if type(value) in (set, frozenset):
+                texts = sorted(map(self.text, sorted(value, key=_first_look)))
+                return f"{type(value).__name__}({', '.join(texts)})"
             case MethodType():
                 return f"{self.text(value.__func__)} of {self.text(value.__self__)}"
             case BuiltinFunctionType() if isinstance(value.__self__, (ModuleType, type(None))):
@@ -132,29 +186,39 @@ class _Walk:
                 return f"property({', '.join(map(self.text, (value.fget, value.fset, value.fdel)))})"
             case staticmethod() | classmethod():
                 return f"{type(value).__name__}({self.text(value.__func__)})"
+            case _ if isinstance(value, DESCRIPTORS):
+                return f"{type(value).__name__} {value.__name__}"
+            case CodeType():
+                return _code_text(value)
+            case ref():
+                return f"reference to {self.text(value())}"
         return self._object(value)
 
     def _named(self, thing: Any) -> str:
-        """Name of a class or a function; what has no file is defined as well."""
+        """Name of a class or a function; what has no file has a number as well, and is defined."""
         name = f"{thing.__module__}.{thing.__qualname__}"
         if has_a_file(thing):
             self.modules.add(thing.__module__)
             return name
-        self._waiting.append(thing)
-        code = "" if isinstance(thing, type) else f" {_digest(_code_text(thing.__code__))}"
-        return f"{name}{code}"
+        self.homes.add(str(thing.__module__))
+        name = f"{name} {len(self._kept)}"
+        self._waiting.append((name, thing))
+        return name
 
     def _object(self, value: Any) -> str:
         """Class and state of an object, as `pickle` would take it; of what it refuses, the attributes."""
-        kind, attributes = type(value), getattr(value, "__dict__", {})
-        if "__wrapped__" in attributes:  # a cache, for example, of which pickle knows but the name
-            return f"{self.text(kind)} around {self.text(attributes['__wrapped__'])}"
+        kind = type(value)
+        if isinstance(value, STATELESS) or _is_shared_generator(value):
+            return self.text(kind)
+        reduce = copyreg.dispatch_table.get(kind)
         try:
-            parts = value.__reduce_ex__(PROTOCOL)
+            parts: Any = reduce(value) if reduce else value.__reduce_ex__(PROTOCOL)
         except Exception:
-            parts = (attributes,)
-        if isinstance(parts, str):
-            return f"{self.text(kind)} {parts}"
+            parts = ""
+        if isinstance(parts, str):  # a name, or nothing
+            attributes = _attributes(value)
+            # What nothing is known of is never the same.
+            parts = parts, attributes or parts or uuid.uuid4().hex
         texts = []
         for part in parts:
             if isinstance(part, Iterator):  # over the items of a list or a dictionary
@@ -169,30 +233,54 @@ class _Walk:
         return f"{self.text(kind)} {', '.join(texts)}"
 
     def _class(self, thing: type[Any]) -> str:
+        is_dataclass = "__dataclass_params__" in vars(thing)
         members = {
             name: value
             for name, value in sorted(vars(thing).items())
-            if not (name.startswith("__") or name == "_abc_impl") or _is_written(value)
+            if name not in MADE_BY_PYTHON and not (is_dataclass and _is_made(name, value))
         }
-        return f"{self._own_name(thing)}: {self.text(thing.__mro__[1:])} {self.text(members)}"
+        fields = [
+            (one.name, one.default, one.default_factory, one.init)
+            for one in (dataclasses.fields(thing) if is_dataclass else ())
+        ]
+        params = repr(vars(thing).get("__dataclass_params__"))
+        return self.text((type(thing), thing.__mro__[1:], members, fields, params))
 
     def _function(self, thing: FunctionType) -> str:
-        names = {
-            name: thing.__globals__[name]
-            for name in _global_names(thing.__code__)
-            if name in thing.__globals__
-        }
+        known = thing.__globals__
+        names = {name: known[name] for name in _global_names(thing.__code__) if name in known}
         cells = [_content(cell) for cell in thing.__closure__ or ()]
-        used = names, thing.__defaults__, thing.__kwdefaults__, cells, getattr(thing, "__wrapped__", None)
-        return f"{self._own_name(thing)}: {_code_text(thing.__code__)} {self.text(used)}"
-
-    def _own_name(self, thing: Any) -> str:
-        return f"{thing.__module__}.{thing.__qualname__}"
+        used = names, thing.__defaults__, thing.__kwdefaults__, cells, vars(thing)
+        return f"{_code_text(thing.__code__)} {self.text(used)}"
 
 
-def _is_written(value: object) -> bool:
-    """Tell whether somebody has written a function, rather than the library of dataclasses."""
-    return isinstance(value, FunctionType) and value.__code__.co_filename != "<string>"
+def _first_look(value: object) -> str:
+    """Text by which the members of a set are put in an order, as far as they can be."""
+    code = getattr(value, "__code__", None)
+    if code is not None:
+        return f"{getattr(value, '__qualname__', '')} {_code_text(code)}"
+    return repr(value) if isinstance(value, PLAIN) else type(value).__qualname__
+
+
+def _is_made(name: str, value: object) -> bool:
+    """Tell whether the library of dataclasses has made a member."""
+    if name == "__hash__" and value is None:
+        return True
+    made = isinstance(value, FunctionType) and value.__code__.co_filename == "<string>"
+    return name in MADE_BY_DATACLASS and made
+
+
+def _is_shared_generator(value: object) -> bool:
+    """Tell whether something is the generator of `numpy.random`, which every cell seeds anew."""
+    module = sys.modules.get("numpy.random.mtrand")
+    return module is not None and value is vars(module)["_rand"]
+
+
+def _attributes(value: object) -> dict[str, Any]:
+    """Attributes of an object, in slots or not."""
+    slots = (name for kind in type(value).__mro__ for name in getattr(kind, "__slots__", ()))
+    found = {name: getattr(value, name) for name in slots if hasattr(value, name)}
+    return {**found, **getattr(value, "__dict__", {})}
 
 
 def _content(cell: Any) -> Any:
@@ -228,8 +316,6 @@ def _code_text(code: CodeType) -> str:
         else repr(one)
         for one in code.co_consts
     ]
-    return repr((code.co_name, code.co_code.hex(), code.co_names, code.co_varnames, constants))
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+    return repr((names, counts, code.co_code.hex(), code.co_exceptiontable.hex(), constants))

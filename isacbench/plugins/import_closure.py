@@ -11,7 +11,7 @@ import hashlib
 import re
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
@@ -184,24 +184,39 @@ _codes: dict[str, tuple[object, _Code | None]] = {}
 
 
 def _code(name: str) -> _Code | None:
-    """Code of a module as its file was when it was first asked for; None where there is no such file.
+    """Code of a module; None where there is no such file.
 
-    A module that is loaded again, as in a notebook, gets a new specification: its file is read again.
+    A module that is loaded again, as in a notebook, gets a new specification, and its file counts as it is
+    then. If the file has changed since, nobody knows which code runs, here and in workers: both count.
     """
-    loaded = getattr(sys.modules.get(name), "__spec__", None)
+    loaded, now = getattr(sys.modules.get(name), "__spec__", None), _read(name)
     if name not in _codes or _codes[name][0] is not loaded:
-        _codes[name] = loaded, _read(name)
-    return _codes[name][1]
+        _codes[name] = loaded, now
+    before = _codes[name][1]
+    if before is None or now is None or before.content == now.content:
+        return now
+    return _Code(before.content + now.content, before.imports + now.imports)
 
 
 def _read(name: str) -> _Code | None:
+    """Code of a module as its file is."""
     spec = _spec(name)
-    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+    if spec is None or spec.origin is None:
         return None
-    content = Path(spec.origin).read_bytes()
-    if not spec.origin.endswith(tuple(SOURCE_SUFFIXES)):
+    try:
+        status = Path(spec.origin).stat()
+        return _read_once(name, spec.origin, status.st_mtime_ns, status.st_size)
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=4096)
+def _read_once(name: str, origin: str, _time_ns: int, _size: int) -> _Code:
+    content = Path(origin).read_bytes()
+    if not origin.endswith(tuple(SOURCE_SUFFIXES)):
         return _Code(content, ())
-    is_package = spec.submodule_search_locations is not None
+    spec = _spec(name)
+    is_package = spec is not None and spec.submodule_search_locations is not None
     return _Code(content, source_imports(content.decode("utf-8", "replace"), name, is_package))
 
 

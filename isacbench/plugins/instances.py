@@ -23,8 +23,13 @@ import cloudpickle
 from isacbench.errors import InputError
 from isacbench.plugins.class_code import known_codes
 from isacbench.plugins.import_closure import is_importable
-from isacbench.plugins.plugin_versions import own_codes, plugin_parts
-from isacbench.plugins.registry import canonical_params, field_defaults, is_frozen_dataclass
+from isacbench.plugins.plugin_versions import own_codes
+from isacbench.plugins.registry import (
+    canonical_params,
+    field_defaults,
+    is_frozen_dataclass,
+    refuse_init_variables,
+)
 from isacbench.specifications import is_word, spell_spec
 
 if TYPE_CHECKING:
@@ -54,7 +59,7 @@ def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estim
     >>> list(spelled_estimators(["fft4d", get_estimator("music2d", pfa=1e-4)]))
     ['fft4d', 'music2d[pfa=0.0001]']
     """
-    if isinstance(estimators, str):
+    if isinstance(estimators, str) or not isinstance(estimators, Iterable):
         raise InputError(f"estimators {estimators!r}: allowed is a list, such as [{estimators!r}]")
     found: dict[str, Estimator | None] = {}
     for one in estimators:
@@ -75,6 +80,7 @@ def _spelled(estimator: object) -> str:
             f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
             "instances of frozen dataclasses with a name, a word, and a method estimate"
         )
+    refuse_init_variables("estimator", plugin)
     return spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
 
 
@@ -166,10 +172,10 @@ _packing = Lock()
 @contextmanager
 def _by_value(plugins: Iterable[object]) -> Iterator[None]:
     """Let cloudpickle send classes of some modules by their code; those of ``__main__`` go so in any case."""
-    classes = {base for plugin in plugins for part in plugin_parts(plugin) for base in type(part).__mro__}
-    names = {base.__module__ for base in classes} - {"__main__", "builtins"}
+    codes = (code for plugin in plugins for code in own_codes(plugin).values())
+    names = {name for code in codes for name in code.homes} - {"__main__", "builtins"}
     names -= cloudpickle.list_registry_pickle_by_value()
-    modules = [sys.modules[name] for name in sorted(names) if not is_importable(name)]
+    modules = [sys.modules[name] for name in sorted(names & sys.modules.keys()) if not is_importable(name)]
     try:
         for module in modules:
             cloudpickle.register_pickle_by_value(module)

@@ -144,7 +144,12 @@ def foreign_classes(plugin: object) -> tuple[str, ...]:
 def _classes(plugin: object) -> set[type[Any]]:
     """Classes of a plugin and of its parts, and their bases, but for Python's own and the library's."""
     classes = {base for part in plugin_parts(plugin) for base in type(part).__mro__}
-    return {base for base in classes if base.__module__.partition(".")[0] not in {*VERSIONED, LIBRARY}}
+    return {base for base in classes if not (_is_versioned(base.__module__) and has_a_file(base))}
+
+
+def _is_versioned(module: str) -> bool:
+    """Tell whether a module is Python's own, the library's, or of a package whose version every row has."""
+    return module.partition(".")[0] in {*VERSIONED, LIBRARY}
 
 
 def own_codes(plugin: object) -> dict[type[Any], ClassCode]:

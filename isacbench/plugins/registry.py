@@ -25,6 +25,9 @@ from isacbench.process_state import libraries_kept, process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
 from isacbench.streams import plugin_output
 
+MOST_BITS = 4096
+"""Of an integer that is a parameter."""
+
 ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors"
 """Values of parameters, which a run can store, a command can spell, and another process can have."""
 
@@ -162,6 +165,21 @@ def build_estimator(spec: str) -> Estimator:
     """
     name, params = parse_spec(spec)
     return get_estimator(name, **params)
+
+
+def build_detector(spec: str) -> Detector:
+    """Build the one detector that ``name[param=value,...]`` describes.
+
+    Parameters
+    ----------
+    spec : str
+
+    Returns
+    -------
+    Detector
+    """
+    name, params = parse_spec(spec)
+    return get_detector(name, **params)
 
 
 def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
@@ -445,7 +463,7 @@ def required_fields(plugin: Any) -> list[str]:
     """
     return [
         field.name
-        for field in dataclasses.fields(plugin)
+        for field in parameter_fields(plugin)
         if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     ]
 
@@ -464,7 +482,7 @@ def field_defaults(plugin: Any) -> dict[str, Any]:
     """
     return {
         field.name: field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-        for field in dataclasses.fields(plugin)
+        for field in parameter_fields(plugin)
         if field.name not in required_fields(plugin)
     }
 
@@ -490,7 +508,45 @@ def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
             f"{kind} {plugin.name}: the type of a parameter cannot be resolved ({error}): "
             "import it at run time, not under TYPE_CHECKING"
         ) from error
-    return {field.name: hints[field.name] for field in dataclasses.fields(plugin)}
+    refuse_init_variables(kind, plugin)
+    return {field.name: hints[field.name] for field in parameter_fields(plugin)}
+
+
+def refuse_init_variables(kind: str, plugin: type[Any]) -> None:
+    """Refuse a dataclass with values that its instances do not keep: no row could name them.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the plugin in messages.
+    plugin : type
+
+    Raises
+    ------
+    InputError
+        Naming the first one.
+    """
+    for base in plugin.__mro__:
+        for key, hint in vars(base).get("__annotations__", {}).items():
+            if "InitVar" in str(hint):
+                raise InputError(
+                    f"{kind} {plugin.name}: {key} is an InitVar, which is not kept: make it a field"
+                )
+
+
+def parameter_fields(plugin: Any) -> list[dataclasses.Field[Any]]:
+    """List the fields of a dataclass that are parameters, and not made of others.
+
+    Parameters
+    ----------
+    plugin : type or object
+        A dataclass, or an instance of one.
+
+    Returns
+    -------
+    list of dataclasses.Field
+    """
+    return [field for field in dataclasses.fields(plugin) if field.init]
 
 
 def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
@@ -567,13 +623,17 @@ def _number(value: Any) -> Any:
 def _plain_params(plugin: Any) -> dict[str, Any]:
     kind = next((kind for kind, method in METHODS.items() if hasattr(plugin, method)), "class")
     where = f"{kind} {getattr(plugin, 'name', type(plugin).__name__)}"
-    return {name: _plain(where, name, value) for name, value in identity_fields(plugin).items()}
+    given = {field.name for field in parameter_fields(plugin)}
+    values = identity_fields(plugin)
+    return {name: _plain(where, name, value) for name, value in values.items() if name in given}
 
 
 def _plain(where: str, key: str, value: Any) -> Any:
     """Convert a parameter's value to types of JSON, or refuse it."""
     value = _number(value)
-    if value is None or type(value) in (bool, int) or (type(value) is float and math.isfinite(value)):
+    if value is None or type(value) is bool or (type(value) is float and math.isfinite(value)):
+        return value
+    if type(value) is int and value.bit_length() <= MOST_BITS:
         return value
     if _is_unicode(value):
         return str(value)
@@ -581,7 +641,8 @@ def _plain(where: str, key: str, value: Any) -> Any:
         return [_plain(where, key, item) for item in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type) and isinstance(value, Detector):
         return {"name": value.name, **_plain_params(value)}
-    shown = " ".join(shortened(repr(value)).split())
+    shown = hex(value) if type(value) is int else repr(value)  # decimal digits have a limit in Python
+    shown = " ".join(shortened(shown).split())
     raise InputError(f"{where}: {key} = {shown}: allowed are {ALLOWED}")
 
 

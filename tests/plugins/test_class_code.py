@@ -4,16 +4,19 @@ import importlib
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from types import ModuleType
 
 import pytest
 
 from isacbench.plugins.class_code import class_code
 from isacbench.plugins.plugin_versions import library_code, plugin_version
+from isacbench.plugins.registry import get_estimator
 
 SOURCE = """
 import enum
 import functools
+import re
 from collections import OrderedDict, namedtuple
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,6 +74,36 @@ HALF = functools.partial(rounded, 0.125, digits=5)
 SQUARE = lambda x: x + 14
 unused = 15
 
+PATTERN = re.compile("a+")
+NEAR, FAR = scaled_by(31), scaled_by(32)
+TURNED = [lambda x, k=k: x + k for k in (33, 34)]
+
+class Wrapper:
+    def __init__(self, function, strength):
+        functools.update_wrapper(self, function)
+        self.strength = strength
+
+def called(x):
+    try:
+        y = len(x)
+    except TypeError:
+        y = 0
+    return y
+
+called.gain = 35
+WRAPPED = Wrapper(rounded, 40)
+
+@dataclass(slots=True)
+class Slotted:
+    depth: int = 36
+    parts: list = field(default_factory=lambda: [37])
+
+class Meta(type):
+    order = 38
+
+class WithMeta(metaclass=Meta):
+    __gain__ = 39
+
 class Base:
     def begin(self):
         return 16
@@ -103,6 +136,7 @@ class Plugged(Base):
         seen = seen + 1
         values = [one * GAIN for one in WORDS]
         self.unused = WEIGHTS, TABLE, PLACE, MODE.SLOW, ORDER, POINT, SETUP.level, Tool(), rounded
+        self.more = PATTERN, NEAR, FAR, TURNED, WRAPPED, called, Slotted, WithMeta, np.random.normal
         return TWICE, HALF, SQUARE, helped, neighbour.CONSTANT, stepped
 
 @dataclass(frozen=True)
@@ -141,6 +175,21 @@ COUNTS = [
     ("return 23", "return 24"),
     ("return 24", "return 25"),
     ("start=25", "start=26"),
+    ('"a+"', '"b+"'),
+    ("NEAR, FAR =", "FAR, NEAR ="),
+    ("(33, 34)", "(34, 33)"),
+    ("Wrapper(rounded, 40)", "Wrapper(rounded, 41)"),
+    ("        y = len(x)\n    except TypeError:\n", "        y = 0\n    except TypeError:\n"),
+    (
+        "    except TypeError:\n        y = 0\n    return y",
+        ("        y = 0\n    return y", "        y = 0\n    else:\n        y = y\n    return y"),
+    ),
+    ("def called(x)", "def called(*x)"),
+    ("gain = 35", "gain = 36"),
+    ("depth: int = 36", "depth: int = 37"),
+    ("lambda: [37]", "lambda: [38]"),
+    ("order = 38", "order = 39"),
+    ("__gain__ = 39", "__gain__ = 40"),
 ]
 DOES_NOT = [
     ("GAIN = 2.5", "# moved down\n\nGAIN = 2.5"),
@@ -208,6 +257,23 @@ def test_a_closure_counts_by_what_it_holds():
     assert class_code(factory(1)) == class_code(factory(1)) != class_code(factory(2))
 
 
+def test_classes_that_exec_makes_are_no_classes_of_python():
+    def code(number):
+        space = {}
+        exec(f"class Made:\n    def estimate(self): return {number}", space)
+        return plugin_version(dataclass(frozen=True)(space["Made"])())
+
+    assert code(1) == code(1) != code(2)
+
+
+def test_a_method_that_a_notebook_has_replaced_counts(monkeypatch):
+    before = plugin_version(get_estimator("fft4d"))
+    namespace = {"__name__": "made_in_a_notebook"}
+    exec("def estimate(self, observation): return None", namespace)
+    monkeypatch.setattr(type(get_estimator("fft4d")), "estimate", namespace["estimate"])
+    assert plugin_version(get_estimator("fft4d")) != before
+
+
 def test_values_within_themselves_end():
     ring = [1]
     ring.append(ring)
@@ -226,10 +292,10 @@ def test_modules_that_it_uses_count_by_their_files_and_packages_by_their_version
     assert versions["pandas"]["digest"] is None
     assert not versions.keys() & {"numpy", "functools"}  # which every row names anyway
     neighbour.write_text("CONSTANT = 2\ndef helped(): return 1\n")
-    again = plugin_version(made()())
-    assert again == versions  # what was imported before is what runs
+    edited = plugin_version(made()())
+    assert edited["neighbour"] != versions["neighbour"]  # which code runs, depends on who asks
     importlib.reload(sys.modules["neighbour"])
-    assert plugin_version(made()())["neighbour"] != versions["neighbour"]
+    assert plugin_version(made()())["neighbour"] not in (versions["neighbour"], edited["neighbour"])
 
 
 def test_what_it_uses_of_isacbench_counts(made):

@@ -16,7 +16,7 @@ from isacbench.specifications import parse_spec, spell_spec, spell_value
 
 PLUGIN = """
 import enum
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -75,6 +75,7 @@ WORKS = [
     ("Detector | None", "None"),
     ("tuple[Detector, ...]", "field(default_factory=lambda: (get_detector('os'), get_detector('ca')))"),
     ("Any", "'3'"),
+    ("int", "10**1000"),
 ]
 
 REFUSED = [
@@ -95,6 +96,8 @@ REFUSED = [
     ("Detector", "Window()"),
     ("str", "'\\udcff'"),
     ("int", "2.5"),
+    ("int", "10**5000"),
+    ("InitVar[int]", "1"),
     ("int", "field(default_factory=lambda: 1 // 0)"),
 ]
 

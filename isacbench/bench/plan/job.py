@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
@@ -17,14 +17,31 @@ from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
 from isacbench.plugins.discovery import local_plugins, register_plugin
 from isacbench.plugins.plugin_versions import foreign_classes
+from isacbench.plugins.registry import build_detector, build_estimator
+from isacbench.specifications import spelled_variants
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
     from isacbench.plugins.local_files import PluginFile
+
+
+class EntryKey(NamedTuple):
+    """Key of an entry of a scene.
+
+    Attributes
+    ----------
+    name, params : str
+    owner : tuple of str
+        Its classes that are not of isacbench: they have a process of their own.
+    """
+
+    name: str
+    params: str
+    owner: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -59,9 +76,42 @@ class Job:
         return Plan(scenes, self.suite.trials)
 
     @cached_property
-    def owners(self) -> list[list[tuple[str, ...]]]:
-        """Classes in each entry of each scene that are not of isacbench; known elsewhere without the plan."""
-        return [[foreign_classes(entry.plugin) for entry in scene.entries] for scene in self.plan.scenes]
+    def keys(self) -> list[list[EntryKey]]:
+        """Keys of the entries of each scene, which another process knows without making the plan."""
+        return [
+            [EntryKey(one.name, one.params, foreign_classes(one.plugin)) for one in scene.entries]
+            for scene in self.plan.scenes
+        ]
+
+    @cached_property
+    def parts(self) -> dict[tuple[str, ...], Job]:
+        """Jobs by the owner of entries: each has at least these, and imports no code of others for them."""
+        owners = dict.fromkeys(key.owner for keys in self.keys for key in keys)
+        return {owner: self._of_owner(owner) for owner in owners}
+
+    def _of_owner(self, owner: tuple[str, ...]) -> Job:
+        changes = {
+            name: self._texts_of(owner, build, getattr(self.suite, name))
+            for name, build in (("estimators", build_estimator), ("detectors", build_detector))
+            if hasattr(self.suite, name)
+        }
+        files = [one for one in self.plugins if any(name.startswith(f"{one.module_name}.") for name in owner)]
+        part = Job(self.suite.replace(**changes), self.scenarios, tuple(files))
+        vars(part)["keys"] = self.keys
+        return part
+
+    def _texts_of(
+        self, owner: tuple[str, ...], build: Callable[[str], object], texts: Iterable[str]
+    ) -> list[str]:
+        """Variants of specifications without classes of others than the owner; all if there are none."""
+        known = self.suite.instances
+        variants = [one for text in texts for one in ([text] if text in known else spelled_variants(text))]
+        own = [
+            one
+            for one in variants
+            if {*owner} >= {*foreign_classes(known[one] if one in known else build(one))}
+        ]
+        return own or variants
 
     def draws(self) -> pd.DataFrame:
         """Scatterers that the scenes drew."""

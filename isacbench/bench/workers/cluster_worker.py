@@ -71,7 +71,7 @@ class WorkOrder:
         -------
         WorkOrder
         """
-        job.owners  # noqa: B018  which the worker itself cannot find, for it imports no plugin
+        job.parts  # noqa: B018  which the worker itself cannot make, for it imports no plugin
         packed = zlib.compress(pickle.dumps(job))
         return cls(uuid.uuid4().hex, packed, guard, versions_now(job.plan), mix_versions)
 

@@ -87,8 +87,9 @@ class Lane:
     """
 
     def __init__(self, job: Job, guard: Guard, repeats: int | None = None) -> None:
-        self._of_process = job, guard, repeats
-        self._owners, self._is_stopped = job.owners, False
+        # Here, for the threads that work may not know of plugin files.
+        self._parts, self._keys = job.parts, job.keys
+        self._limits, self._is_stopped = (guard, repeats), False
         self._processes: dict[tuple[str, ...], _CellProcess] = {}
         self._at_work: _CellProcess | None = None
         self._changing = Lock()
@@ -120,7 +121,10 @@ class Lane:
         InputError
             If the process ends before it has loaded all plugins.
         """
-        return self._process(()).versions()
+        found: dict[tuple[str, str], Any] = {}
+        for owner in self._parts:
+            found |= self._process(owner).versions()
+        return found
 
     def work(self, blocks: Iterable[Block]) -> Iterator[Made]:
         """Process the cells of blocks.
@@ -143,8 +147,11 @@ class Lane:
             If no process survives observing a block.
         """
         for block in blocks:
+            keys = self._keys[block.scene]
             for entry in block.entries:
-                yield self._process(self._owners[block.scene][entry]).made(block, entry)
+                owner = keys[entry].owner
+                own = block._replace(entries=tuple(one for one in block.entries if keys[one].owner == owner))
+                yield self._process(owner).made(own, entry)
 
     def _process(self, owner: tuple[str, ...]) -> _CellProcess:
         """Process of the classes of somebody else; all others pause, threads of plugins included."""
@@ -152,7 +159,7 @@ class Lane:
             if self._is_stopped:
                 raise CancelledError
             if owner not in self._processes:
-                self._processes[owner] = _CellProcess(*self._of_process)
+                self._processes[owner] = _CellProcess(self._parts[owner], *self._limits)
         process = self._processes[owner]
         if process is not self._at_work:
             if self._at_work is not None:
@@ -181,10 +188,10 @@ class _CellProcess:
             raise InputError(f"loading the plugins: {loss.reason}") from loss
 
     def made(self, block: Block, entry: int) -> Made:
-        """Row of a cell, also of one that failed."""
+        """Row of a cell of a block that has none but cells of this process, also of one that failed."""
         made = None
         while made is None:
-            if block is not self._block or not self._n_met:
+            if block != self._block or not self._n_met:
                 self._traces, self._block = self._observe(block), block
             made = self._image(entry, self._traces[entry])
         return made

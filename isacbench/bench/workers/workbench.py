@@ -196,7 +196,10 @@ class Workbench:
         return copy.deepcopy(self._job).plan.scenes
 
     def _entry(self, entry: int) -> Entry[Any]:
-        return self._scenes[self._block.scene].entries[entry]
+        """Entry by its index in the whole plan, of which this process may have a part."""
+        name, params, _ = self._job.keys[self._block.scene][entry]
+        entries = self._scenes[self._block.scene].entries
+        return next(one for one in entries if (one.name, one.params) == (name, params))
 
     def _made(self, outcome: Outcome, entry: Entry[Any]) -> Made:
         """Outcome with the environment in which its entry runs here."""

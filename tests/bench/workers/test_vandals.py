@@ -73,7 +73,8 @@ class Witness:
             resource.getrlimit(resource.RLIMIT_CORE), os.environ.get("TZ"), time.tzname,
             os.sched_getaffinity(0), [one["num_threads"] for one in threadpool_info()], np.geterr(),
             sys.getswitchinterval(), decimal.getcontext().prec, locale.setlocale(locale.LC_ALL),
-            np.linalg.svd.__name__, scipy.fft.fft.__name__, PointCloud.to_dataframe is None, sys.gettrace(),
+            np.pi, np.linalg.svd.__name__, scipy.fft.fft.__name__,
+            PointCloud.to_dataframe is None, sys.gettrace(),
             os.getpriority(os.PRIO_PROCESS, 0), pd.DataFrame.__name__,
             [one.name for one in threading.enumerate() if one.name == "left"],
             subprocess.run(["pgrep", "-P", str(os.getpid()), "sleep"], capture_output=True).stdout,
@@ -110,10 +111,14 @@ def test_what_a_plugin_changes_in_the_caller_s_process_is_undone(reason_beside, 
     assert reason_beside(ACTS[act], None, at_import) == {undisturbed}
 
 
-def test_no_plugin_meets_the_process_that_another_has_changed(reason_beside):
+@pytest.mark.parametrize("at_import", [False, True], ids=["in estimate", "at import"])
+def test_no_plugin_meets_the_process_that_another_has_changed(reason_beside, at_import):
     (undisturbed,) = reason_beside("pass", 1)
-    everything = "; ".join([*ALONE.values(), *(act for name, act in ACTS.items() if name != "wrap")])
-    assert reason_beside(everything, 1) == {undisturbed}
+    acts = {**ALONE, **ACTS, "constant": "np.pi = 3.0"}
+    if at_import:  # which the caller of the run does as well
+        acts = {name: acts[name] for name in ("errors", "library", "method", "constant")}
+    everything = "; ".join(act for name, act in acts.items() if name != "wrap")
+    assert reason_beside(everything, 1, at_import) == {undisturbed}
 
 
 def test_what_a_plugin_has_left_running_stands_still_while_others_work(tiny, write_plugin, tmp_path):
