@@ -5,6 +5,7 @@ from __future__ import annotations
 import decimal
 import gc
 import locale
+import logging
 import os
 import random
 import signal
@@ -51,6 +52,11 @@ def _umask() -> int:
     return mask
 
 
+def _add_finders(finders: list[Any]) -> None:
+    """Put finders of modules back that were taken away; modules that are imported later need new ones."""
+    sys.meta_path[:] = [*finders, *(one for one in sys.meta_path if one not in finders)]
+
+
 def _set_environment(environment: dict[str, str]) -> None:
     os.environ.clear()
     os.environ.update(environment)
@@ -75,10 +81,20 @@ INNER: list[Setting] = [
     (sys.getprofile, sys.setprofile),
     (lambda: sys.excepthook, lambda hook: setattr(sys, "excepthook", hook)),
     (lambda: sys.displayhook, lambda hook: setattr(sys, "displayhook", hook)),
+    (lambda: threading.excepthook, lambda hook: setattr(threading, "excepthook", hook)),
+    (lambda: list(sys.meta_path), _add_finders),
+    (lambda: logging.root.manager.disable, logging.disable),
     (lambda: locale.setlocale(locale.LC_ALL), lambda name: locale.setlocale(locale.LC_ALL, name)),
 ]
 if sys.platform != "win32":
     import resource
+
+    INNER.append(
+        (
+            partial(signal.pthread_sigmask, signal.SIG_BLOCK, ()),
+            partial(signal.pthread_sigmask, signal.SIG_SETMASK),
+        )
+    )
 
     _LIMITS = [getattr(resource, name) for name in dir(resource) if name.startswith("RLIMIT_")]
     INNER += [
@@ -129,6 +145,7 @@ def process_state_kept(at_import: bool = False) -> Iterator[None]:
     )
     with _alone, ExitStack() as stack:
         stack.callback(np.random.set_state, np.random.get_state())  # noqa: NPY002, plugins may use it
+        stack.callback(_put_modules_back, dict(sys.modules))
         for read, write in settings:
             with suppress(OSError):  # a folder that is gone
                 stack.callback(_restore, read, write, read())
@@ -141,6 +158,13 @@ def _restore(read: Callable[[], Any], write: Callable[[Any], object], before: An
     with suppress(OSError, ValueError):  # not everything can be undone, such as a lower priority
         if read() != before:
             write(before)
+
+
+def _put_modules_back(before: dict[str, ModuleType]) -> None:
+    """Undo that modules were replaced or taken away; what was imported meanwhile stays."""
+    for name, module in before.items():
+        if sys.modules.get(name) is not module:
+            sys.modules[name] = module
 
 
 @contextmanager

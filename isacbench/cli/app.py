@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
 import warnings
 from typing import Annotated, Any, NoReturn
 
@@ -55,7 +58,16 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line."""
     with own_output():
-        app()
+        try:
+            app()
+        except SystemExit as ending:
+            others = set(threading.enumerate()) - {threading.main_thread()}
+            if all(thread.daemon for thread in others):
+                raise
+            # A thread that a plugin has left would keep the process for ever.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(ending.code if isinstance(ending.code, int) else 0)
 
 
 def _print_version(wanted: bool) -> None:

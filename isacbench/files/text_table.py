@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 from itertools import takewhile
@@ -127,7 +128,14 @@ def fields_of(path: Path, line: str, delimiter: str) -> list[str]:
     -------
     list of str
     """
-    return [field.strip() for field in next(_chunks(path, TextTable([line], [1], delimiter), None))[0]]
+    is_blank = delimiter == BLANKS
+    rows = csv.reader(
+        [line.strip() if is_blank else line], delimiter=" " if is_blank else delimiter, skipinitialspace=True
+    )
+    try:
+        return [field.strip() for field in next(rows)]
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as csv: {error}") from error
 
 
 def parse_numbers(path: Path, table: TextTable, columns: Sequence[str], wanted: Sequence[int]) -> Floats:
@@ -228,13 +236,14 @@ def format_rows(values: Floats, delimiter: str) -> Iterator[str]:
     return (delimiter.join(map(repr, row)) for row in values.tolist())
 
 
-def _chunks(path: Path, table: TextTable, columns: Sequence[str] | None) -> Iterator[NDArray[np.object_]]:
-    """Texts (rows, fields) of some rows at a time; without names, as many fields as the first row has."""
+def _chunks(path: Path, table: TextTable, columns: Sequence[str]) -> Iterator[NDArray[np.object_]]:
+    """Texts (rows, fields) of some rows at a time."""
     import pandas as pd  # which takes longer to load than all that other formats need
 
     if not table.lines:
         return
-    if columns is not None and len(found := fields_of(path, table.lines[0], table.delimiter)) > len(columns):
+    found = fields_of(path, table.lines[0], table.delimiter)
+    if len(found) > len(columns):
         _refuse_count(path, table.numbers[0], len(found), columns)
     try:
         # As texts: float_precision="round_trip" is needed up to pandas 3.0 and warned of from 3.1 on, and
@@ -243,7 +252,7 @@ def _chunks(path: Path, table: TextTable, columns: Sequence[str] | None) -> Iter
             io.StringIO("\n".join(table.lines)),
             sep=table.delimiter,
             header=None,
-            names=None if columns is None else range(len(columns)),
+            names=range(len(columns)),
             index_col=False,
             dtype=object,
             na_filter=False,
@@ -252,7 +261,7 @@ def _chunks(path: Path, table: TextTable, columns: Sequence[str] | None) -> Iter
         ) as chunks:
             yield from (chunk.to_numpy() for chunk in chunks)
     except pd.errors.ParserError as error:
-        if (long := re.search(r"in line (\d+), saw (\d+)", str(error))) and columns is not None:
+        if long := re.search(r"in line (\d+), saw (\d+)", str(error)):
             _refuse_count(path, table.numbers[int(long[1]) - 1], long[2], columns)
         raise InputError(f"{path}: cannot be read as csv: {shortened(str(error).strip())}") from error
 

@@ -136,3 +136,9 @@ def test_a_plugin_that_closes_streams_silences_no_message(command, write_plugin)
     assert "did you mean 'loud'" in refused.stderr
     image = command("image", "-s", "tiny.toml", "--plugin", "loud.py", "-e", "loud")
     assert "tiny, loud, 10 dB: 0 points" in image.stdout, image.stderr
+
+
+def test_a_thread_that_a_plugin_leaves_does_not_keep_the_process(command, write_plugin):
+    left = "import threading, time; threading.Thread(target=time.sleep, args=[600]).start()"
+    write_plugin("loud.py", LOUD.replace(NOISE, left))
+    assert command("plan", "--plugin", "loud.py", "-e", "lowd", timeout=60).returncode == 2

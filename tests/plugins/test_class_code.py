@@ -180,10 +180,7 @@ COUNTS = [
     ("(33, 34)", "(34, 33)"),
     ("Wrapper(rounded, 40)", "Wrapper(rounded, 41)"),
     ("        y = len(x)\n    except TypeError:\n", "        y = 0\n    except TypeError:\n"),
-    (
-        "    except TypeError:\n        y = 0\n    return y",
-        ("        y = 0\n    return y", "        y = 0\n    else:\n        y = y\n    return y"),
-    ),
+    ("        y = 0\n    return y", "        y = 0\n    else:\n        y = y\n    return y"),
     ("def called(x)", "def called(*x)"),
     ("gain = 35", "gain = 36"),
     ("depth: int = 36", "depth: int = 37"),

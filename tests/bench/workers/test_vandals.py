@@ -20,6 +20,9 @@ ACTS = {
     "locale": "locale.setlocale(locale.LC_ALL, 'C')",
     "library": "np.linalg.svd = scipy.fft.fft = len",
     "method": "PointCloud.to_dataframe = None",
+    "signals": "signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 32))",
+    "modules": "sys.modules['pandas'] = None; sys.meta_path.clear()",
+    "logs": "logging.disable(50)",
     "trace": "sys.settrace(lambda *_: None)",
     "close": "sys.stdout.close(); sys.stderr.close()",
     "wrap": "io.TextIOWrapper(sys.stdout.buffer); gc.collect()",
@@ -35,7 +38,7 @@ ALONE = {  # what no process can undo: the others have a process of their own
     "child": "subprocess.Popen(['sleep', '60'])",
 }
 HEAD = """
-import decimal, gc, io, locale, os, resource, subprocess, sys, threading, time
+import decimal, gc, io, locale, logging, os, resource, signal, subprocess, sys, threading, time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -75,6 +78,8 @@ class Witness:
             sys.getswitchinterval(), decimal.getcontext().prec, locale.setlocale(locale.LC_ALL),
             np.pi, np.linalg.svd.__name__, scipy.fft.fft.__name__,
             PointCloud.to_dataframe is None, sys.gettrace(),
+            signal.pthread_sigmask(signal.SIG_BLOCK, ()), logging.root.manager.disable,
+            sys.modules["pandas"] is None, len(sys.meta_path),
             os.getpriority(os.PRIO_PROCESS, 0), pd.DataFrame.__name__,
             [one.name for one in threading.enumerate() if one.name == "left"],
             subprocess.run(["pgrep", "-P", str(os.getpid()), "sleep"], capture_output=True).stdout,
