@@ -15,6 +15,7 @@ import uuid
 from collections.abc import Iterator
 from functools import cached_property
 from io import IOBase
+from itertools import count
 from threading import Lock, RLock
 from types import (
     BuiltinFunctionType,
@@ -143,6 +144,7 @@ class _Walk:
         self.modules: set[str] = set()
         self.homes: set[str] = set()
         self._waiting: list[tuple[str, Any]] = []
+        self._numbers = count(1)
         self._texts: dict[int, str] = {}
         self._kept: list[Any] = []  # so that none of the addresses is used again
 
@@ -201,7 +203,7 @@ class _Walk:
             self.modules.add(thing.__module__)
             return name
         self.homes.add(str(thing.__module__))
-        name = f"{name} {len(self._kept)}"
+        name = f"{name} {next(self._numbers)}"
         self._waiting.append((name, thing))
         return name
 
