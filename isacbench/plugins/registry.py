@@ -361,7 +361,7 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
     where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
         plugin = _imported(entry)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
     if not is_frozen_dataclass(plugin):
         raise InputError(f"{where} must be a frozen dataclass")

@@ -163,11 +163,12 @@ def test_one_broken_package_does_not_empty_the_list(plugin_folder):
     broken = PLUGIN.replace("HINT", "Path").replace("VALUE", "Path('here')")
     plugin_folder.install("broken-plugins", broken, estimators={"typed": "Typed"})
     plugin_folder.install("missing-plugins", "import nowhere_to_be_found", estimators={"lost": "Lost"})
-    with pytest.warns(InputWarning, match=r"typed.*value = PosixPath|lost.*nowhere_to_be_found") as told:
+    plugin_folder.install("ending-plugins", "raise SystemExit(4)", estimators={"ended": "Ended"})
+    with pytest.warns(InputWarning, match=r"value = PosixPath|nowhere_to_be_found|SystemExit: 4") as told:
         names = [one["name"] for one in describe_plugin("estimator")]
-    assert len(told) == 2
+    assert len(told) == 3
     assert "music2d" in names
-    assert not {"typed", "lost"} & {*names}
+    assert not {"typed", "lost", "ended"} & {*names}
 
 
 @pytest.mark.parametrize("name", ["two words", "a[b]", "3", "true", "none", 'a"b', ""])
