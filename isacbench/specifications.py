@@ -111,20 +111,6 @@ def spec_variants(text: str) -> list[SpelledVariant]:
     return [SpelledVariant(option.text, option.value) for option in _SpecParser(text).parse()]
 
 
-def spelled_variants(text: str) -> list[str]:
-    """Spell every specification that a grid stands for.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    list of str
-    """
-    return [variant.text for variant in spec_variants(text)]
-
-
 def spell_spec(name: str, params: Mapping[str, Any]) -> str:
     """Spell a name and parameters as `parse_spec` reads them.
 

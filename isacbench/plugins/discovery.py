@@ -62,7 +62,7 @@ Registered = dict[PluginFile, tuple[RegisteredPlugin, ...]]
 _everywhere: Registered = {}
 _within: ContextVar[Registered] = ContextVar("plugin files of a thread or task", default=_everywhere)
 _users: Counter[str] = Counter()
-"""How many registrations have a module in use, by its name."""
+"""Numbers of registrations that have a module in use, by its name."""
 
 
 def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:

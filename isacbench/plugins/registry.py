@@ -167,33 +167,19 @@ def build_estimator(spec: str) -> Estimator:
     return get_estimator(name, **params)
 
 
-def build_detector(spec: str) -> Detector:
-    """Build the one detector that ``name[param=value,...]`` describes.
+def build_variants(kind: PluginKind, spec: str) -> list[tuple[str, Any]]:
+    """Build every plugin that a grid ``name[param=[value,...],...]`` stands for.
 
     Parameters
     ----------
-    spec : str
-
-    Returns
-    -------
-    Detector
-    """
-    name, params = parse_spec(spec)
-    return get_detector(name, **params)
-
-
-def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
-    """Build every estimator that a grid ``name[param=[value,...],...]`` stands for.
-
-    Parameters
-    ----------
+    kind : {"estimator", "detector"}
     spec : str
         As `isacbench.specifications.spec_variants` takes it.
 
     Returns
     -------
-    list of (str, Estimator)
-        Each estimator with its own specification.
+    list of (str, Estimator or Detector)
+        Each plugin with its own specification.
 
     Raises
     ------
@@ -202,10 +188,10 @@ def build_estimators_of(spec: str) -> list[tuple[str, Estimator]]:
 
     Examples
     --------
-    >>> [text for text, _ in build_estimators_of("music2d[pfa=[1e-3,1e-4]]")]
+    >>> [text for text, _ in build_variants("estimator", "music2d[pfa=[1e-3,1e-4]]")]
     ['music2d[pfa=1e-3]', 'music2d[pfa=1e-4]']
     """
-    return [(text, get_estimator(spec.name, **spec.params)) for text, spec in spec_variants(spec)]
+    return [(text, _build(kind, spec.name, spec.params)) for text, spec in spec_variants(spec)]
 
 
 def canonical_params(plugin: object) -> str:

@@ -7,7 +7,7 @@ from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detector
 from isacbench.plugins.registry import (
     build_estimator,
-    build_estimators_of,
+    build_variants,
     canonical_params,
     describe_plugin,
     detector_names,
@@ -101,7 +101,7 @@ def test_a_wrong_name_or_value_is_answered_with_what_is_allowed(plugins, spec, m
 
 
 def test_every_variant_of_a_grid_is_built_and_its_text_builds_it_alone(plugins):
-    built = build_estimators_of("blob[detector=[level,level[pfa=[0.25,0.5]]],n=[2,3]]")
+    built = build_variants("estimator", "blob[detector=[level,level[pfa=[0.25,0.5]]],n=[2,3]]")
     assert [(e.detector.pfa, e.n) for _, e in built] == [
         (1e-3, 2), (1e-3, 3), (0.25, 2), (0.25, 3), (0.5, 2), (0.5, 3)
     ]  # fmt: skip

@@ -17,15 +17,15 @@ from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
 from isacbench.plugins.discovery import local_plugins, register_plugin
 from isacbench.plugins.plugin_versions import foreign_classes
-from isacbench.plugins.registry import build_detector, build_estimator
-from isacbench.specifications import spelled_variants
+from isacbench.plugins.registry import build_variants
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
+    from isacbench.plugins.discovery import PluginKind
     from isacbench.plugins.local_files import PluginFile
 
 
@@ -90,28 +90,23 @@ class Job:
         return {owner: self._of_owner(owner) for owner in owners}
 
     def _of_owner(self, owner: tuple[str, ...]) -> Job:
-        changes = {
-            name: self._texts_of(owner, build, getattr(self.suite, name))
-            for name, build in (("estimators", build_estimator), ("detectors", build_detector))
-            if hasattr(self.suite, name)
-        }
+        kinds: tuple[tuple[str, PluginKind], ...] = ("estimators", "estimator"), ("detectors", "detector")
+        changes = {key: self._texts_of(owner, key, kind) for key, kind in kinds if hasattr(self.suite, key)}
         files = [one for one in self.plugins if any(name.startswith(f"{one.module_name}.") for name in owner)]
         part = Job(self.suite.replace(**changes), self.scenarios, tuple(files))
         vars(part)["keys"] = self.keys
         return part
 
-    def _texts_of(
-        self, owner: tuple[str, ...], build: Callable[[str], object], texts: Iterable[str]
-    ) -> list[str]:
-        """Variants of specifications without classes of others than the owner; all if there are none."""
+    def _texts_of(self, owner: tuple[str, ...], key: str, kind: PluginKind) -> list[str]:
+        """Spell the plugins of the suite that have no classes but the owner's; all if there are none."""
         known = self.suite.instances
-        variants = [one for text in texts for one in ([text] if text in known else spelled_variants(text))]
-        own = [
-            one
-            for one in variants
-            if {*owner} >= {*foreign_classes(known[one] if one in known else build(one))}
+        built = [
+            variant
+            for text in getattr(self.suite, key)
+            for variant in ([(text, known[text])] if text in known else build_variants(kind, text))
         ]
-        return own or variants
+        own = [text for text, plugin in built if {*owner} >= {*foreign_classes(plugin)}]
+        return own or [text for text, _ in built]
 
     def draws(self) -> pd.DataFrame:
         """Scatterers that the scenes drew."""

@@ -28,7 +28,7 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Estimator
-from isacbench.plugins.registry import build_estimators_of, canonical_params
+from isacbench.plugins.registry import build_variants, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.cell import Measure
@@ -458,7 +458,7 @@ def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
     variants: list[tuple[str, Estimator]] = []
     for spec in suite.estimators:
         own = suite.instances.get(spec)
-        variants += build_estimators_of(spec) if own is None else [(spec, own)]
+        variants += build_variants("estimator", spec) if own is None else [(spec, own)]
     return distinct_entries("estimator", ((text, entry_of(plugin)) for text, plugin in variants))
 
 

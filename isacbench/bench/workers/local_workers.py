@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
@@ -91,7 +92,8 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
     with ThreadPoolExecutor(max(len(lanes), 1)) as threads:
         try:
             for lane in lanes:
-                threads.submit(work, lane)
+                # A lane may need the plugin files that are registered for this thread alone.
+                threads.submit(copy_context().run, work, lane)
             for _ in range(n_left):
                 made = done.get()
                 if isinstance(made, BaseException):

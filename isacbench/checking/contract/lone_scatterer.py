@@ -44,7 +44,7 @@ SAME_LAW = 0.1
 """Largest difference of the exponent of a power law, and largest relative one of a difference in dB."""
 
 Mistake = tuple[str, str]
-"""What is wrong, and how to mend it."""
+"""Mistake in words, and its remedy."""
 
 AXES = "range", "velocity", "u", "w"
 

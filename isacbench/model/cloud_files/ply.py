@@ -28,7 +28,7 @@ _LINE = re.compile(
     r"format (ascii|binary_little_endian|binary_big_endian) 1\.0|element \S+ [0-9]{1,18}"
     rf"|property {_TYPE} \S+|property list {_TYPE} {_TYPE} \S+"
 )
-"""What trimesh reads right; it takes whatever else there is for something."""
+"""Lines of a header that trimesh understands; it misreads others in silence."""
 
 
 def write_ply(points: Mapping[str, Floats], path: Path) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.echo import Simulator
-from isacbench.plugins.contracts import Diagnoser
-from isacbench.plugins.registry import build_estimators_of, canonical_params
+from isacbench.plugins.contracts import Diagnoser, Estimator
+from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.report.drawing.style import drawable, file_stems
 from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.run_figures import best_variants
@@ -184,7 +184,7 @@ def _diagnosers(suite: Suite) -> dict[Variant, Diagnoser]:
     found: dict[Variant, Diagnoser] = {}
     for spec in suite.estimators:
         try:
-            plugins = [plugin for _, plugin in build_estimators_of(spec)]
+            plugins: list[Estimator] = [plugin for _, plugin in build_variants("estimator", spec)]
         except InputError as error:
             warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
             continue

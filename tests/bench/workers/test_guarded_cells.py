@@ -4,6 +4,7 @@ import os
 import time
 import warnings
 from concurrent.futures import CancelledError
+from contextvars import Context
 from multiprocessing import active_children
 from pathlib import Path
 from queue import SimpleQueue
@@ -22,7 +23,7 @@ from isacbench.bench.workers import guarded_cells
 from isacbench.bench.workers.guarded_cells import Guard, Lane
 from isacbench.bench.workers.local_workers import work_guarded
 from isacbench.errors import InputError, InputWarning
-from isacbench.plugins.discovery import load_plugin_file
+from isacbench.plugins.discovery import load_plugin_file, local_plugins
 
 SLOW = pytest.mark.slow
 
@@ -241,6 +242,7 @@ def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=3)
     with pytest.raises(InputError, match=message):
         run_suite(suite, tmp_path / "run", execution=Execution(n_jobs=2))
+    assert Context().run(local_plugins) == ()  # other threads know nothing of the file
 
 
 @SLOW

@@ -19,9 +19,9 @@ from isacbench.checking.stress.runs.families import find_cases, require_kind, ta
 from isacbench.cores import one_blas_thread
 from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
-from isacbench.plugins.registry import build_estimators_of, canonical_params, get_detector
+from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.process_state import process_state_kept
-from isacbench.specifications import parse_spec, spec_variants
+from isacbench.specifications import parse_spec
 
 TIMEOUT_S = 120.0
 """Longest time of a case in s; most take milliseconds, thousands of scatterers seconds."""
@@ -122,15 +122,11 @@ def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
         If one cannot be built.
     """
     found = [
-        Target(kind, spec, canonical_params(plugin)) for text in specs for spec, plugin in _built(kind, text)
+        Target(kind, spec, canonical_params(plugin))
+        for text in specs
+        for spec, plugin in build_variants(kind, text)
     ]
     return list(dict.fromkeys(found))
-
-
-def _built(kind: PluginKind, text: str) -> list[tuple[str, Any]]:
-    if kind == "estimator":
-        return list(build_estimators_of(text))
-    return [(one, get_detector(spec.name, **spec.params)) for one, spec in spec_variants(text)]
 
 
 def tasks_of(
@@ -254,7 +250,7 @@ def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
 
 
 def _examine(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Verdict]:
-    [(_, plugin)] = _built(kind, spec)
+    [(_, plugin)] = build_variants(kind, spec)
     [case] = find_cases(case_spec)
     with process_state_kept(), one_blas_thread():
         seed_global_generators(seed, spec, case_spec)
