@@ -15,7 +15,7 @@ from isacbench.bench.suites.scenario_digest import (
     truth_table,
 )
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.registry import canonical_params
+from isacbench.plugins.parameters import canonical_params
 
 
 @dataclass(frozen=True)

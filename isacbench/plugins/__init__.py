@@ -6,6 +6,7 @@ __all__ = [
     "error_places",
     "instances",
     "local_files",
+    "parameters",
     "plugin_versions",
     "registry",
 ]

@@ -23,13 +23,13 @@ import cloudpickle
 from isacbench.errors import InputError
 from isacbench.plugins.class_code import known_codes
 from isacbench.plugins.import_closure import is_importable
-from isacbench.plugins.plugin_versions import own_codes
-from isacbench.plugins.registry import (
+from isacbench.plugins.parameters import (
     canonical_params,
     field_defaults,
     is_frozen_dataclass,
     refuse_init_variables,
 )
+from isacbench.plugins.plugin_versions import own_codes
 from isacbench.specifications import is_word, spell_spec
 
 if TYPE_CHECKING:

@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
-import json
-import math
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
 from functools import lru_cache
-from typing import Any, cast, get_args, get_type_hints
+from typing import Any, cast, get_args
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from isacbench.added_fields import identity_fields, values_before
+from isacbench.added_fields import values_before
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.files.escaping import shortened
 from isacbench.plugins.contracts import Detector, Estimator
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.local_files import METHODS
+from isacbench.plugins.parameters import (
+    field_defaults,
+    is_frozen_dataclass,
+    parameter_types,
+    plain_value,
+    python_number,
+    required_fields,
+)
 from isacbench.process_state import libraries_kept, process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
 from isacbench.streams import plugin_output
-
-MOST_BITS = 4096
-"""Of an integer that is a parameter."""
-
-ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors"
-"""Values of parameters, which a run can store, a command can spell, and another process can have."""
 
 
 def estimator_names() -> list[str]:
@@ -194,30 +192,6 @@ def build_variants(kind: PluginKind, spec: str) -> list[tuple[str, Any]]:
     return [(text, _build(kind, spec.name, spec.params)) for text, spec in spec_variants(spec)]
 
 
-def canonical_params(plugin: object) -> str:
-    """Write every parameter of a dataclass, such as an estimator or a detector, as canonical JSON.
-
-    Parameters
-    ----------
-    plugin : Estimator, Detector or other dataclass
-
-    Returns
-    -------
-    str
-        Sorted keys, no spaces, defaults included; a nested detector is an
-        object with its ``name`` beside its parameters. Equal parameters give
-        equal strings. A field that was added later
-        (`isacbench.added_fields.added_field`) is left out at the value that
-        stands for the behaviour before.
-
-    Raises
-    ------
-    InputError
-        If a value is not one of `ALLOWED`, naming plugin and parameter.
-    """
-    return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
 def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Look up the defaults of a registered plugin's parameters, in terms of JSON as in `canonical_params`.
 
@@ -246,7 +220,7 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
     """
     plugin = _load(_registered(kind, name))
     defaults, before = (
-        {key: _plain(f"{kind} {name}", key, value) for key, value in values.items()}
+        {key: plain_value(f"{kind} {name}", key, value) for key, value in values.items()}
         for values in (field_defaults(plugin), values_before(plugin))
     )
     return defaults, before
@@ -311,7 +285,7 @@ def _described(entry: RegisteredPlugin) -> dict[str, Any]:
         for key, hint in parameter_types(entry.kind, plugin).items()
     }
     for key, value in _checked_defaults(entry.kind, plugin).items():
-        parameters[key]["default"] = _plain(f"{entry.kind} {entry.name}", key, value)
+        parameters[key]["default"] = plain_value(f"{entry.kind} {entry.name}", key, value)
     return {
         "name": entry.name,
         "description": (inspect.getdoc(plugin) or "").partition("\n")[0],
@@ -329,7 +303,7 @@ def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
     except Exception as error:  # of a factory
         raise InputError(f"{where} cannot be built: {type(error).__name__}: {error}") from error
     for key, value in defaults.items():
-        _plain(where, key, value)
+        plain_value(where, key, value)
         check_parameter(where, key, value, hints[key])
     return defaults
 
@@ -371,21 +345,6 @@ def _imported(entry: RegisteredPlugin) -> Any:
         return entry.load()
     with process_state_kept(at_import=True), libraries_kept(), redirect_stdout(sys.stderr):
         return entry.load()
-
-
-def is_frozen_dataclass(plugin: object) -> bool:
-    """Tell whether an object is a class, a dataclass and frozen.
-
-    Parameters
-    ----------
-    plugin : object
-
-    Returns
-    -------
-    bool
-    """
-    parameters = getattr(plugin, "__dataclass_params__", None)
-    return inspect.isclass(plugin) and bool(getattr(parameters, "frozen", False))
 
 
 def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
@@ -433,106 +392,6 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
         raise InputError(f"{kind} {name}: {error}") from error
     except Exception as error:
         raise InputError(f"{kind} {name} cannot be built: {type(error).__name__}: {error}") from error
-
-
-def required_fields(plugin: Any) -> list[str]:
-    """List the fields of a dataclass that have no default.
-
-    Parameters
-    ----------
-    plugin : type or object
-        A dataclass, or an instance of one.
-
-    Returns
-    -------
-    list of str
-    """
-    return [
-        field.name
-        for field in parameter_fields(plugin)
-        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-    ]
-
-
-def field_defaults(plugin: Any) -> dict[str, Any]:
-    """Collect the defaults of the fields of a dataclass that have one.
-
-    Parameters
-    ----------
-    plugin : type or object
-        A dataclass, or an instance of one.
-
-    Returns
-    -------
-    dict of str to Any
-    """
-    return {
-        field.name: field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-        for field in parameter_fields(plugin)
-        if field.name not in required_fields(plugin)
-    }
-
-
-def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Resolve the types of a plugin's fields; `Detector` may be imported for type checking only.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the plugin in messages.
-    plugin : type
-        A dataclass with a class attribute ``name``.
-
-    Returns
-    -------
-    dict of str to type
-    """
-    try:
-        hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)
-    except NameError as error:
-        raise InputError(
-            f"{kind} {plugin.name}: the type of a parameter cannot be resolved ({error}): "
-            "import it at run time, not under TYPE_CHECKING"
-        ) from error
-    refuse_init_variables(kind, plugin)
-    return {field.name: hints[field.name] for field in parameter_fields(plugin)}
-
-
-def refuse_init_variables(kind: str, plugin: type[Any]) -> None:
-    """Refuse a dataclass with values that its instances do not keep: no row could name them.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the plugin in messages.
-    plugin : type
-
-    Raises
-    ------
-    InputError
-        Naming the first one.
-    """
-    for base in plugin.__mro__:
-        for key, hint in vars(base).get("__annotations__", {}).items():
-            if "InitVar" in str(hint):
-                raise InputError(
-                    f"{kind} {plugin.name}: {key} is an InitVar, which is not kept: make it a field"
-                )
-
-
-def parameter_fields(plugin: Any) -> list[dataclasses.Field[Any]]:
-    """List the fields of a dataclass that are parameters, and not made of others.
-
-    Parameters
-    ----------
-    plugin : type or object
-        A dataclass, or an instance of one.
-
-    Returns
-    -------
-    list of dataclasses.Field
-    """
-    return [field for field in dataclasses.fields(plugin) if field.init]
 
 
 def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
@@ -592,46 +451,8 @@ def _meant(value: Any, hint: Any, none: str | None) -> Any:
         return None
     if isinstance(value, str):
         return get_detector(value) if _takes_detectors(hint) else str(value)
-    return _number(value)
+    return python_number(value)
 
 
 def _takes_detectors(hint: Any) -> bool:
     return hint is Detector or any(map(_takes_detectors, get_args(hint)))
-
-
-def _number(value: Any) -> Any:
-    """Python's number, text or truth value for one of NumPy."""
-    return (
-        value.item() if type(value).__module__ == "numpy" and getattr(value, "shape", None) == () else value
-    )
-
-
-def _plain_params(plugin: Any) -> dict[str, Any]:
-    kind = next((kind for kind, method in METHODS.items() if hasattr(plugin, method)), "class")
-    where = f"{kind} {getattr(plugin, 'name', type(plugin).__name__)}"
-    given = {field.name for field in parameter_fields(plugin)}
-    values = identity_fields(plugin)
-    return {name: _plain(where, name, value) for name, value in values.items() if name in given}
-
-
-def _plain(where: str, key: str, value: Any) -> Any:
-    """Convert a parameter's value to types of JSON, or refuse it."""
-    value = _number(value)
-    if value is None or type(value) is bool or (type(value) is float and math.isfinite(value)):
-        return value
-    if type(value) is int and value.bit_length() <= MOST_BITS:
-        return value
-    if _is_unicode(value):
-        return str(value)
-    if type(value) is tuple:
-        return [_plain(where, key, item) for item in value]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type) and isinstance(value, Detector):
-        return {"name": value.name, **_plain_params(value)}
-    shown = hex(value) if type(value) is int else repr(value)  # decimal digits have a limit in Python
-    shown = " ".join(shortened(shown).split())
-    raise InputError(f"{where}: {key} = {shown}: allowed are {ALLOWED}")
-
-
-def _is_unicode(value: Any) -> bool:
-    """Tell whether something is a text that can be stored: one without halves of characters."""
-    return type(value) in (str, QuotedText) and value.encode(errors="replace").decode() == value

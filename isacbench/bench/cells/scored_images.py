@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from isacbench.added_fields import identity_fields
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.registry import canonical_params
+from isacbench.plugins.parameters import canonical_params
 
 if TYPE_CHECKING:
     from collections.abc import Hashable

@@ -28,7 +28,8 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Estimator
-from isacbench.plugins.registry import build_variants, canonical_params
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import build_variants
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.cell import Measure

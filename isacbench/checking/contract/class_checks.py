@@ -22,13 +22,13 @@ from isacbench.checking.promises.promise import BrokenPromiseError, NotApplicabl
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import RegisteredPlugin
 from isacbench.plugins.local_files import METHODS
-from isacbench.plugins.registry import (
+from isacbench.plugins.parameters import (
     canonical_params,
-    check_parameter,
     is_frozen_dataclass,
     parameter_types,
     required_fields,
 )
+from isacbench.plugins.registry import check_parameter
 from isacbench.specifications import is_word
 
 SLOW_S = 10.0

@@ -9,7 +9,8 @@ from isacbench.bench.plan.labels import estimator_labels
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser, Estimator
-from isacbench.plugins.registry import build_variants, canonical_params
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import build_variants
 from isacbench.report.drawing.style import drawable, file_stems
 from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.run_figures import best_variants

@@ -3,7 +3,8 @@
 import pytest
 
 from isacbench.bench.plan.labels import estimator_labels
-from isacbench.plugins.registry import build_estimator, canonical_params
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import build_estimator
 
 
 def labels(*specs):

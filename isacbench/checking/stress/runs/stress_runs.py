@@ -19,7 +19,8 @@ from isacbench.checking.stress.runs.families import find_cases, require_kind, ta
 from isacbench.cores import one_blas_thread
 from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
-from isacbench.plugins.registry import build_variants, canonical_params
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import build_variants
 from isacbench.process_state import process_state_kept
 from isacbench.specifications import parse_spec
 
