@@ -1,27 +1,29 @@
 """A lone scatterer: whether it is imaged where it is and as strong as it is, and else by which mistake.
 
-Where an image has the scatterer is where its power is: each point votes by its power for the nearest of the
-places that the known mistakes lead to, the true one among them. So sidelobes, which lie on all sides, decide
-nothing, whether they are weak or, in an image whose points are all as strong, merely fewer.
+Two views of a scatterer are imaged. A known mistake leads to a certain place in each of them, so it is named
+where both images have most of their power there. An offset is the same in both views, and what does not
+depend on the echo has the same place in both. Sidelobes, which lie elsewhere in each view, decide nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.findings import DoubtfulError
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError
+from isacbench.checking.promises.small_scenes import Shot
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import FrameName
-from isacbench.model.numerology import System
 from isacbench.model.observation import Observation
 
 Floats = NDArray[np.float64]
@@ -35,8 +37,17 @@ BIAS_CELLS = 0.35
 OFF_CELLS = 0.6
 """Error in one view, in Rayleigh cells, from which a bin is not the nearest: half a bin, and noise."""
 
-RADIANS_CELLS = 0.25
-"""Difference from the error of angles in radians, in Rayleigh cells, up to which they are the mistake."""
+SHIFTED_CELLS = 0.8
+"""Mean error in both views, in Rayleigh cells, that is more than half a bin and noise."""
+
+TIE_CELLS = 0.1
+"""Difference of errors, in Rayleigh cells, that rounding makes."""
+
+MOST = 0.25
+"""Power at a place, over that at the place with most of it, from which the image may be of that place."""
+
+SPREAD = 0.125
+"""Share of the power of an image at its strongest place, below which powers do not tell the place."""
 
 POWER_FACTOR = 10.0
 
@@ -49,24 +60,129 @@ Mistake = tuple[str, str]
 AXES = "range", "velocity", "u", "w"
 
 
-class Sighting(NamedTuple):
-    """Image of a lone scatterer that is where it should be.
+class Place(NamedTuple):
+    """Place that mistakes lead to.
 
     Attributes
     ----------
-    miss_m : float
-        Distance of its strongest point.
-    off_cells : ndarray of float64, shape (4,)
-        Error of its centre of power along `AXES`, in Rayleigh cells.
-    power, true_power, gain : float
-        Imaged and true power, and the processing gain.
+    mistakes : tuple of Mistake
+        None for the true place.
+    at : ndarray of float64, shape (4,)
+        Range, velocity, u and w in Rayleigh cells.
+    stretch : ndarray of float64, shape (4,)
+        How much errors grow by the mistakes; at least 1.
     """
 
-    miss_m: float
-    off_cells: Floats
-    power: float
-    true_power: float
-    gain: float
+    mistakes: tuple[Mistake, ...]
+    at: Floats
+    stretch: Floats
+
+
+class Image:
+    """Points of an image of a lone scatterer, in Rayleigh cells.
+
+    Parameters
+    ----------
+    imaging : Imaging
+    points : ndarray of float64, shape (n, 4)
+        Range, velocity, u and w.
+    power : ndarray of float64, shape (n,)
+    """
+
+    def __init__(self, imaging: Imaging, points: Floats, power: Floats) -> None:
+        self.imaging, self.power = imaging, power
+        system = imaging.shot.scenario.system
+        turns = np.array([system.n_subcarriers, system.n_symbols])
+        # The first of their range and Doppler bins on either side of 0.
+        bins = points[:, :2] - turns * np.rint(points[:, :2] / turns)
+        self._turns, self.points = turns, np.column_stack([bins, points[:, 2:]])
+        self._weights = power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def true(self) -> Floats:
+        """Place (4,) of the scatterer."""
+        scenario = self.imaging.shot.scenario
+        place: Floats = radio_places(scenario, scenario.truth)[0] / rayleigh_cells(scenario)
+        return place
+
+    @cached_property
+    def places(self) -> list[Place]:
+        """Places that known mistakes lead to, first the true one."""
+        return list(_places(self.imaging.shot, self.true))
+
+    @cached_property
+    def offset(self) -> Floats:
+        """Offset (4,) of the image from the scatterer."""
+        start = self.true if self.is_at(self.places[0]) else self.strongest
+        return self._settled(start, np.ones(4)) - self.true
+
+    @cached_property
+    def strongest(self) -> Floats:
+        """Centre (4,) of the Rayleigh cell with most power."""
+        return self._fullest[0]
+
+    @property
+    def cosine(self) -> float:
+        """Largest magnitude of u and w where the image has most power."""
+        cells = rayleigh_cells(self.imaging.shot.scenario)
+        return float(np.abs(self.strongest * cells)[2:].max())
+
+    @cached_property
+    def _fullest(self) -> tuple[Floats, float]:
+        cells, which = np.unique(np.rint(self.points), axis=0, return_inverse=True)
+        sums = np.bincount(which.ravel(), self._weights)
+        return cells[sums.argmax()], float(sums.max())
+
+    @cached_property
+    def _most(self) -> float:
+        return max(self._fullest[1], *map(self._power_at, self.places))
+
+    @property
+    def is_spread(self) -> bool:
+        """Tell whether some of the power is at the scatterer, but as much is all over the image."""
+        is_there = self.cosine <= 1 and self._power_at(self.places[0]) > 0
+        return is_there and self._most < SPREAD * float(self._weights.sum())
+
+    def _power_at(self, place: Place) -> float:
+        return float(self._weights[self._near(place.at, place.stretch)].sum())
+
+    def is_at(self, place: Place) -> bool:
+        """Tell whether much of the power is at a place."""
+        return self._power_at(place) >= MOST * self._most
+
+    def error(self, place: Place) -> float:
+        """Largest error on any axis if the image is at a place; infinite where it is not."""
+        if not self.is_at(place):
+            return np.inf
+        off = self._settled(place.at, place.stretch) - self._wrapped(place.at)
+        allowed = OFF_CELLS + BIAS_CELLS * (place.stretch - 1)
+        return float(np.abs(off).max()) if (np.abs(off) <= allowed).all() else np.inf
+
+    @cached_property
+    def sighted(self) -> NDArray[np.intp]:
+        """Points within `MISS_CELLS` of the scatterer, the strongest first."""
+        near = np.flatnonzero(self._near(self.true, np.full(4, MISS_CELLS)))
+        return near[np.argsort(-self.power[near], kind="stable")]
+
+    def _near(self, place: Floats, radius: Floats) -> Any:
+        off: Floats = np.abs(self.points - self._wrapped(place))
+        return np.all(off <= radius, axis=1)
+
+    def _settled(self, place: Floats, radius: Floats) -> Floats:
+        """Centre of power (4,) around a place, found from centre to centre."""
+        for _ in range(4):
+            near = self._near(place, radius)
+            if not near.any():
+                break
+            place = np.average(self.points[near], axis=0, weights=self._weights[near] + 1e-30)
+        return place
+
+    def _wrapped(self, place: Floats) -> Floats:
+        bins: Floats = place[:2] - self._turns * np.rint(place[:2] / self._turns)
+        return np.concatenate([bins, place[2:]])
 
 
 def require_lone_scatterer(views: Mapping[FrameName, Imaging]) -> str:
@@ -75,7 +191,7 @@ def require_lone_scatterer(views: Mapping[FrameName, Imaging]) -> str:
     Parameters
     ----------
     views : mapping of str to Imaging
-        Two, by the name of the frame; their scatterers differ in power.
+        Two, by the name of the frame; their scatterers differ in place and in power.
 
     Returns
     -------
@@ -89,51 +205,46 @@ def require_lone_scatterer(views: Mapping[FrameName, Imaging]) -> str:
     DoubtfulError
         If it is imaged half a bin off, or its power is wrong.
     """
-    seen = [_sighting(imaging, name) for name, imaging in views.items()]
-    doubts = list(filter(None, (_bias(np.array([one.off_cells for one in seen])), _wrong_power(*seen))))
-    if doubts:
-        raise DoubtfulError("; and ".join(doubts))
-    return ", ".join(
-        f"{one.miss_m:.2g} m off in the {name} frame" for name, one in zip(views, seen, strict=True)
-    )
-
-
-def _sighting(imaging: Imaging, frame: FrameName) -> Sighting:
-    """Find the scatterer in its image; refuse an image that has it elsewhere, by the name of the mistake."""
-    scenario = imaging.shot.scenario
-    cells, truth = rayleigh_cells(scenario), scenario.truth
-    true = radio_places(scenario, truth)[0] / cells
-    cloud, placed = _image(imaging)
-    points = _wrapped(radio_places(scenario, cloud) / cells, scenario.system)
+    placed, imaged = zip(*map(_images, views.values()), strict=True)
     # What the region leaves of a wrong image may be a sidelobe at the right place: look before it does.
-    detections = _wrapped(placed[:, :4] / [1, 1, *cells[2:]], scenario.system)
-    images = [image for image in ((detections, placed[:, 4]), (points, cloud.power)) if len(image[0])]
-    for image in images:
-        if mistake := _mistake(*image, true, imaging):
-            raise BrokenPromiseError(f"{mistake} ({frame} frame)")
-    near = np.abs(points - true).max(axis=1, initial=0.0) <= MISS_CELLS
-    if not near.any():
+    first = [one if len(one) else other for one, other in zip(placed, imaged, strict=True)]
+    if not all(map(len, first)):
         raise BrokenPromiseError(
-            "drops a lone scatterer that it has placed rightly: look at what follows observation.cloud(...)"
-            if images
-            else "images nothing where one scatterer stands far above the noise: it is not detected, or all "
+            "images nothing where one scatterer stands far above the noise: it is not detected, or all "
             "detections fall outside the region (place them with observation.cloud(...), and this check says "
             "by which mistake)"
         )
-    power = cloud.power[near]
-    strongest = int(power.argmax())
-    return Sighting(
-        float(np.linalg.norm(cloud.xyz[near][strongest] - truth.xyz[0])),
-        _centre(*images[0], true),
-        float(power[strongest]),
-        float(truth.power[0]),
-        scenario.system.processing_gain,
+    _require_place(dict(zip(views, first, strict=True)))
+    bias = _bias(np.array([image.offset for image in first]))
+    if not bias and all(map(len, imaged)):
+        _require_place(dict(zip(views, imaged, strict=True)))
+    is_sighted = all(len(image.sighted) for image in imaged)
+    if not is_sighted and not bias:
+        raise BrokenPromiseError(
+            "drops a lone scatterer that it has placed rightly: look at what follows observation.cloud(...)"
+        )
+    doubts = [bias, _wrong_power(*imaged) if is_sighted else ""]
+    if any(doubts):
+        raise DoubtfulError("; and ".join(filter(None, doubts)))
+    return ", ".join(
+        f"{_miss_m(image):.2g} m off in the {name} frame" for name, image in zip(views, imaged, strict=True)
     )
 
 
-def _image(imaging: Imaging) -> tuple[PointCloud, Floats]:
+def _images(imaging: Imaging) -> tuple[Image, Image]:
+    """Image of all that was placed for an image, and the image itself."""
+    cloud, placed = _placed(imaging, imaging.shot.seen.cells)
+    scenario = imaging.shot.scenario
+    cells = rayleigh_cells(scenario)
+    return (
+        Image(imaging, placed[:, :4] / [1, 1, *cells[2:]], placed[:, 4]),
+        Image(imaging, radio_places(scenario, cloud) / cells, cloud.power),
+    )
+
+
+def _placed(imaging: Imaging, cells: NDArray[Any]) -> tuple[PointCloud, Floats]:
     """Image, and range bin, Doppler bin, u, w and power (n, 5) of all that was placed for it."""
-    observation = imaging.shot.observation()
+    observation = dataclasses.replace(imaging.shot.observation(), cells=cells)
     placed: list[Floats] = [np.empty((0, 5))]
 
     def cloud(
@@ -149,108 +260,152 @@ def _image(imaging: Imaging) -> tuple[PointCloud, Floats]:
     return image, found[np.isfinite(found).all(axis=1)]
 
 
-def _centre(points: Floats, power: Floats, true: Floats) -> Floats:
-    """Offset (4,) of the centre of power of the points near the scatterer, in Rayleigh cells."""
-    near = np.abs(points - true).max(axis=1) <= MISS_CELLS
-    offset: Floats = np.average(points[near] - true, axis=0, weights=_weights(power[near]))
-    return offset
+def _miss_m(image: Image) -> float:
+    """Distance in m from the scatterer to the strongest point near it."""
+    imaging = image.imaging
+    return float(np.linalg.norm(imaging.cloud.xyz[image.sighted[0]] - imaging.shot.scenario.truth.xyz[0]))
 
 
-def _weights(power: Floats) -> Floats:
-    return power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
-
-
-def _wrapped(points: Floats, system: System) -> Floats:
-    """Points (n, 4) in Rayleigh cells, the first of their range and Doppler bins on either side of 0."""
-    turns = np.array([system.n_subcarriers, system.n_symbols])
-    bins = points[:, :2] - turns * np.rint(points[:, :2] / turns)
-    return np.column_stack([bins, points[:, 2:]])
-
-
-def _mistake(points: Floats, power: Floats, true: Floats, imaging: Imaging) -> str:
-    """Say by which mistake the power of an image is not where the scatterer is; empty if it is there.
-
-    Points and scatterer are range, velocity, u and w in Rayleigh cells.
-    """
-    scenario = imaging.shot.scenario
-    cells = rayleigh_cells(scenario)
-    mistakes, places = zip(*_places_of_mistakes(true, cells), strict=True)
-    candidates, weights = _wrapped(np.array(places), scenario.system), _weights(power)
-    nearest = cKDTree(candidates).query(points)[1]
-    voted = np.where(np.abs(points - candidates[nearest]).max(axis=1) <= MISS_CELLS, nearest, len(places))
-    votes = np.bincount(voted, weights, len(places) + 1)[:-1]
-    strongest = points[weights.argmax()]
-    elsewhere = (voted == len(places)) & (np.abs(points - strongest).max(axis=1) <= MISS_CELLS)
-    found = mistakes[votes.argmax()] if votes.max() >= weights[elsewhere].sum() else None
-    if found == ():
-        # An error of less than a cell, too small for votes.
-        in_radians = np.arcsin(true[2:] * cells[2:]) / cells[2:] - true[2:]
-        if np.abs(_centre(points, power, true)[2:] - in_radians).max() > RADIANS_CELLS:
-            return ""
-        found = (("u and w were angles in radians", "they are direction cosines, the sines of those"),)
-    if _ignores_the_cells(imaging):
-        return "images the same points whatever the cells hold: estimate them from observation.cells"
-    if found:
-        words, remedies = (" and ".join(dict.fromkeys(part)) for part in zip(*found, strict=True))
-        return f"images a lone scatterer where it would be if {words}: {remedies}"
-    cosine = float(np.abs(strongest * cells)[2:].max())
-    if cosine > 1:
-        unit = "degrees" if cosine > np.pi else "radians"
-        return (
-            f"directions of a lone scatterer reach {cosine:.3g}: u and w are cosines, between -1 and "
-            f"1, not angles in {unit}"
+def _require_place(images: Mapping[FrameName, Image]) -> None:
+    """Refuse images that have the scatterer elsewhere, by the name of the mistake."""
+    off = np.array([image.offset for image in images.values()])
+    is_wrong = np.abs(off).max(axis=1) > BIAS_CELLS
+    if not is_wrong.any():
+        return
+    is_far = np.abs(off).max() > MISS_CELLS or np.abs(off.mean(axis=0)).max() > SHIFTED_CELLS
+    if is_far and _ignores_the_cells([*images.values()][int(is_wrong.argmax())].imaging):
+        raise BrokenPromiseError(
+            "images the same points whatever the cells hold: estimate them from observation.cells"
         )
-    off = np.abs(strongest - true)
-    told = [f"{one:.3g} in {axis}" for axis, one in zip(AXES, off, strict=True) if one > MISS_CELLS]
+    wrong = {name: image for (name, image), found in zip(images.items(), is_wrong, strict=True) if found}
+    if all(image.is_spread for image in images.values()):
+        raise DoubtfulError(
+            "images a lone scatterer by points all over the scene, none of which stands out: give each its "
+            "power, |cells|² / observation.system.processing_gain"
+        )
+    alone = [wrong] if len(wrong) < len(images) else []
+    for some in [images, *alone]:
+        where = f" ({' and '.join(some)} frame)" if some is wrong else ""
+        # An offset that both images have is no other mistake.
+        shift = np.array([image.offset for image in some.values()])
+        spread = np.abs(shift - shift.mean(axis=0)).max() if len(some) > 1 else np.inf
+        mistakes, error = _likeliest([*some.values()])
+        if error <= min(spread + TIE_CELLS, np.abs(shift).max() / 2):
+            words, remedies = (" and ".join(dict.fromkeys(part)) for part in zip(*mistakes, strict=True))
+            raise BrokenPromiseError(
+                f"images a lone scatterer where it would be if {words}: {remedies}{where}"
+            )
+    if is_far:
+        raise BrokenPromiseError(_astray([*images.values()], off))
+
+
+def _likeliest(images: Sequence[Image]) -> tuple[tuple[Mistake, ...], float]:
+    """Mistakes that explain all images best, and the largest error that they leave, in Rayleigh cells."""
+    errors = [
+        (max(image.error(place) for image, place in zip(images, places, strict=True)), places[0].mistakes)
+        for places in zip(*(image.places[1:] for image in images), strict=True)
+        if any(
+            np.abs(place.at - image.true).max() > OFF_CELLS
+            for image, place in zip(images, places, strict=True)
+        )
+    ]
+    error, mistakes = min(errors, key=itemgetter(0))
+    return mistakes, error
+
+
+def _astray(images: Sequence[Image], off: Floats) -> str:
+    """Say where images are whose mistake is not known, from the offsets (2, 4) of both views."""
+    cosine = max(image.cosine for image in images)
+    if cosine > np.pi / 2:  # which no offset makes of a cosine
+        return f"directions of a lone scatterer reach {cosine:.3g}: u and w are cosines, between -1 and 1"
+    places = off + [image.true for image in images]
+    is_same = np.abs(places[0] - places[1]) <= BIAS_CELLS
+    if is_same.any():
+        same = " and ".join(axis for axis, one in zip(AXES, is_same, strict=True) if one)
+        return f"images all lone scatterers at the same {same}: estimate that from observation.cells, too"
+    told = [
+        f"{' and '.join(dict.fromkeys(f'{one:+.2g}' for one in off[:, k]))} in {axis}"
+        for k, axis in enumerate(AXES)
+        if np.abs(off[:, k]).max() > OFF_CELLS
+    ]
     return (
-        f"the image of a lone scatterer far above the noise is off by {' and '.join(told)}, in Rayleigh "
-        "cells: look at units (m, m/s) and signs"
+        f"images of lone scatterers far above the noise are off by {', '.join(told)}, in Rayleigh cells: "
+        "look at units (m, m/s), at signs, and at the first bins of observation.gate"
     )
 
 
-def _places_of_mistakes(true: Floats, cells: Floats) -> Iterator[tuple[tuple[Mistake, ...], Floats]]:
-    """Mistakes, and where they put a scatterer; first none, and the truth."""
+def _places(shot: Shot, true: Floats) -> Iterator[Place]:
+    """Places of mistakes of a scatterer at a true place, which is the first of them."""
+    cells, gate = rayleigh_cells(shot.scenario), shot.seen.gate
     bins = "a bin of observation.gate.range_bins is observation.system.range_bin_m, one way"
-    ranges = {
-        1: ("", ""),
-        -1: ("range had the wrong sign", "bins count upwards from observation.gate.range_bins[0]"),
-        2: ("range was there and back", bins),
-        0.5: ("range was halved once too often", bins),
-        cells[0]: ("range was in m where bins are wanted", "observation.cloud(...) takes bins"),
-        1 / cells[0]: ("range was in bins where m are wanted", bins),
-    }
+    ranges: list[tuple[Mistake, float, float]] = [
+        (("", ""), 1, 0),
+        (("range had the wrong sign", "bins count upwards from observation.gate.range_bins[0]"), -1, 0),
+        (("range was there and back", bins), 2, 0),
+        (("range was halved once too often", bins), 0.5, 0),
+        (("range was in m where bins are wanted", "observation.cloud(...) takes bins"), cells[0], 0),
+        (("range was in bins where m are wanted", bins), 1 / cells[0], 0),
+        (
+            ("range was the index into the gate", "take observation.gate.range_bins[index]"),
+            1,
+            -float(gate.range_bins[0]),
+        ),
+        (
+            ("range ran backwards through the gate", "observation.gate.range_bins counts upwards"),
+            -1,
+            float(gate.range_bins[0] + gate.range_bins[-1]),
+        ),
+    ]
     bins = "a bin of observation.gate.doppler_bins is observation.system.velocity_bin_mps"
-    velocities = {
-        1: ("", ""),
-        -1: ("velocity had the wrong sign", "v > 0 approaches"),
-        2: ("velocity was twice as large", bins),
-        0.5: ("velocity was half as large", bins),
-        3.6: ("velocity was in km/h", "give it in m/s"),
-        cells[1]: ("velocity was in m/s where bins are wanted", "observation.cloud(...) takes bins"),
-        1 / cells[1]: ("velocity was in bins where m/s are wanted", bins),
-        0: ("velocity was 0", "take it from the Doppler bin of the detection"),
-    }
-    directions = list(_directions(true[2:] * cells[2:]))
-    for (r, along), (v, moving), (uw, facing) in product(ranges.items(), velocities.items(), directions):
-        found = tuple(mistake for mistake in (along, moving, facing) if mistake[0])
-        yield found, np.r_[true[0] * r, true[1] * v, uw / cells[2:]]
+    velocities: list[tuple[Mistake, float, float]] = [
+        (("", ""), 1, 0),
+        (("velocity had the wrong sign", "v > 0 approaches"), -1, 0),
+        (("velocity was twice as large", bins), 2, 0),
+        (("velocity was half as large", bins), 0.5, 0),
+        (("velocity was in km/h", "give it in m/s"), 3.6, 0),
+        (("velocity was in m/s where bins are wanted", "observation.cloud(...) takes bins"), cells[1], 0),
+        (("velocity was in bins where m/s are wanted", bins), 1 / cells[1], 0),
+        (("velocity was 0", "take it from the Doppler bin of the detection"), 0, 0),
+        (
+            ("velocity was the index into the gate", "take observation.gate.doppler_bins[index]"),
+            1,
+            -float(gate.doppler_bins[0]),
+        ),
+    ]
+    for (along, r, r0), (moving, v, v0), (facing, uw, stretch) in product(
+        ranges, velocities, [*_directions(true[2:] * cells[2:])]
+    ):
+        at = np.r_[true[0] * r + r0, true[1] * v + v0, uw / cells[2:]]
+        mistakes = tuple(mistake for mistake in (along, moving, facing) if mistake[0])
+        yield Place(mistakes, at, np.array([r, v, stretch, stretch]).clip(1))
 
 
-def _directions(uw: Floats) -> Iterator[tuple[Floats, Mistake]]:
-    """Direction cosines that mistakes lead to, and the mistakes; first none."""
+def _directions(uw: Floats) -> Iterator[tuple[Mistake, Floats, float]]:
+    """Mistakes of direction cosines, first none, with what they make of them and of small errors."""
     for swapped, u, w in product((False, True), (1, -1), (1, -1)):
         signs = {(1, 1): "", (-1, 1): "u had the wrong sign", (1, -1): "w had the wrong sign"}
         wrong = signs.get((u, w), "u and w had the wrong signs")
         words = " and ".join(filter(None, ("u and w were swapped" if swapped else "", wrong)))
-        yield (uw[::-1] if swapped else uw) * [u, w], (words, "the phase of element (p, q) is -π (p u + q w)")
-    if uw.min() < 0:
-        yield uw % 2, ("u and w ran from 0 to 2", "subtract 2 above 1, as numpy.fft.fftfreq does")
+        remedy = "the phase of element (p, q) is -π (p u + q w)"
+        yield (words, remedy), (uw[::-1] if swapped else uw) * [u, w], 1
+    twice, sines = "a cosine is twice numpy.fft.fftfreq", "they are direction cosines, the sines of those"
+    yield ("u and w ran from 0 to 2", "subtract 2 above 1, as numpy.fft.fftfreq does"), uw % 2, 1
+    yield ("u and w began at -1 without numpy.fft.fftshift", twice), uw % 2 - 1, 1
+    yield ("u and w ran from 0 to 1", twice), uw % 2 / 2, 1
+    yield ("u and w were halved", twice), uw / 2, 1
+    yield ("u and w were twice as large", twice), uw * 2, 2
+    yield ("u and w were phases", "divide those between elements by -π"), uw * np.pi, np.pi
+    yield ("u and w were angles in radians", sines), np.arcsin(uw), 1
+    yield ("u and w were angles in degrees", sines), np.rad2deg(np.arcsin(uw)), 120
 
 
 def _ignores_the_cells(imaging: Imaging) -> bool:
     """Tell whether an image stays what it is when the cells change places."""
-    other = imaging.image_of(imaging.shot.seen.cells[::-1, ::-1].copy())
-    return len(other) > 0 and np.array_equal(other.to_array(), imaging.cloud.to_array())
+    cells = imaging.shot.seen.cells
+    (image, placed), (other, moved) = (_placed(imaging, some) for some in (cells, cells[::-1, ::-1].copy()))
+    if len(image):
+        return np.array_equal(image.to_array(), other.to_array())
+    return np.array_equal(placed, moved)
 
 
 def _bias(off_cells: Floats) -> str:
@@ -260,27 +415,29 @@ def _bias(off_cells: Floats) -> str:
         f"{AXES[axis]} ({off_cells[0, axis]:+.2f} and {off_cells[1, axis]:+.2f} Rayleigh cells)"
         for axis in np.flatnonzero(wrong)
     ]
+    largest = np.abs(off_cells).max()
+    amount = "about half a bin" if largest <= SHIFTED_CELLS else f"up to {largest:.2g} cells"
     remedy = "take the nearest bin, not the one below or above, and bins as observation.gate has them"
-    return f"images lone scatterers about half a bin off in {' and '.join(told)}: {remedy}" if told else ""
+    return f"images lone scatterers {amount} off in {' and '.join(told)}: {remedy}" if told else ""
 
 
-def _wrong_power(one: Sighting, two: Sighting) -> str:
+def _wrong_power(one: Image, two: Image) -> str:
     """Say what is wrong with the powers of two scatterers that differ in power; empty if nothing is."""
-    factors = np.array([one.power / one.true_power, two.power / two.true_power])
+    powers = np.array([image.power[image.sighted[0]] for image in (one, two)])
+    true = np.array([image.imaging.shot.scenario.truth.power[0] for image in (one, two)])
+    factors = powers / true
     if np.all((factors > 1 / POWER_FACTOR) & (factors < POWER_FACTOR)):
         return ""
-    decades = np.log10(one.true_power / two.true_power)
-    exponent = np.log10(one.power / two.power) / decades if one.power and two.power else np.nan
-    tens_of_db = (one.power - two.power) / (10 * decades)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exponent = np.diff(np.log10(powers))[0] / np.diff(np.log10(true))[0]
+    tens_of_db = np.diff(powers)[0] / (10 * np.diff(np.log10(true))[0])
+    gain = one.imaging.shot.scenario.system.processing_gain
     wanted = "a power is |G|² relative to a unit scatterer, |cells|² / observation.system.processing_gain"
     if abs(exponent - 0.5) < SAME_LAW:
         wanted = "these follow the amplitude, a power is its square"
     elif abs(exponent - 1) < SAME_LAW:
-        if np.all(np.abs(np.log10(factors / one.gain)) < np.log10(POWER_FACTOR)):
+        if np.all(np.abs(np.log10(factors / gain)) < np.log10(POWER_FACTOR)):
             wanted = "divide by observation.system.processing_gain"
     elif min(abs(tens_of_db - 1), abs(tens_of_db - 2) / 2) < SAME_LAW:
         wanted = "these are in dB, give the power itself"
-    return (
-        f"powers of {one.true_power:g} and {two.true_power:g} come out as {one.power:.3g} and "
-        f"{two.power:.3g}: {wanted}"
-    )
+    return f"powers of {true[0]:g} and {true[1]:g} come out as {powers[0]:.3g} and {powers[1]:.3g}: {wanted}"

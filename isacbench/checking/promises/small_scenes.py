@@ -55,20 +55,21 @@ LONE_BASE_STATION_M = 0.0, 0.0, 50.0
 LONE_SPEED_MPS = -27.0, 27.0
 LONE_VIEWS: dict[FrameName, tuple[Region, Echo]] = {
     "panel": (
-        Region((-26.5, 26.5), (-18.5, -14.5), (23.5, 76.5), LONE_SPEED_MPS),
+        Region((-26.5, 26.5), (-18.5, -9.0), (23.5, 76.5), LONE_SPEED_MPS),
         Echo(24.79, 3.75, 0.8, 0.25),
     ),
     "paper": (
-        Region((-19.0, 19.0), (-19.0, 19.0), (22.2, 26.2), LONE_SPEED_MPS),
-        Echo(25.21, -3.75, -0.25, 0.8, amplitude=0.01),
+        Region((-23.0, 23.0), (-23.0, 23.0), (16.5, 32.0), LONE_SPEED_MPS),
+        Echo(30.21, -3.75, -0.25, 0.8, amplitude=0.01),
     ),
 }
 """Region and lone scatterer, by frame.
 
 Its places with wrong signs, or with u and w swapped, lie in the region as well, more than two Rayleigh
-cells away. The nearest bins are as much above the true ones in the one view as they are below in the other,
-so that half a bin too much or too little shows in their mean. The amplitudes differ, so that a power that
-follows the amplitude, or its logarithm, differs from a power that lacks a factor.
+cells away. No place is near the middle of a gate, and on each axis the two differ. The nearest bins are as
+much above the true ones in the one view as they are below in the other, so that half a bin too much or too
+little shows in their mean. The amplitudes differ, so that a power that follows the amplitude, or its
+logarithm, differs from a power that lacks a factor.
 """
 
 RESOLVED = (

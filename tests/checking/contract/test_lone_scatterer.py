@@ -1,7 +1,7 @@
 """A wrong image of a lone scatterer is called by its fault, with sidelobes or without, a right one passes."""
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 
 from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.findings import DoubtfulError
-from isacbench.checking.contract.lone_scatterer import MISS_CELLS, _places_of_mistakes, require_lone_scatterer
+from isacbench.checking.contract.lone_scatterer import AXES, MISS_CELLS, _places, require_lone_scatterer
 from isacbench.checking.promises import small_scenes
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError
@@ -138,20 +138,41 @@ PLACES = {
     "u and w were angles in radians": {
         "placed": lambda o, r, d, u, w, p: (r, d, np.arcsin(u), np.arcsin(w), p)
     },
+    "u and w were halved": {"placed": lambda o, r, d, u, w, p: (r, d, u / 2, w / 2, p)},
+    "u and w were twice as large": {"placed": lambda o, r, d, u, w, p: (r, d, 2 * u, 2 * w, p)},
+    "u and w were phases": {"placed": lambda o, r, d, u, w, p: (r, d, np.pi * u, np.pi * w, p)},
+    "u and w began at -1 without numpy.fft.fftshift": {
+        "placed": lambda o, r, d, u, w, p: (r, d, u % 2 - 1, w % 2 - 1, p)
+    },
+    "u and w ran from 0 to 1": {"placed": lambda o, r, d, u, w, p: (r, d, u % 2 / 2, w % 2 / 2, p)},
+    "range was the index into the gate": {
+        "placed": lambda o, r, d, u, w, p: (r - o.gate.range_bins[0], d, u, w, p)
+    },
+    "velocity was the index into the gate": {
+        "placed": lambda o, r, d, u, w, p: (r, d - o.gate.doppler_bins[0], u, w, p)
+    },
+    "range ran backwards through the gate": {
+        "placed": lambda o, r, d, u, w, p: (o.gate.range_bins[[0, -1]].sum() - r, d, u, w, p)
+    },
 }
+IN_BOTH = {"u and w ran from 0 to 1", "velocity was the index into the gate"}
+"""Mistakes that one view does not tell from others."""
 
 
-@pytest.mark.parametrize("image", IMAGES | ALIKE)
-@pytest.mark.parametrize("mistake", PLACES)
+@pytest.mark.parametrize(
+    ("mistake", "image"),
+    # The wide main lobes of equal powers hide what radians are off.
+    [one for one in product(PLACES, IMAGES | ALIKE) if one != ("u and w were angles in radians", *ALIKE)],
+)
 def test_a_wrong_place_is_called_by_its_mistake(mistake, image):
     told = message(BrokenPromiseError, **(IMAGES | ALIKE)[image], **PLACES[mistake])
     assert told.startswith(f"images a lone scatterer where it would be if {mistake.partition(', ')[0]}: ")
-    assert told.endswith("(panel frame)")
+    assert "frame)" not in told
     assert "power" not in told
 
 
-@pytest.mark.parametrize("image", ["one point", "sidelobes"])
-@pytest.mark.parametrize("mistake", PLACES)
+@pytest.mark.parametrize("image", slow_but(["one point"], ["one point", "sidelobes"]))
+@pytest.mark.parametrize("mistake", [one for one in PLACES if one not in IN_BOTH])
 def test_a_wrong_place_in_the_paper_frame_alone_is_called_by_its_mistake(mistake, image):
     [(when, change)] = PLACES[mistake].items()
     told = message(BrokenPromiseError, **(IMAGES | ALIKE)[image], **{when: in_paper(when, change)})
@@ -174,8 +195,8 @@ def in_paper(when, change):
 @pytest.mark.parametrize(
     ("angle", "told"),
     [
-        (lambda u: np.rad2deg(np.arcsin(u)), "not angles in degrees"),
-        (np.arccos, "not angles in radians"),
+        (lambda u: np.rad2deg(np.arcsin(u)), "if u and w were angles in degrees: they are direction cosines"),
+        (np.arccos, "directions of a lone scatterer reach 1.8: u and w are cosines, between -1 and 1"),
         (lambda u: u % 2, "if u and w ran from 0 to 2: subtract 2 above 1"),
     ],
 )
@@ -236,22 +257,78 @@ def test_points_as_strong_as_each_other_are_blamed_for_their_power_alone(image):
     assert told.startswith("powers of 1 and 0.0001 come out as 1 and 1: a power is |G|²")
 
 
+OFFSETS = [
+    *(((one,), sign) for one in range(4) for sign in (1, -1)),
+    *(((0, 1), -1), ((2, 3), 1), ((0, 1, 2, 3), -1)),
+]
+
+
+def moved(axes, by):
+    """Move all points by so many Rayleigh cells along some axes."""
+
+    def placed(observation, *found):
+        cells = [1, 1, *(2 / n for n in observation.array.shape)]
+        shift = by * np.array(cells) * np.isin(range(4), axes)
+        return *(one + more for one, more in zip(found[:4], shift, strict=True)), found[4]
+
+    return {"placed": placed}
+
+
+@pytest.mark.parametrize("image", ["one point", "sidelobes"])
+@pytest.mark.parametrize(("axes", "sign"), OFFSETS)
+def test_half_a_bin_too_much_or_too_little_is_told_with_its_axis(axes, sign, image):
+    told = message(DoubtfulError, **IMAGES[image], **moved(axes, sign / 2))
+    names = [AXES[axis] for axis in axes]
+    assert told.startswith(f"images lone scatterers about half a bin off in {names[0]} (")
+    assert [axis for axis in AXES if f"{axis} (" in told] == names
+
+
+@pytest.mark.parametrize("image", ["one point", "sidelobes"])
+@pytest.mark.parametrize("cells", slow_but([2], [1, 2, 3]))
+@pytest.mark.parametrize(("axes", "sign"), OFFSETS)
+def test_whole_bins_too_much_or_too_little_are_a_failure_that_names_the_axes(axes, sign, cells, image):
+    told = message(BrokenPromiseError, **IMAGES[image], **moved(axes, sign * cells))
+    assert told.startswith("images of lone scatterers far above the noise are off by ")
+    assert [axis for axis in AXES if f" in {axis}," in told] == [AXES[axis] for axis in axes]
+
+
+CONSTANTS = {
+    "range": lambda o, r, d, u, w, p: (0 * r + 20, d, u, w, p),
+    "velocity": lambda o, r, d, u, w, p: (r, 0 * d + 5, u, w, p),
+    "u": lambda o, r, d, u, w, p: (r, d, 0 * u, w, p),
+    "u and w": lambda o, r, d, u, w, p: (r, d, 0 * u, 0 * w, p),
+}
+
+
 @pytest.mark.parametrize("image", IMAGES)
-@pytest.mark.parametrize(
-    ("change", "axes"),
-    [
-        (lambda r, d: (r + 0.5, d), ["range"]),
-        (lambda r, d: (r - 0.5, d), ["range"]),
-        (lambda r, d: (r, d + 0.5), ["velocity"]),
-        (lambda r, d: (r, d - 0.5), ["velocity"]),
-        (lambda r, d: (r - 0.5, d - 0.5), ["range", "velocity"]),
-    ],
-)
-def test_half_a_bin_too_much_or_too_little_is_told_with_its_axis(change, axes, image):
-    options = {"placed": lambda o, r, d, u, w, p: (*change(r, d), u, w, p)}
-    told = message(DoubtfulError, **IMAGES[image], **options)
-    assert told.startswith(f"images lone scatterers about half a bin off in {axes[0]} (")
-    assert [axis for axis in ("range", "velocity", "u (", "w (", "power") if axis in told] == axes
+@pytest.mark.parametrize("axes", CONSTANTS)
+def test_a_coordinate_that_does_not_follow_the_echo_is_told(axes, image):
+    told = message(BrokenPromiseError, **IMAGES[image], placed=CONSTANTS[axes])
+    assert told.startswith(f"images all lone scatterers at the same {axes}: ")
+
+
+def test_the_middle_of_the_gate_is_no_range():
+    def placed(observation, r, d, u, w, p):
+        return 0 * r + observation.gate.range_bins.mean().round(), d, u, w, p
+
+    assert " in range, in Rayleigh cells: " in message(BrokenPromiseError, placed=placed)
+
+
+def test_points_all_over_the_scene_are_blamed_for_their_powers_and_for_no_place():
+    rng = np.random.default_rng(0)
+
+    def placed(observation, *found):
+        gate = observation.gate
+        axes = (
+            rng.choice(gate.range_bins, 300),
+            rng.choice(gate.doppler_bins, 300),
+            *rng.uniform(-1, 1, (2, 300)),
+        )
+        return *(np.r_[one, more] for one, more in zip(found[:4], axes, strict=True)), np.ones(301)
+
+    assert "powers of 1 and 0.0001 come out as 1 and 1" in message(DoubtfulError, placed=placed)
+    spread = {"lowest_db": -60.0, "alike": True}
+    assert "by points all over the scene, none of which stands out" in message(DoubtfulError, **spread)
 
 
 ROUNDINGS = {np.floor: ["range", "velocity"], np.ceil: ["range", "velocity"], np.trunc: ["range", "velocity"]}
@@ -300,25 +377,23 @@ def test_nothing_where_one_scatterer_stands_out_is_a_failure():
 @pytest.mark.parametrize("axis", range(4))
 def test_every_point_more_than_two_cells_off_is_a_failure_that_names_the_axis(axis):
     def placed(observation, *found):
-        shift = np.array([-9.0, 12.0, -0.55, 0.65]) * (np.arange(4) == axis)
+        shift = np.array([-9.0, 11.0, -0.55, 0.65]) * (np.arange(4) == axis)
         return *(one + by for one, by in zip(found[:4], shift, strict=True)), found[4]
 
     name = ("range", "velocity", "u", "w")[axis]
     assert f" in {name}, in Rayleigh cells: " in message(BrokenPromiseError, placed=placed)
 
 
-@pytest.mark.parametrize("frame", VIEWS)
-def test_no_two_mistakes_lead_to_the_same_place(frame):
-    shot = small_scenes.lone(frame)
-    cells = rayleigh_cells(shot.scenario)
-    true = radio_places(shot.scenario, shot.scenario.truth)[0] / cells
-    found = list(_places_of_mistakes(true, cells))
-    mistakes, places = zip(*found, strict=True)
-    places = np.array(places)
-    assert mistakes[0] == ()
-    np.testing.assert_array_equal(places[0], true)
-    apart = np.abs(places[:, None] - places).max(axis=2) + 9 * np.eye(len(places))
-    assert apart.min() > 0.5
+def test_no_two_mistakes_lead_to_the_same_places():
+    apart = []
+    for frame in VIEWS:
+        shot = small_scenes.lone(frame)
+        true = radio_places(shot.scenario, shot.scenario.truth)[0] / rayleigh_cells(shot.scenario)
+        mistakes, places, _ = map(list, zip(*_places(shot, true), strict=True))
+        assert mistakes[0] == ()
+        np.testing.assert_array_equal(places[0], true)
+        apart.append(np.abs(np.array(places)[:, None] - np.array(places)).max(axis=2))
+    assert (np.maximum(*apart) + 9 * np.eye(len(places))).min() > 0.5
 
 
 @pytest.mark.parametrize("frame", VIEWS)
