@@ -10,12 +10,15 @@ import copyreg
 import dataclasses
 import dis
 import hashlib
+import pickle
 import sys
+import sysconfig
 import uuid
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
-from io import IOBase
+from io import BytesIO, IOBase, StringIO
 from itertools import count
+from pathlib import Path
 from threading import Lock, RLock
 from types import (
     BuiltinFunctionType,
@@ -38,6 +41,18 @@ from isacbench.errors import InputError
 from isacbench.plugins.import_closure import is_importable
 
 PLAIN = bool, int, float, complex, str, type(None), type(Ellipsis)
+MADE_BY_NUMPY = "<__array_function__ internals>"
+"""Name of the file that code has which dispatches NumPy's functions."""
+
+LIBRARIES = {
+    *map(sysconfig.get_path, ("stdlib", "platstdlib", "purelib", "platlib")),
+    str(Path(__file__).parents[1]),
+}
+"""Folders of code that scripts and notebooks are not in."""
+
+UNKNOWN = uuid.uuid4
+"""Gives what nothing is known of a text, which is never the same."""
+
 PROTOCOL = 4
 """Of the state of objects, as `pickle` takes it."""
 
@@ -49,9 +64,12 @@ HEAP_TYPE = 1 << 9
 
 DESCRIPTORS = (
     *(GetSetDescriptorType, MemberDescriptorType, MethodDescriptorType, WrapperDescriptorType),
-    *(ClassMethodDescriptorType, MethodWrapperType),
+    ClassMethodDescriptorType,
 )
 """Types of members that code in C has."""
+
+BY_NAME = {"globals", "eval", "exec"}
+"""Built-in functions that values are found with that no instruction names."""
 
 MADE_BY_PYTHON = {
     *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__slotnames__", "__match_args__"),
@@ -73,6 +91,8 @@ class ClassCode(NamedTuple):
 
     Attributes
     ----------
+    name : str
+        Its qualified name.
     digest : str
         SHA-256, hexadecimal, of its functions, of those that they use, and of all values.
     modules : frozenset of str
@@ -81,6 +101,7 @@ class ClassCode(NamedTuple):
         Modules without a file that its code is in.
     """
 
+    name: str
     digest: str
     modules: frozenset[str]
     homes: frozenset[str]
@@ -108,8 +129,18 @@ def has_a_file(thing: Any) -> bool:
         return False
     if module == "builtins":  # of Python, or made by exec without the name of a module
         return isinstance(thing, type) and not thing.__flags__ & HEAP_TYPE
-    members = vars(thing).values() if isinstance(thing, type) else ()
-    return all(is_importable(one.__module__ or "") for one in members if isinstance(one, FunctionType))
+    members = vars(thing).values() if isinstance(thing, type) else (thing,)
+    return all(_is_of_a_file(one) for one in members if isinstance(one, FunctionType))
+
+
+def _is_of_a_file(function: FunctionType) -> bool:
+    """Tell whether a function is of the module that it names; a wrapper names that of what it wraps."""
+    module, path = function.__module__ or "", function.__code__.co_filename
+    if path.startswith("<"):
+        return is_importable(module) and (path == MADE_BY_NUMPY or function.__name__ in MADE_BY_DATACLASS)
+    root = sys.modules.get(module.partition(".")[0])
+    homes = {*LIBRARIES, getattr(root, "__file__", None), *getattr(root, "__path__", ())}
+    return is_importable(module) and not homes.isdisjoint({path, *map(str, Path(path).parents)})
 
 
 def class_code(plugin_class: type[Any]) -> ClassCode:
@@ -126,15 +157,39 @@ def class_code(plugin_class: type[Any]) -> ClassCode:
     """
     if plugin_class in known_codes:
         return known_codes[plugin_class]
+    return _code_of(plugin_class, plugin_class.__qualname__)
+
+
+def attributes_digest(plugin: object, parameters: Collection[str]) -> str | None:
+    """Compute the digest of what an instance holds besides its parameters.
+
+    Parameters
+    ----------
+    plugin : object
+    parameters : collection of str
+
+    Returns
+    -------
+    str or None
+        SHA-256, hexadecimal; None if it holds nothing else.
+    """
+    kind = type(plugin)
+    held = {
+        name: value
+        for name, value in sorted(_attributes(plugin).items())
+        if name not in parameters and not isinstance(getattr(kind, name, None), cached_property)
+    }
+    return _code_of(held, kind.__qualname__).digest if held else None
+
+
+def _code_of(thing: object, name: str) -> ClassCode:
     walk = _Walk()
-    walk.text(plugin_class)
     try:
-        definitions = list(walk.definitions())
+        definitions = [walk.text(thing), *walk.definitions()]
     except RecursionError as error:
-        name = plugin_class.__qualname__
         raise InputError(f"{name}: uses values that are nested too deeply to be known again") from error
     digest = hashlib.sha256(repr(definitions).encode()).hexdigest()
-    return ClassCode(digest, frozenset(walk.modules), frozenset(walk.homes))
+    return ClassCode(name, digest, frozenset(walk.modules), frozenset(walk.homes))
 
 
 class _Walk:
@@ -182,6 +237,10 @@ class _Walk:
                 return f"{type(value).__name__}({', '.join(texts)})"
             case MethodType():
                 return f"{self.text(value.__func__)} of {self.text(value.__self__)}"
+            case MethodWrapperType():
+                return f"{value.__name__} of {self.text(value.__self__)}"
+            case BytesIO() | StringIO():
+                return f"{type(value).__name__} {value.getvalue()!r}"
             case BuiltinFunctionType() if isinstance(value.__self__, (ModuleType, type(None))):
                 return f"{value.__module__}.{value.__qualname__}"
             case property():
@@ -219,8 +278,8 @@ class _Walk:
             parts = ""
         if isinstance(parts, str):  # a name, or nothing
             attributes = _attributes(value)
-            # What nothing is known of is never the same.
-            parts = parts, attributes or parts or uuid.uuid4().hex
+            is_found = parts != "" and vars(pickle)["whichmodule"](value, parts) != "__main__"
+            parts = parts, attributes or (parts if is_found else UNKNOWN())
         texts = []
         for part in parts:
             if isinstance(part, Iterator):  # over the items of a list or a dictionary
@@ -239,7 +298,7 @@ class _Walk:
         members = {
             name: value
             for name, value in sorted(vars(thing).items())
-            if name not in MADE_BY_PYTHON and not (is_dataclass and _is_made(name, value))
+            if name not in MADE_BY_PYTHON and not (is_dataclass and _is_made(thing, name, value))
         }
         fields = [
             (one.name, one.default, one.default_factory, one.init)
@@ -250,10 +309,34 @@ class _Walk:
 
     def _function(self, thing: FunctionType) -> str:
         known = thing.__globals__
-        names = {name: known[name] for name in _global_names(thing.__code__) if name in known}
+        steps = list(_steps(thing.__code__))
+        read = {name for op, name in steps if op in ("LOAD_GLOBAL", "LOAD_NAME")}
+        # But for state that it sets itself.
+        read -= {name for op, name in steps if op == "STORE_GLOBAL"}
+        names = {name: known[name] for name in sorted(read) if name in known}
+        if BY_NAME & read - names.keys():
+            names["by name"] = str(UNKNOWN())
+        modules = [one for one in names.values() if isinstance(one, ModuleType)]
+        words = {name for _, name in steps}
+        self._import(
+            {*(one.__name__ for one in modules), *(name for op, name in steps if op == "IMPORT_NAME")}, words
+        )
+        # A script may have set them since the module was imported.
+        constants = {
+            f"{one.__name__}.{name}": vars(one)[name]
+            for one in modules
+            for name in sorted(words & vars(one).keys())
+            if isinstance(vars(one)[name], PLAIN)
+        }
         cells = [_content(cell) for cell in thing.__closure__ or ()]
-        used = names, thing.__defaults__, thing.__kwdefaults__, cells, vars(thing)
+        used = names, constants, thing.__defaults__, thing.__kwdefaults__, cells, vars(thing)
         return f"{_code_text(thing.__code__)} {self.text(used)}"
+
+    def _import(self, modules: set[str], words: set[str]) -> None:
+        """Count modules, and those below them that words may name."""
+        inner = (name for name in list(sys.modules) if words.issuperset(name.split(".")[1:]))
+        below = {name for name in inner for one in modules if name.startswith(f"{one}.")}
+        self.modules |= {name for name in modules | below if is_importable(name)}
 
 
 def _first_look(value: object) -> str:
@@ -264,8 +347,10 @@ def _first_look(value: object) -> str:
     return repr(value) if isinstance(value, PLAIN) else type(value).__qualname__
 
 
-def _is_made(name: str, value: object) -> bool:
+def _is_made(thing: type[Any], name: str, value: object) -> bool:
     """Tell whether the library of dataclasses has made a member."""
+    if name == "__init__" and not vars(thing)["__dataclass_params__"].init:
+        return False
     if name == "__hash__" and value is None:
         return True
     made = isinstance(value, FunctionType) and value.__code__.co_filename == "<string>"
@@ -293,19 +378,14 @@ def _content(cell: Any) -> Any:
         return ...
 
 
-def _global_names(code: CodeType) -> list[str]:
-    """Global names that code reads, functions inside included, but those of state that it sets itself."""
-    read: set[str] = set()
-    waiting, is_set = [code], set()
-    while waiting:
-        one = waiting.pop()
-        waiting += [constant for constant in one.co_consts if isinstance(constant, CodeType)]
-        for step in dis.get_instructions(one):
-            if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
-                read.add(step.argval)
-            elif step.opname == "STORE_GLOBAL":
-                is_set.add(step.argval)
-    return sorted(read - is_set)
+def _steps(code: CodeType) -> Iterator[tuple[str, str]]:
+    """Yield operations and the names that they are on, those of functions inside included."""
+    for step in dis.get_instructions(code):
+        if isinstance(step.argval, str):
+            yield step.opname, step.argval
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _steps(constant)
 
 
 def _code_text(code: CodeType) -> str:

@@ -23,6 +23,9 @@ CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 BLOCKS = "body", "orelse", "finalbody", "handlers", "cases"
 """Attributes of a statement that hold further statements."""
 
+INSTALLED = {"site-packages", "dist-packages"}
+"""Names of folders that packages are installed into."""
+
 BY_NAME = re.compile(rb"\b(?:import_module|__import__)\b")
 """Functions that import a module by its name, which no import statement shows."""
 
@@ -44,7 +47,8 @@ def import_closure(
     modules : iterable of str
         Dotted names of modules.
     packages : collection of str
-        Top-level packages and modules whose code counts.
+        Top-level packages and modules whose code counts, besides those of the user: of a
+        folder that no packages are installed into.
     sources : mapping of str to str, optional
         Text of modules that have no file.
 
@@ -81,7 +85,7 @@ def import_closure(
             if code is not None:
                 found[name] = code
                 waiting += code.imports
-    for package in packages:
+    for package in {name.partition(".")[0] for name in found}:
         own = [code for name, code in found.items() if name.partition(".")[0] == package]
         if package != "isacbench" and any(BY_NAME.search(code.content) for code in own):
             found |= {name: _Code(content, ()) for name, content in _whole(package)}
@@ -170,7 +174,7 @@ def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
     """A module and the packages above it, which run before it; nothing outside of `packages`."""
     name = present_path(name)
     parts = name.split(".")
-    if parts[0] in packages:
+    if parts[0] in packages or _is_own(parts[0]):
         yield from (".".join(parts[: n + 1]) for n in range(len(parts)))
         # A package may load a name on first use (PEP 562).
         owner = sys.modules.get(".".join(parts[:-1]))
@@ -178,6 +182,13 @@ def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
             home = getattr(getattr(owner, parts[-1], None), "__module__", name)
             if home != name:
                 yield from _with_parents(home, packages)
+
+
+@cache
+def _is_own(root: str) -> bool:
+    """Tell whether a top-level module is neither installed, nor Python's, nor of isacbench."""
+    spec = None if root in {*sys.stdlib_module_names, "isacbench"} else _spec(root)
+    return spec is not None and spec.origin is not None and not {*Path(spec.origin).parts} & INSTALLED
 
 
 _codes: dict[str, tuple[object, _Code | None]] = {}

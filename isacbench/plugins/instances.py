@@ -130,6 +130,8 @@ class Instances(Mapping[str, "Estimator"]):
                     f"estimators: cannot be had in a worker process ({type(error).__name__}: {error}): leave "
                     "out jobs and dask, or put the class and what it uses into a module or a plugin file"
                 ) from error
+            for cls, code in codes.items():
+                cls.__qualname__ = code.name  # which cloudpickle does not keep
             known_codes.update(codes)
         return self._estimators
 

@@ -14,12 +14,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from isacbench.plugins.class_code import ClassCode, class_code, has_a_file
+from isacbench.plugins.class_code import ClassCode, attributes_digest, class_code, has_a_file
 from isacbench.plugins.discovery import GROUPS, RegisteredPlugin, entries, local_plugins
 from isacbench.plugins.import_closure import digest_of, import_closure, is_importable
 from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.parameters import parameter_fields
 
 LIBRARY = "isacbench"
+OWN = "isacbench.", "isacbench_algorithms."
 
 VERSIONED = {*sys.stdlib_module_names, "numpy", "scipy"} - {"__main__"}
 """Packages whose versions every row has."""
@@ -66,6 +68,11 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
         found[package] = {"version": version, "digest": None if is_released else _digest(modules)}
     for base, code in own_codes(plugin).items():
         found[f"{base.__module__}.{base.__qualname__}"] = {"version": None, "digest": code.digest}
+    for part in plugin_parts(plugin):
+        name = f"{type(part).__module__}.{type(part).__qualname__}"
+        parameters = [field.name for field in parameter_fields(part)]
+        if not name.startswith(OWN) and (digest := attributes_digest(part, parameters)):
+            found[f"attributes of {name}"] = {"version": None, "digest": digest}
     return dict(sorted(found.items()))
 
 
@@ -136,9 +143,7 @@ def foreign_classes(plugin: object) -> tuple[str, ...]:
     tuple of str
     """
     parts = {f"{type(part).__module__}.{type(part).__qualname__}" for part in plugin_parts(plugin)}
-    return tuple(
-        sorted(name for name in parts if not name.startswith(("isacbench.", "isacbench_algorithms.")))
-    )
+    return tuple(sorted(name for name in parts if not name.startswith(OWN)))
 
 
 def _classes(plugin: object) -> set[type[Any]]:

@@ -4,9 +4,11 @@ import importlib
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from isacbench.plugins.class_code import class_code
@@ -16,6 +18,7 @@ from isacbench.plugins.registry import get_estimator
 SOURCE = """
 import enum
 import functools
+import io
 import re
 from collections import OrderedDict, namedtuple
 from dataclasses import dataclass, field
@@ -74,6 +77,13 @@ HALF = functools.partial(rounded, 0.125, digits=5)
 SQUARE = lambda x: x + 14
 unused = 15
 
+def wound(function):
+    @functools.wraps(function)
+    def inner(*args):
+        return 41 * function(*args)
+    return inner
+
+WOUND, LOOK, TEXT = wound(helped), (42, 43).__getitem__, io.StringIO("text 44")
 PATTERN = re.compile("a+")
 NEAR, FAR = scaled_by(31), scaled_by(32)
 TURNED = [lambda x, k=k: x + k for k in (33, 34)]
@@ -137,6 +147,7 @@ class Plugged(Base):
         values = [one * GAIN for one in WORDS]
         self.unused = WEIGHTS, TABLE, PLACE, MODE.SLOW, ORDER, POINT, SETUP.level, Tool(), rounded
         self.more = PATTERN, NEAR, FAR, TURNED, WRAPPED, called, Slotted, WithMeta, np.random.normal
+        self.most = WOUND, LOOK, TEXT
         return TWICE, HALF, SQUARE, helped, neighbour.CONSTANT, stepped
 
 @dataclass(frozen=True)
@@ -187,6 +198,9 @@ COUNTS = [
     ("lambda: [37]", "lambda: [38]"),
     ("order = 38", "order = 39"),
     ("__gain__ = 39", "__gain__ = 40"),
+    ("41 * function(*args)", "42 * function(*args)"),
+    ("(42, 43)", "(42, 44)"),
+    ("text 44", "text 45"),
 ]
 DOES_NOT = [
     ("GAIN = 2.5", "# moved down\n\nGAIN = 2.5"),
@@ -293,6 +307,100 @@ def test_modules_that_it_uses_count_by_their_files_and_packages_by_their_version
     assert edited["neighbour"] != versions["neighbour"]  # which code runs, depends on who asks
     importlib.reload(sys.modules["neighbour"])
     assert plugin_version(made()())["neighbour"] not in (versions["neighbour"], edited["neighbour"])
+
+
+FILES = {
+    "inner.py": "CONSTANT = 1",
+    "beside.py": "CONSTANT = 1",
+    "over/__init__.py": "",
+    "over/under.py": "CONSTANT = 1",
+    "chained.py": "import beside",
+}
+USERS = {
+    "an import in a method": ("inner.py", "def estimate(self):\n        import inner"),
+    "an import of a name in a method": (
+        "inner.py",
+        "def estimate(self):\n        from inner import CONSTANT",
+    ),
+    "a module of a package": ("over/under.py", "def estimate(self):\n        return over.under.CONSTANT"),
+    "a module that a module beside it imports": ("beside.py", "def estimate(self):\n        return chained"),
+}
+
+
+@pytest.mark.parametrize("way", USERS)
+def test_modules_of_the_user_count_whatever_way_leads_to_them(way, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    importlib.invalidate_caches()
+    file, method = USERS[way]
+    source = "import chained, over.under\n@dataclass(frozen=True)\nclass Made:\n    " + method
+    space = {"__name__": "made_in_a_notebook", "dataclass": dataclass}
+    exec(source, space)
+    before = plugin_version(space["Made"]())
+    (tmp_path / file).write_text("CONSTANT = 2")
+    after = plugin_version(space["Made"]())
+    for module in ("chained", "beside", "over", "over.under"):
+        sys.modules.pop(module, None)
+    assert after != before
+
+
+def test_constants_that_a_script_sets_in_a_module_count(made, neighbour):
+    plugged = made()
+    before = class_code(plugged)
+    sys.modules["neighbour"].CONSTANT = 5
+    assert class_code(plugged) != before
+
+
+def test_what_is_found_by_a_text_is_never_the_same():
+    class Local:
+        def estimate(self):
+            return globals()["SOURCE"]
+
+    assert class_code(Local) != class_code(Local)
+
+
+def test_a_universal_function_that_numpy_does_not_have_is_never_the_same():
+    adds = np.frompyfunc(lambda x: x + 1, 1, 1)
+
+    class Local:
+        def estimate(self):
+            return adds
+
+    assert class_code(Local) != class_code(Local)
+
+
+def test_an_init_that_is_no_dataclass_s_counts():
+    def code(number):
+        space = {"dataclass": dataclass}
+        body = f"class Made:\n    def __init__(self): self.__dict__['n'] = {number}"
+        exec(f"@dataclass(frozen=True, init=False)\n{body}", space)
+        return class_code(space["Made"])
+
+    assert code(1) == code(1) != code(2)
+
+
+@dataclass(frozen=True)
+class Trained:
+    n: int = 3
+    weights: object = field(init=False, default=None)
+
+    @cached_property
+    def costly(self):
+        return 1
+
+
+def test_what_an_instance_holds_besides_its_parameters_counts():
+    def version(weights):
+        trained = Trained()
+        object.__setattr__(trained, "weights", np.array(weights))
+        return plugin_version(trained)
+
+    assert version([1.0]) == version([1.0]) != version([2.0])
+    used = Trained()
+    used.costly  # noqa: B018
+    assert plugin_version(used) == plugin_version(Trained())
 
 
 def test_what_it_uses_of_isacbench_counts(made):

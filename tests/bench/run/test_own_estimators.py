@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import cloudpickle
 import numpy as np
+import pandas as pd
 import pytest
 
 from isacbench import get_detector, get_estimator, run
@@ -201,6 +202,22 @@ def test_wherever_it_was_made_a_row_is_of_the_values_at_that_time(suite, noteboo
         with pytest.raises(InputError, match=r"plugins made_in_a_notebook\.Made digest"):
             run(suite, **asked, jobs=jobs)
     assert run(suite, **asked, rerun=["stale"])["n_estimated"].tolist() == [3, 3]
+
+
+def test_a_class_of_a_function_goes_on_where_its_run_ended(suite, tmp_path):
+    def made():
+        @dataclass(frozen=True)
+        class Inner(Mine):
+            pass
+
+        return Inner()
+
+    asked = {"out": tmp_path / "run", "estimators": [made()]}
+    first = run(suite, **asked, trials=1, jobs=1)
+    assert first["status"].tolist() == ["ok"]
+    for jobs in (1, None):
+        again = run(suite, **asked, trials=1, jobs=jobs)
+        pd.testing.assert_frame_equal(again, first)
 
 
 def test_modules_that_a_user_sends_by_value_are_sent_so_still(suite, notebook):
