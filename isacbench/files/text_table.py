@@ -30,6 +30,7 @@ CHUNK_ROWS = 2**16
 
 _BLANK = re.compile(r"\s*$")
 _BLANK_OR_COMMENT = re.compile(r"\s*($|#|//)")
+_COMMENT_BELOW = re.compile(r"\n([^\S\n]*(?:#|//).*)")
 _SWAPPED = str.maketrans(",.", ".,")
 
 
@@ -76,6 +77,8 @@ def split_text(text: str, first_number: int = 1, is_left_out: re.Pattern[str] = 
 def read_text_rows(path: Path) -> tuple[TextTable, list[str]]:
     """Read the lines of a UTF-8 text file that are neither blank nor a comment.
 
+    Excel's first line ``sep=;`` is left out, and so is CloudCompare's line with the number of rows.
+
     Parameters
     ----------
     path : Path
@@ -89,12 +92,31 @@ def read_text_rows(path: Path) -> tuple[TextTable, list[str]]:
     Raises
     ------
     InputError
-        If the file cannot be read, is too large or is not text.
+        If the file cannot be read, is too large or is not text, or if a
+        comment below the first row has as many fields as a row.
     """
-    text = read_text(path, CLOUD_BYTES)
+    text = re.sub("\r\n?", "\n", read_text(path, CLOUD_BYTES))
+    text = re.sub(r'(?i)\A"?sep=."?\n', "\n", text)
     table = split_text(text, is_left_out=_BLANK_OR_COMMENT)
-    above = takewhile(_BLANK_OR_COMMENT.match, io.StringIO(text, newline=None))
+    is_counted = len(table.lines) > 1 and table.lines[0].strip() == str(len(table.lines) - 1)
+    if is_counted and re.match(r"\s*[-+.\d]", table.lines[1]):  # else a header
+        table = TextTable(table.lines[1:], table.numbers[1:], delimiter_of(table.lines[1]))
+    above = [*takewhile(_BLANK_OR_COMMENT.match, io.StringIO(text))]
+    _require_no_rows_as_comments(path, table, text, sum(map(len, above)))
     return table, [line.strip("#/ \t\n") for line in above]
+
+
+def _require_no_rows_as_comments(path: Path, table: TextTable, text: str, start: int) -> None:
+    """Refuse lines from a place in the text on that may be comments or rows, such as ``#N/A,5,6``."""
+    sizes = [len(fields_of(path, line, table.delimiter)) for line in table.lines[:2]]
+    sizes += [size + 1 for size in sizes if len(sizes) == 1]  # A header may leave out the names of rows.
+    for comment in _COMMENT_BELOW.finditer(text, start):
+        n_fields = len(fields_of(path, comment[1], table.delimiter))
+        if n_fields > 1 and n_fields in sizes:
+            number = text.count("\n", 0, comment.start(1)) + 1
+            raise InputError(
+                f"{path}: row {number}: may be a comment or a row; a row takes no # or // in front"
+            )
 
 
 def delimiter_of(line: str) -> str:

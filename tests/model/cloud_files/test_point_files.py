@@ -183,6 +183,16 @@ NO_POWER = "allowed is the name power for powers relative to a unit scatterer, o
         ("x,y,z,v\n1,2,3,4,5,6\n", "row 2: 6 fields instead of 4 (x, y, z, v)"),
         ("x,y,z,v\n2,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
         ("x,y,z,v\n1,2,3,4,\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
+        *(
+            (text, f"row {row}: may be a comment or a row; a row takes no # or // in front")
+            for row, text in (
+                (3, "x,y,z\n1,2,3\n#N/A,5,6\n"),
+                (4, "x;y;z\r\n1;2;3\r\n# half\r\n #NV;5;6\r\n"),
+                (2, ",x,y,z\n#1,1,2,3\nb,4,5,6\n"),
+                (2, "x y z\n#1 1 2 3\n"),
+                (3, "1,2,3\n4,5,6\n//7,8,9\n"),
+            )
+        ),
         ("x,y,z,v\n\n1,2,3,4\n1,2,3,4,5\n", "row 4: 5 fields instead of 4 (x, y, z, v)"),
         ("x,y,z,v\n1,2,3,True\n", "row 2: column v is 'True'; expected a number"),
         ("x,y,z,v\n1,2,3,NA\n", "row 2: column v is 'NA'; expected a number"),
@@ -674,6 +684,8 @@ CSV_OF = {
     "R row.names=FALSE": '"velocity","x","y","z","power"\n-4,1.5,2,3,0.5\n8,5,6,7.25,2\n',
     "quoted numbers": '"x","y","z","v","power"\n"1.5","2","3","-4","0.5"\n"5","6","7.25","8","2"\n',
     "tabs": "\tx\ty\tz\tv\tpower\n0\t1.5\t2\t3\t-4\t0.5\n1\t5\t6\t7.25\t8\t2\n",
+    "Excel with its separator": "\ufeffsep=;\r\nx;y;z;v;power\r\n1,5;2;3;-4;0,5\r\n5;6;7,25;8;2\r\n",
+    "CloudCompare with the number of points": "//X Y Z V Power\n2\n1.5 2 3 -4 0.5\n5 6 7.25 8 2\n",
     "semicolons": "x;y;z;v;power\n1.5;2;3;-4;0.5\n5;6;7.25;8;2\n",
     "a byte order mark": "\ufeffx,y,z,v,power\r\n1.5,2,3,-4,0.5\r\n5,6,7.25,8,2\r\n",
     "carriage returns": "x,y,z,v,power\r1.5,2,3,-4,0.5\r5,6,7.25,8,2\r",
