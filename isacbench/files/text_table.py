@@ -32,6 +32,9 @@ _BLANK = re.compile(r"\s*$")
 _BLANK_OR_COMMENT = re.compile(r"\s*($|#|//)")
 _COMMENT_BELOW = re.compile(r"\n([^\S\n]*(?:#|//).*)")
 _SWAPPED = str.maketrans(",.", ".,")
+_DECIMAL_MARK = re.compile(r"\.|\d,\d")
+_NO_THOUSANDS = re.compile(r"\b0+,|\d{4},|,(?!\d{3}(?!\d))")
+"""What a number has whose comma cannot set thousands apart."""
 
 
 class TextTable(NamedTuple):
@@ -129,10 +132,11 @@ def delimiter_of(line: str) -> str:
     Returns
     -------
     str
-        The first of semicolon, comma and tab that it has outside quotes, or `BLANKS`.
+        The first of semicolon, tab and comma that it has outside quotes, or
+        `BLANKS`. A tab at the ends of the line or beside another mark does not count.
     """
-    plain = re.sub('"[^"]*"', "", line)
-    return next((mark for mark in ";,\t" if mark in plain), BLANKS)
+    plain = re.sub(r"\s*([,;])\s*", r"\1", re.sub('"[^"]*"', '""', line).strip())
+    return next((mark for mark in ";\t," if mark in plain), BLANKS)
 
 
 def fields_of(path: Path, line: str, delimiter: str) -> list[str]:
@@ -168,7 +172,7 @@ def parse_numbers(path: Path, table: TextTable, columns: Sequence[str], wanted: 
     path : Path
         File to name in messages.
     table : TextTable
-        Separated by semicolons, its numbers may have decimal commas.
+        Unless it is separated by commas, its numbers may have decimal commas.
     columns : sequence of str
         Names of all columns.
     wanted : sequence of int
@@ -183,9 +187,11 @@ def parse_numbers(path: Path, table: TextTable, columns: Sequence[str], wanted: 
     ------
     InputError
         On a row with too few or too many fields, a field that is no number,
-        or one that is not finite.
+        or one that is not finite; and if all commas may set thousands apart,
+        where no semicolons say that they are decimal.
     """
-    has_commas = table.delimiter == ";" and any(re.search(r"\d,\d", line) for line in table.lines)
+    mark: re.Match[str] | None = None
+    is_decimal = table.delimiter == ";"
     values = np.empty((len(table.lines), len(wanted)))
     at = 0
     for chunk in _chunks(path, table, columns):
@@ -196,11 +202,14 @@ def parse_numbers(path: Path, table: TextTable, columns: Sequence[str], wanted: 
             _refuse_count(path, table.numbers[at + row], n_fields, columns)
         fields = chunk[:, wanted]
         texts = fields.ravel().tolist()
-        if has_commas:
+        joined = "\n".join(texts)
+        mark = mark or (_DECIMAL_MARK.search(joined) if table.delimiter != "," else None)
+        if mark and "," in mark[0]:
+            is_decimal = is_decimal or bool(_NO_THOUSANDS.search(joined))
             texts = [text.translate(_SWAPPED) for text in texts]
         numbers = values[at : at + len(chunk)]
         try:
-            if "_" in (joined := "".join(texts)) or not joined.isascii():  # as `is_number`, for all at once
+            if "_" in joined or not joined.isascii():  # as `is_number`, for all at once
                 raise ValueError
             numbers[:] = np.reshape(np.array(texts, dtype=np.float64), numbers.shape)
         except ValueError:
@@ -211,6 +220,8 @@ def parse_numbers(path: Path, table: TextTable, columns: Sequence[str], wanted: 
             ) from None
         check_finite(path, numbers, [columns[k] for k in wanted], table.numbers[at : at + len(chunk)])
         at += len(chunk)
+    if mark and "," in mark[0] and not is_decimal:
+        raise InputError(f"{path}: commas may be decimal or set thousands apart; allowed are decimal points")
     if at < len(table.lines):
         raise InputError(f"{path}: has a line break within quotes; allowed is one line a row")
     return values

@@ -157,6 +157,7 @@ def test_a_csv_of_a_header_alone_is_an_empty_cloud(tmp_path: Path) -> None:
 TAKES = "a cloud takes x, y, z and, if there, v (or velocity) and power; it has"
 NO_VELOCITY = "allowed is the name velocity for m/s, positive when approaching, or nothing like it"
 NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
+THOUSANDS = "decimal or set thousands apart; allowed are decimal points"
 
 
 @pytest.mark.parametrize(
@@ -197,6 +198,10 @@ NO_POWER = "allowed is the name power for powers relative to a unit scatterer, o
         ("x,y,z,v\n1,2,3,True\n", "row 2: column v is 'True'; expected a number"),
         ("x,y,z,v\n1,2,3,NA\n", "row 2: column v is 'NA'; expected a number"),
         ("x;y;z;v\n1,5;2;3.5;4\n", "row 2: column z is '3.5'; expected a number"),
+        ("x\ty\tz\n1,5\t2\t3.5\n", "row 2: column z is '3.5'; expected a number"),
+        ("x y z\n1 ,2 ,3\n", "row 2: column y is ',2'; expected a number"),
+        ("1,5 2,5 3,5\n", "row 1: column y is '5 2'; expected a number"),
+        ("x\ty\tz\n1,234\t2\t5,678\n", f"commas may be {THOUSANDS}"),
         ("x;y;z;v\n1.234,5;2;3;4\n", "row 2: column x is '1.234,5'; expected a number"),
         (
             'x,y,z,v,a\n1,2,3,4,b\n1,2,3,4,"a\nb"\n',
@@ -683,6 +688,14 @@ CSV_OF = {
     "R with named rows": 'x,y,z,v,power\n"a",1.5,2,3,-4,0.5\n"b, c",5,6,7.25,8,2\n',
     "R row.names=FALSE": '"velocity","x","y","z","power"\n-4,1.5,2,3,0.5\n8,5,6,7.25,2\n',
     "quoted numbers": '"x","y","z","v","power"\n"1.5","2","3","-4","0.5"\n"5","6","7.25","8","2"\n',
+    "R write.table with all quotes": (
+        '"x" "y" "z" "v" "power"\n"1" "1.5" "2" "3" "-4" "0.5"\n"2" "5" "6" "7.25" "8" "2"\n'
+    ),
+    "R write.table with decimal commas": ('"x" "y" "z" "v" "power"\n"1" 1,5 2 3 -4 0,5\n"2" 5 6 7,25 8 2\n'),
+    "tabs and decimal commas": "x\ty\tz\tv\tpower\n1,5\t2\t3\t-4\t0,5\n5\t6\t7,25\t8\t2\n",
+    "tabs and decimal commas alone": "1,5\t2\t3\t-4\t0,5\n5\t6\t7,25\t8\t2\n",
+    "commas and tabs": "x,\ty,\tz,\tv,\tpower\n1.5,\t2,\t3,\t-4,\t.5\n5,\t6,\t7.25,\t8,\t2\n",
+    "commas in a text": "x;y;z;v;power;label\n1.5;2;3;-4;.5;3,4\n5;6;7.25;8;2;a\n",
     "tabs": "\tx\ty\tz\tv\tpower\n0\t1.5\t2\t3\t-4\t0.5\n1\t5\t6\t7.25\t8\t2\n",
     "Excel with its separator": "\ufeffsep=;\r\nx;y;z;v;power\r\n1,5;2;3;-4;0,5\r\n5;6;7,25;8;2\r\n",
     "CloudCompare with the number of points": "//X Y Z V Power\n2\n1.5 2 3 -4 0.5\n5 6 7.25 8 2\n",
