@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
+_NO_ROW_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
 _TAKES = "takes xyz (n, 3), optionally velocity (n) and power (n)"
 
 
@@ -214,13 +215,33 @@ def _commented_names(path: Path, comments: list[str], first: list[str]) -> list[
 
 
 def _has_row_names(path: Path, table: TextTable, names: list[str]) -> bool:
-    """Tell if rows begin with a name that the header does not announce, as those that R writes."""
+    """Tell if rows begin with a name that the header does not announce, as those that R writes.
+
+    A number is a name only if it is quoted alone, or counts two rows or more.
+    Any other is refused, because a name of a column may be missing.
+    """
     first = fields_of(path, table.lines[0], table.delimiter) if table.lines else []
     if len(first) != len(names) + 1 or not first[-1]:
         return False
-    if table.lines[0].lstrip().startswith('"') or not is_number(first[0]):
+    if _quotes_first_alone(table.lines[0]) or not is_number(first[0].replace(",", ".")):
         return True
-    return _counts(first[0], parse_numbers(path, table, ["", *names], [0])[:, 0])
+    if len(table.lines) > 1 and _counts(first[0], parse_numbers(path, table, ["", *names], [0])[:, 0]):
+        return True
+    raise InputError(
+        f"{path}: row {table.numbers[0]}: {len(first)} fields instead of {len(names)} "
+        f"({shortened(', '.join(names))}); allowed are a name for each, or {_NO_ROW_NUMBERS}"
+    )
+
+
+def _quotes_first_alone(line: str) -> bool:
+    """Tell if a row begins in quotes, and has fields without, as R writes the names of rows."""
+    return line.lstrip().startswith('"') and bool(re.search(r"\w", re.sub('"[^"]*"', "", line)))
+
+
+def _may_number(values: Floats) -> bool:
+    """Tell if the first column may number rows: by whole numbers, all distinct, beside others."""
+    is_whole = (values % 1 == 0).all(axis=0)
+    return is_whole[0] and not is_whole.all() and 1 < len(values) == len(np.unique(values[:, 0]))
 
 
 def _counts(first: str, values: Floats) -> bool:
@@ -234,21 +255,24 @@ def _read_csv(path: Path) -> dict[str, Floats]:
         found = find_columns(path, place, names)
         return dict(zip(found, parse_numbers(path, table, names, [*found.values()]).T, strict=True))
     first = fields_of(path, table.lines[0], table.delimiter)
+    numbers = [*map(str, range(len(first)))]
+    if first in (numbers, ["", *numbers[:-1]]):
+        raise InputError(
+            f"{path}: {place}: may be a header that numbers the columns; allowed are the names x, y, z ... "
+            f"and {_NO_ROW_NUMBERS}"
+        )
     if len(first) not in (3, 4, 5):
         raise InputError(
             f"{path}: {place}: {len(first)} fields; without a header a cloud takes 3, 4 or 5 "
-            f"({', '.join(POINT_COLUMNS)})"
-        )
-    if first == [*map(str, range(len(first)))]:
-        raise InputError(
-            f"{path}: {place}: may be a header that numbers the columns; allowed are the names x, y, z"
+            f"({', '.join(POINT_COLUMNS)})" + (f", in {_NO_ROW_NUMBERS}" if len(first) == 6 else "")
         )
     columns = POINT_COLUMNS[: len(first)]
     values = parse_numbers(path, table, columns, range(len(first)))
-    if len(first) > len("xyz") and _counts(first[0], values[:, 0]):
+    is_named = _quotes_first_alone(table.lines[0]) or _counts(first[0], values[:, 0]) or _may_number(values)
+    if len(first) > len("xyz") and is_named:
         raise InputError(
-            f"{path}: the first column counts the rows, and may be x as well; allowed is a header, or rows "
-            "without their numbers (pandas: index=False, R: row.names=FALSE)"
+            f"{path}: the first column may number the rows, and may be x as well; allowed is a header, or "
+            f"{_NO_ROW_NUMBERS}"
         )
     return dict(zip(columns, values.T, strict=True))
 

@@ -156,6 +156,8 @@ def test_a_csv_of_a_header_alone_is_an_empty_cloud(tmp_path: Path) -> None:
 
 TAKES = "a cloud takes x, y, z and, if there, v (or velocity) and power; it has"
 NO_VELOCITY = "allowed is the name velocity for m/s, positive when approaching, or nothing like it"
+NO_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
+NAME_EACH = f"allowed are a name for each, or {NO_NUMBERS}"
 NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
 THOUSANDS = "decimal or set thousands apart; allowed are decimal points"
 
@@ -182,7 +184,16 @@ THOUSANDS = "decimal or set thousands apart; allowed are decimal points"
         ("x,y,z,v\n1,2,3\n", "row 2: column v is ''; expected a number"),
         ("x y z v\n1 2 3\n", "row 2: 3 fields instead of 4 (x, y, z, v)"),
         ("x,y,z,v\n1,2,3,4,5,6\n", "row 2: 6 fields instead of 4 (x, y, z, v)"),
-        ("x,y,z,v\n2,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
+        *(
+            (text, f"row 2: {n + 1} fields instead of {n} ({names}); {NAME_EACH}")
+            for text, n, names in (
+                ("x,y,z,v\n2,2,3,4,5\n", 4, "x, y, z, v"),
+                ("x,y,z\n1,2,3,5\n", 3, "x, y, z"),
+                ("x;y;z\n1,5;2;3;5\n", 3, "x, y, z"),
+                ('"x","y","z"\n"1.5","2.5","3.5","4.5"\n', 3, "x, y, z"),
+                ("x y z\n3 1 2 3\n9 4 5 6\n", 3, "x, y, z"),
+            )
+        ),
         ("x,y,z,v\n1,2,3,4,\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
         *(
             (text, f"row {row}: may be a comment or a row; a row takes no # or // in front")
@@ -215,9 +226,14 @@ THOUSANDS = "decimal or set thousands apart; allowed are decimal points"
         ("1_0,2,3,4\n", "row 1: column x is '1_0'; expected a number"),
         ("1,2,0x1p3,4\n", "row 1: column z is '0x1p3'; expected a number"),
         ("1,2,3,4\n1,2,3,4,5\n", "row 2: 5 fields instead of 4 (x, y, z, v)"),
-        (
-            "1,2\n",
-            "row 1: 2 fields; without a header a cloud takes 3, 4 or 5 (x, y, z, v, power)",
+        *(
+            (text, f"row 1: {n} fields; without a header a cloud takes 3, 4 or 5 (x, y, z, v, power){remedy}")
+            for text, n, remedy in (
+                ("1,2\n", 2, ""),
+                ("0,1,2,3,4,5.5\n", 6, f", in {NO_NUMBERS}"),
+                ("3\n1 2 3\n4 5 6\n", 1, ""),
+                ("1\nx y z\n", 1, ""),
+            )
         ),
     ],
 )
@@ -727,11 +743,17 @@ def test_what_pandas_writes_of_a_cloud_is_read_exactly(table: np.ndarray) -> Non
             assert PointCloud.read(path).to_array().tobytes() == table.tobytes()
 
 
+NAMES = f"allowed are the names x, y, z ... and {NO_NUMBERS}"
 AMBIGUOUS = {
-    "0,1.5,2,3\n1,4,5,6\n": "the first column counts the rows, and may be x as well; ",
-    "1 1.5 2 3\n2 4 5 6\n": "the first column counts the rows, and may be x as well; ",
-    '"1",1.5,2,3,4\n"2",4,5,6,7\n': "the first column counts the rows, and may be x as well; ",
+    "0,1.5,2,3\n1,4,5,6\n": "the first column may number the rows, and may be x as well; ",
+    "1 1.5 2 3\n2 4 5 6\n": "the first column may number the rows, and may be x as well; ",
+    "9,1.5,2,3\n4,4,5,6\n": "the first column may number the rows, and may be x as well; ",
+    "1.0,2,3,4\n2.0,4,5,6.5\n": "the first column may number the rows, and may be x as well; ",
+    '"7" 1 2 3\n"9" 4 5 6\n': "the first column may number the rows, and may be x as well; ",
+    '"1",1.5,2,3,4\n"2",4,5,6,7\n': "the first column may number the rows, and may be x as well; ",
     "0,1,2,3\n7,4,5,6\n": "row 1: may be a header that numbers the columns; allowed are the names x, y, z",
+    ",0,1,2\n0,1.5,2,3\n": "row 1: may be a header that numbers the columns; allowed are the names x, y, z",
+    ",0,1,2,3,4\n0,7,4,5,6,7\n": f"row 1: may be a header that numbers the columns; {NAMES}",
     "# columns: v x y z\n7,4,5,6\n": "the comment 'columns: v x y z' may name the 4 columns; ",
     "# x y z power snr\n7,4,5,6\n": "the comment 'x y z power snr' may name the 4 columns; ",
 }
