@@ -22,6 +22,8 @@ _LIKE_VELOCITY = re.compile(
     "velocity|(?<![a-z])vel|doppler|speed|range.?rate|(?<![a-z])vr(?![a-z])|^v([^a-z]|$)", re.IGNORECASE
 )
 
+_PANDAS_INDEX = re.compile(r"level_\d+|__index_level_\d+__")
+"""Names that pandas gives to numbers of rows."""
 
 _ALIKE = {
     "v": (
@@ -55,6 +57,6 @@ def require_no_other_names(path: Path, columns: Collection[str], others: Sequenc
         Naming all that may be the velocity or the power.
     """
     for column, (like, name, allowed) in _ALIKE.items():
-        found = ", ".join(filter(like.search, others))
+        found = ", ".join(name for name in others if like.search(name) and not _PANDAS_INDEX.fullmatch(name))
         if column not in columns and found:
             raise InputError(f"{path}: has no {name}, but {shortened(found)}; allowed is {allowed}")

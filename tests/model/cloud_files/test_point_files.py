@@ -887,7 +887,13 @@ def test_points_alone_are_a_cloud_without_velocities(save: Callable[..., Path]) 
 
 
 @pytest.mark.parametrize(
-    "text", ["x,y,z\n1.5,2,3\n5,6,7.25\n", "1.5 2 3\n5 6 7.25\n", "//X Y Z R\n1.5 2 3 9\n5 6 7.25 9"]
+    "text",
+    [
+        "x,y,z\n1.5,2,3\n5,6,7.25\n",
+        "1.5 2 3\n5 6 7.25\n",
+        "//X Y Z R\n1.5 2 3 9\n5 6 7.25 9",
+        "level_0,level_1,__index_level_0__,x,y,z\n0,1,0,1.5,2,3\n0,2,1,5,6,7.25\n",
+    ],
 )
 def test_a_csv_of_points_alone_is_a_cloud_without_velocities(tmp_path: Path, text: str) -> None:
     assert_without_velocity(PointCloud.read(text_file(tmp_path, "cloud.csv", text)))
