@@ -143,7 +143,10 @@ def _ascii_vertices(path: Path, body: bytes, first_row: int, elements: Elements,
     n = elements["vertex"]["length"]
     _require_whole(path, len(rows.lines) - start, n)
     table = TextTable(rows.lines[start : start + n], rows.numbers[start : start + n], BLANKS)
-    return parse_numbers(path, table, [*elements["vertex"]["properties"]], wanted)
+    values = parse_numbers(path, table, [*elements["vertex"]["properties"]], wanted)
+    if len(rows.lines) > (total := sum(element["length"] for element in elements.values())):
+        raise InputError(f"{path}: row {rows.numbers[total]}: is one too many; the header allows {total}")
+    return values
 
 
 def _binary_vertices(path: Path, body: bytes, elements: Elements) -> NDArray[np.void]:

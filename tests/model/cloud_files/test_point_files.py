@@ -671,6 +671,10 @@ PROPERTIES = "property float x\nproperty float y\nproperty float z\nproperty flo
             "row 10: 3 fields instead of 4 (x, y, z, v)",
         ),
         (
+            HEAD + PROPERTIES + "end_header\n1 2 3 4\n1 2 3 4\n\n1 2 3 4\n",
+            "row 12: is one too many; the header allows 2",
+        ),
+        (
             HEAD + "property float u\n" + PROPERTIES + "end_header\n",
             f"element vertex: v beside u is of a texture; {TAKES} u, x, y, z, v",
         ),
