@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -369,7 +370,7 @@ class Simulator:
             unit, power = 1.0, 1.0
         lowest_db = 10 * np.log10(power) - 20 * np.log10(LARGEST_NOISE_AMPLITUDE / unit)
         limits = f"{lowest_db:.0f} and more, infinity for no noise"
-        require(snr_db >= lowest_db, "snr_db", snr_db, limits)
+        require(isinstance(snr_db, Real) and snr_db >= lowest_db, "snr_db", snr_db, limits)
         return unit * float(np.sqrt(power * 10 ** (-float(snr_db) / 10)))
 
     @one_blas_thread()

@@ -5,18 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo as observe_plainly
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
 
 if TYPE_CHECKING:
     from isacbench.choices import Division, Modulation, Sensing
     from isacbench.model.observation import Observation
-    from isacbench.model.scene import Scenario
 
 
 def observe(
     scenario: Scenario | str | Path,
-    snr_db: float,
+    snr_db: float = 10.0,
     trial: int = 0,
     seed: int = 0,
     *,
@@ -32,7 +33,7 @@ def observe(
         Or what `isacbench.load_scenario` takes: a name, a family such as ``town[seed=7]``, a path.
     snr_db : float
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element,
-        whatever is sensed with; infinity for no noise.
+        whatever is sensed with; infinity for no noise. By default 10, as of ``isacbench image``.
     trial, seed : int
         Trial and seed of noise and data.
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
@@ -50,8 +51,8 @@ def observe(
     Raises
     ------
     InputError
-        If a value is not allowed, or the SNR is no number, or so low that the
-        noise overflows.
+        If a value is not allowed, or the scenario is of another type, or the
+        SNR is no number, or so low that the noise overflows.
 
     Examples
     --------
@@ -62,6 +63,8 @@ def observe(
     """
     if isinstance(scenario, (str, Path)):
         scenario = load_scenario(scenario)
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"scenario takes a name, a path or a Scenario, not {type(scenario).__name__}")
     if (modulation, sensing, division) == ("qpsk", "all", "reciprocal"):
         return observe_plainly(scenario, snr_db, trial, seed)
     # Loaded where it is needed: the link brings in what most runs do without.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import re
 import sys
 from contextlib import nullcontext
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import isacbench
+from isacbench.cli.image_commands import DEFAULT_SNR
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing import weighted_echo as weighted_echo_module
@@ -254,6 +256,25 @@ def test_impossible_signals_and_levels_are_refused(scenario):
         isacbench.observe(scenario, 10, division="zf")
     with pytest.raises(InputError, match="snr_db"):
         isacbench.observe(scenario, float("nan"), sensing="prs")
+
+
+def test_a_scenario_is_observed_by_its_name_alone_at_the_snr_of_the_command():
+    by_name = isacbench.observe("single")
+    assert np.array_equal(by_name.cells, isacbench.observe("single", float(DEFAULT_SNR)).cells)
+
+
+@pytest.mark.parametrize("scene", [None, 5, b"street", ["street"]])
+def test_what_is_no_scenario_is_refused(scene):
+    with pytest.raises(InputError, match=f"a name, a path or a Scenario, not {type(scene).__name__}$"):
+        isacbench.observe(scene, 10)
+
+
+@pytest.mark.parametrize("sensing", ["all", "prs"])
+@pytest.mark.parametrize("snr_db", [None, "10", [10.0]])
+def test_an_snr_that_is_no_number_is_refused(scenario, snr_db, sensing):
+    message = rf"snr_db = {re.escape(repr(snr_db))}: allowed is -\d+ and more, infinity for no noise"
+    with pytest.raises(InputError, match=message):
+        isacbench.observe(scenario, snr_db, sensing=sensing)
 
 
 def test_an_observation_without_a_link_does_not_load_one():
