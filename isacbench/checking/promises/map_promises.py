@@ -46,7 +46,7 @@ APPROXIMATION = 0.03
 RAREST = 10
 """Least expected number of false alarms for which a rate is measured."""
 
-BORDER_MAPS = 64, 64, 64
+BORDER_MAPS = 512, 32, 32
 """Number and shape of the noise maps whose borders are looked at; many, for a map has four corners."""
 
 BORDERS: dict[str, Any] = {
@@ -55,8 +55,12 @@ BORDERS: dict[str, Any] = {
     "first columns": np.s_[:, 2:-2, :2],
     "last columns": np.s_[:, 2:-2, -2:],
     "corners": np.s_[:, [[0], [1], [-2], [-1]], [[0, 1, -2, -1]]],
+    "next rows": np.s_[:, 2:8, 2:-2],
+    "rows before the last": np.s_[:, -8:-2, 2:-2],
+    "next columns": np.s_[:, 2:-2, 2:8],
+    "columns before the last": np.s_[:, 2:-2, -8:-2],
 }
-"""Cells within two of a border: there the window lacks most cells, however far it reaches."""
+"""Cells within two of a border, where the window lacks most cells, and in the next six rows and columns."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,7 +70,7 @@ BROKEN = [
     ("detection", put("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
     ("shapes", put("mask = mask.astype(int)"), "mask is int64 (40, 24), not bool (40, 24)"),
     ("shapes", put("noise = noise.ravel()"), "noise is float64 (960,), not float64 (40, 24)"),
-    ("mask", put("mask.flat[0] |= power.max() > 0"), "mask is not power > threshold in 1 of 960 cells"),
+    ("mask", put("mask.flat[mask.size // 2] |= power.max() > 0"), "mask is not power > threshold in 1 of 960 cells"),
     ("threshold and noise", put("noise = -noise"), "noise has NaN, infinite or negative values"),
     ("map unchanged", put("given *= 2"), "writes to the map ("),
     (
@@ -195,6 +195,25 @@ def test_zeros_beyond_the_border_are_told_by_the_rate_there_and_not_by_the_mean(
     assert "pad maps with nothing" in message
 
 
+@pytest.mark.parametrize(
+    ("threshold", "part"),
+    [
+        ("noise * factor * np.where(np.arange(power.shape[0]) == 3, 0.5, 1)[:, None]", "next rows"),
+        ("noise * factor * np.where(np.arange(power.shape[1]) == 2, 0.5, 1)", "next columns"),
+    ],
+)
+def test_a_line_near_the_border_with_another_rate_is_told(threshold, part):
+    findings = check(*windowed("wrap", threshold))
+    assert f" in the {part}: pad maps" in findings["rate at borders"].message
+
+
+def test_the_median_beyond_the_border_is_told():
+    padded = "np.pad(power, 9, constant_values=np.median(power))"
+    below = WINDOWED[1].replace("[-power.shape[0]:, -power.shape[1]:]", "[9:-9, 9:-9]")
+    findings = check(WINDOWED[0], below.format(mode="wrap", threshold=AS_IT_IS, around=padded))
+    assert " in the corners" in findings["rate at borders"].message
+
+
 def test_a_border_that_is_padded_on_one_side_alone_is_named():
     above = "np.concatenate([power[-9:], power, np.zeros((9, power.shape[1]))])"
     below = WINDOWED[1].replace("[-power.shape[0]:, ", "[9:-9, ")
@@ -217,7 +236,7 @@ def test_cells_of_the_border_that_are_never_tested_are_warned_of():
 
 
 def test_a_window_larger_than_the_maps_with_borders_is_no_failure():
-    refusal = "from isacbench.errors import InputError\nif power.shape == (64, 64): raise InputError('small')"
+    refusal = "from isacbench.errors import InputError\nif power.shape == (32, 32): raise InputError('small')"
     findings = check(*put(refusal))
     assert findings["rate at borders"] == Finding("rate at borders", "ok", "refused in words: small")
 

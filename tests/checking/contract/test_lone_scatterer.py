@@ -14,6 +14,7 @@ from isacbench.checking.promises import small_scenes
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.model.cloud import PointCloud
+from tests.conftest import slow_but
 
 BEAMS = 32
 VIEWS = tuple(small_scenes.LONE_VIEWS)
