@@ -8,8 +8,9 @@ import io
 import os
 import select
 import sys
+import threading
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,29 +25,39 @@ class _Lossy(io.FileIO):
     is_lost = is_told = False
 
     def write(self, data: Any, /) -> int:
-        while not self.is_lost:
+        left = memoryview(data).cast("B")
+        while left and not self.is_lost:
             try:
-                written = super().write(data)
+                written = super().write(left)
             except OSError as error:
                 self.is_lost = True
                 if error.errno != errno.EPIPE and self.is_told:
                     print(f"isacbench: stdout: {error.strerror}; the rest is not printed", file=sys.stderr)
             else:
-                if written is not None:
-                    return written
-                select.select([], [self], [])  # it does not block, and is full
+                if written is None:
+                    select.select([], [self], [])  # it does not block, and is full
+                left = left[written or 0 :]
         return len(data)
 
 
 class OwnOutput(io.TextIOWrapper):
-    """Standard output of the command line, which only isacbench writes to."""
+    """Stream of the command line, which only isacbench writes to."""
+
+    thread: int | None = None
+    """The only thread that may write, if there is one; the text of others goes to standard error."""
+
+    def write(self, text: str, /) -> int:
+        """Write text, or hand it on."""
+        is_allowed = self.thread in (None, threading.get_ident())
+        return super().write(text) if is_allowed else sys.stderr.write(text)
 
 
 @contextmanager
 def own_output() -> Iterator[None]:
-    """Keep standard output to what isacbench prints; descriptor 1 leads to standard error for all else.
+    """Keep standard output to what isacbench prints in this thread; all else goes to standard error.
 
-    Whatever becomes of the streams, printing raises no exception.
+    Descriptor 1 leads there at once, and `sys.stdout` when the block has ended. Whatever
+    becomes of the streams, printing raises no exception.
     """
     for descriptor in STREAMS.values():
         with suppress(OSError):
@@ -65,11 +76,15 @@ def own_output() -> Iterator[None]:
         )
         setattr(sys, name, stream)
         setattr(sys, f"__{name}__", stream)  # which the width of the terminal is asked of
+    own = cast("OwnOutput", sys.stdout)
+    own.thread = threading.get_ident()
     os.dup2(STREAMS["stderr"], STREAMS["stdout"])
     try:
         yield
     finally:
-        sys.stdout.flush()
+        own.close()
+        for name in ("stdout", "__stdout__"):  # for what a plugin prints when the process ends
+            setattr(sys, name, sys.stderr)
 
 
 class _Relay(io.RawIOBase):
@@ -78,31 +93,82 @@ class _Relay(io.RawIOBase):
     def __init__(self, target: TextIO) -> None:
         self._target, self._decoder = target, codecs.getincrementaldecoder("utf-8")("replace")
 
-    def writable(self) -> bool:
-        return True
+    def readinto(self, _: Any, /) -> int:
+        return 0
 
     def write(self, data: Any, /) -> int:
         self._target.write(self._decoder.decode(bytes(data)))
         return len(data)
 
 
+class _Lent(io.RawIOBase):
+    """Raw stream that a plugin is lent. It may keep it, and cannot close it.
+
+    It leads where the standard stream of the process does at the time. What cannot be
+    written is dropped.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def close(self) -> None:
+        pass
+
+    def readable(self) -> bool:
+        return self.name == "stdin"
+
+    def writable(self) -> bool:
+        return self.name != "stdin"
+
+    def fileno(self) -> int:
+        return _files[self.name].fileno()
+
+    def isatty(self) -> bool:
+        return _files[self.name].isatty()
+
+    def readinto(self, buffer: Any, /) -> int | None:
+        return _files[self.name].readinto(buffer)
+
+    def write(self, data: Any, /) -> int:
+        with suppress(Exception):
+            _files[self.name].write(data)
+        return memoryview(data).nbytes
+
+
+class _LentText(io.TextIOWrapper):
+    """Standard stream that a plugin is lent."""
+
+
+def _opened(name: str, stream: Any = None) -> _Lossy | _Relay:
+    """Raw stream that leads where a stream does; without one, to the standard stream of the process."""
+    if stream is None or isinstance(stream, io.TextIOWrapper):  # others' descriptors may lead elsewhere
+        with suppress(OSError, ValueError):
+            descriptor = standard = STREAMS[name]
+            if not (stream is None or isinstance(stream, OwnOutput) or stream.closed):
+                stream.flush()
+                descriptor = stream.fileno()
+            mode, is_other = "r" if name == "stdin" else "w", descriptor != standard
+            return _Lossy(os.dup(descriptor) if is_other else standard, mode, closefd=is_other)
+    return _Relay(stream)
+
+
+_files = {name: _opened(name) for name in STREAMS}
+"""Where lent streams lead, also those that plugins have kept."""
+
+
 @contextmanager
 def lent_streams() -> Iterator[None]:
-    """Lend duplicates of the standard streams to the code within, which may close them.
+    """Lend the code within standard streams, which it may close, change and keep.
 
     On the command line, its standard output is standard error: that of isacbench may be JSON.
     """
     with ExitStack() as stack:
         for name, descriptor in STREAMS.items():
-            own = getattr(sys, name), getattr(sys, f"__{name}__")
             with suppress(OSError):
                 kept = os.dup(descriptor)
                 stack.callback(os.close, kept)
                 stack.callback(os.dup2, kept, descriptor, inheritable=True)
-            lent = _duplicate(name, own[0])
-            setattr(sys, name, lent)
-            setattr(sys, f"__{name}__", lent)
-            stack.callback(_take_back, name, lent, *own)
+            stack.enter_context(_lent(name))
         yield
 
 
@@ -113,27 +179,26 @@ def plugin_output() -> Iterator[None]:
         yield
 
 
-def _duplicate(name: str, stream: Any) -> Any:
-    """Stream of its own that leads where a standard stream does."""
-    if stream is None:
-        return None
-    mode = "r" if name == "stdin" else "w"
-    target = sys.stderr if isinstance(stream, OwnOutput) else stream
-    if isinstance(target, io.TextIOWrapper):  # others, as in notebooks, have descriptors that lead elsewhere
-        with suppress(OSError, ValueError):
-            if target.closed:  # of which the descriptor is left, where it is one of a standard stream
-                return os.fdopen(os.dup(STREAMS[name]), mode, errors="backslashreplace")
-            if mode == "w":
-                target.flush()
-            descriptor = os.dup(target.fileno())
-            return os.fdopen(descriptor, mode, buffering=1, encoding=target.encoding, errors=target.errors)
-    if mode == "r":
-        return io.StringIO()
-    return io.TextIOWrapper(_Relay(target), encoding="utf-8", write_through=True)
-
-
-def _take_back(name: str, lent: Any, own: Any, original: Any) -> None:
-    with suppress(Exception):  # of what a plugin has made of it
-        lent.close()
-    setattr(sys, name, own)
-    setattr(sys, f"__{name}__", original)
+@contextmanager
+def _lent(name: str) -> Iterator[None]:
+    """Lend one stream, unless there is none, or it is lent already."""
+    lent = own = getattr(sys, name)
+    original, before = getattr(sys, f"__{name}__"), _files[name]
+    if own is not None and not isinstance(own, _LentText):
+        file = _files[name] = _opened(name, own)
+        is_text = isinstance(file, _Relay)
+        encoding, errors = ("utf-8", "backslashreplace") if is_text else (own.encoding, own.errors)
+        lent = _LentText(_Lent(name), encoding, errors, line_buffering=True)
+    setattr(sys, name, lent)
+    setattr(sys, f"__{name}__", lent)
+    try:
+        yield
+    finally:
+        with suppress(Exception):  # of what a plugin has made of it
+            lent.flush()
+        if lent is not own:
+            with suppress(OSError):
+                file.close()
+            _files[name] = before
+        setattr(sys, name, own)
+        setattr(sys, f"__{name}__", original)

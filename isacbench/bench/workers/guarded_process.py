@@ -13,6 +13,7 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
 
 from isacbench.bench.workers.process_server import start_process_server
+from isacbench.streams import lent_streams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -209,7 +210,7 @@ def _cause(code: int | None) -> str:
 
 
 def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> None:
-    """Call functions as they come, and answer with their results or exceptions."""
+    """Set up the process, and work in it."""
     os.setsid()  # a group of its own, so that what plugins start ends with it
     with suppress(OSError):
         os.dup2(2, 1)  # standard output is the caller's, whatever a plugin or a library in C prints
@@ -218,6 +219,12 @@ def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _die_with_parent()
+    _answer(answers, begin, *args)
+
+
+@lent_streams()  # a lost terminal or a full disk fails no code that prints
+def _answer(answers: Connection, begin: Callable[..., None], *args: object) -> None:
+    """Call functions as they come, and answer with their results or exceptions."""
     process_id = os.getpid()
     begin(*args)
     answers.send(None)
