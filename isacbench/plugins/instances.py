@@ -14,7 +14,7 @@ import pickle
 import sys
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -27,9 +27,11 @@ from isacbench.plugins.parameters import (
     canonical_params,
     field_defaults,
     is_frozen_dataclass,
+    parameter_types,
     refuse_init_variables,
 )
 from isacbench.plugins.plugin_versions import own_codes
+from isacbench.plugins.registry import check_parameter
 from isacbench.specifications import is_word, spell_spec
 
 if TYPE_CHECKING:
@@ -81,7 +83,13 @@ def _spelled(estimator: object) -> str:
             "instances of frozen dataclasses with a name, a word, and a method estimate"
         )
     refuse_init_variables("estimator", plugin)
-    return spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
+    text = spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
+    hints: dict[str, Any] = {}
+    with suppress(Exception):  # types that only a function knows cannot be resolved
+        hints = parameter_types("estimator", plugin)
+    for key, hint in hints.items():
+        check_parameter(f"estimator {name}", key, getattr(estimator, key), hint)
+    return text
 
 
 def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
