@@ -63,9 +63,35 @@ def _set_environment(environment: dict[str, str]) -> None:
     time.tzset()
 
 
+FFT_MODULES = "scipy._lib.uarray", "scipy.fft._pocketfft.helper"
+"""Modules that keep the backends of SciPy's FFT, and its number of workers."""
+
+
+def _fft_settings() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Backends of SciPy's FFT for the whole process, and its number of workers, if it is loaded."""
+    backends, helper = map(sys.modules.get, FFT_MODULES)
+    if backends is None or helper is None:
+        return {}, {}
+    return backends.get_state()._pickle()[0], dict(vars(helper._config))
+
+
+def _set_fft(settings: tuple[dict[str, Any], dict[str, Any]]) -> None:
+    # Not by uarray's set_state: a backend that is left after it crashes the process.
+    backends, helper = (sys.modules[name] for name in FFT_MODULES)
+    for domain, (chosen, registered, is_last) in settings[0].items():
+        backends.clear_backends(domain)
+        for one in registered:
+            backends.register_backend(one)
+        backends.set_global_backend(*chosen, try_last=is_last)
+    vars(helper._config).clear()
+    vars(helper._config).update(settings[1])
+
+
 OUTER: list[Setting] = [
     (lambda: dict(os.environ), _set_environment),
     (lambda: list(sys.path), lambda path: sys.path.__setitem__(slice(None), path)),
+    (lambda: logging.root.level, logging.root.setLevel),
+    (lambda: list(logging.root.handlers), lambda kept: logging.root.handlers.__setitem__(slice(None), kept)),
 ]
 """Settings that a module may make for its later use when it is imported."""
 
@@ -79,10 +105,14 @@ INNER: list[Setting] = [
     (sys.getswitchinterval, sys.setswitchinterval),
     (sys.gettrace, sys.settrace),
     (sys.getprofile, sys.setprofile),
+    (threading.gettrace, threading.settrace),
+    (threading.getprofile, threading.setprofile),
+    (lambda: list(sys.argv), lambda arguments: sys.argv.__setitem__(slice(None), arguments)),
     (lambda: sys.excepthook, lambda hook: setattr(sys, "excepthook", hook)),
     (lambda: sys.displayhook, lambda hook: setattr(sys, "displayhook", hook)),
     (lambda: threading.excepthook, lambda hook: setattr(threading, "excepthook", hook)),
     (lambda: list(sys.meta_path), _add_finders),
+    (_fft_settings, _set_fft),
     (lambda: logging.root.manager.disable, logging.disable),
     (lambda: locale.setlocale(locale.LC_ALL), lambda name: locale.setlocale(locale.LC_ALL, name)),
 ]
@@ -130,7 +160,7 @@ def process_state_kept(at_import: bool = False) -> Iterator[None]:
     Parameters
     ----------
     at_import : bool
-        Whether the code within imports a plugin, which may set the environment and the path for itself.
+        Whether the code within imports a plugin, which may set the environment, the path and the root logger.
 
     Yields
     ------
