@@ -191,11 +191,11 @@ def plugin_output() -> Iterator[None]:
 
 @contextmanager
 def _lent(name: str) -> Iterator[None]:
-    """Lend one stream, unless there is none, or it is lent already."""
+    """Lend one stream, if there is one; the raw stream stays that of a loan around this one."""
     lent = own = getattr(sys, name)
     original, before = getattr(sys, f"__{name}__"), _files[name]
-    if own is not None and not isinstance(own, _LentText):
-        file = _files[name] = _opened(name, own)
+    if own is not None:
+        file = _files[name] = before if isinstance(own, _LentText) else _opened(name, own)
         is_text = isinstance(file, _Relay)
         encoding, errors = ("utf-8", "backslashreplace") if is_text else (own.encoding, own.errors)
         lent = _LentText(_Lent(name), encoding, errors, line_buffering=True)
@@ -206,9 +206,9 @@ def _lent(name: str) -> Iterator[None]:
     finally:
         with suppress(Exception):  # of what a plugin has made of it
             lent.flush()
-        if lent is not own:
+        if _files[name] is not before:
             with suppress(OSError):
-                file.close()
+                _files[name].close()
             _files[name] = before
         setattr(sys, name, own)
         setattr(sys, f"__{name}__", original)

@@ -188,8 +188,8 @@ def _keeps_its_rate_at_borders(subject: DetectorSubject) -> str:
             )
         if untested:
             raise DoubtfulError(
-                f"detects nothing in the {', '.join(untested)} of maps: echoes there are lost; let the window "
-                "shift inwards (isacbench.dsp.cfar.windows_of)"
+                f"detects nothing in the {', '.join(untested)} of maps: echoes there are lost; let the "
+                "window shift inwards (isacbench.dsp.cfar.windows_of)"
             )
     every = [rate for rates in measured.values() for rate, *_ in rates.values()]
     return f"{detector.pfa:g} nominal, {min(every):.3f} to {max(every):.3f} in rows, columns and corners"

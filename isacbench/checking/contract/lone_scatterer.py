@@ -60,7 +60,7 @@ Mistake = tuple[str, str]
 AXES = "range", "velocity", "u", "w"
 
 
-class Place(NamedTuple):
+class _Place(NamedTuple):
     """Place that mistakes lead to.
 
     Attributes
@@ -78,7 +78,7 @@ class Place(NamedTuple):
     stretch: Floats
 
 
-class Image:
+class _Image:
     """Points of an image of a lone scatterer, in Rayleigh cells.
 
     Parameters
@@ -109,7 +109,7 @@ class Image:
         return place
 
     @cached_property
-    def places(self) -> list[Place]:
+    def places(self) -> list[_Place]:
         """Places that known mistakes lead to, first the true one."""
         return list(_places(self.imaging.shot, self.true))
 
@@ -146,14 +146,14 @@ class Image:
         is_there = self.cosine <= 1 and self._power_at(self.places[0]) > 0
         return is_there and self._most < SPREAD * float(self._weights.sum())
 
-    def _power_at(self, place: Place) -> float:
+    def _power_at(self, place: _Place) -> float:
         return float(self._weights[self._near(place.at, place.stretch)].sum())
 
-    def is_at(self, place: Place) -> bool:
+    def is_at(self, place: _Place) -> bool:
         """Tell whether much of the power is at a place."""
         return self._power_at(place) >= MOST * self._most
 
-    def error(self, place: Place) -> float:
+    def error(self, place: _Place) -> float:
         """Largest error on any axis if the image is at a place; infinite where it is not."""
         if not self.is_at(place):
             return np.inf
@@ -231,20 +231,20 @@ def require_lone_scatterer(views: Mapping[FrameName, Imaging]) -> str:
     )
 
 
-def _images(imaging: Imaging) -> tuple[Image, Image]:
+def _images(imaging: Imaging) -> tuple[_Image, _Image]:
     """Image of all that was placed for an image, and the image itself."""
     cloud, placed = _placed(imaging, imaging.shot.seen.cells)
     scenario = imaging.shot.scenario
     cells = rayleigh_cells(scenario)
     return (
-        Image(imaging, placed[:, :4] / [1, 1, *cells[2:]], placed[:, 4]),
-        Image(imaging, radio_places(scenario, cloud) / cells, cloud.power),
+        _Image(imaging, placed[:, :4] / [1, 1, *cells[2:]], placed[:, 4]),
+        _Image(imaging, radio_places(scenario, cloud) / cells, cloud.power),
     )
 
 
 def _placed(imaging: Imaging, cells: NDArray[Any]) -> tuple[PointCloud, Floats]:
     """Image, and range bin, Doppler bin, u, w and power (n, 5) of all that was placed for it."""
-    observation = dataclasses.replace(imaging.shot.observation(), cells=cells)
+    observation = dataclasses.replace(imaging.shot.observation(), cells=cells.copy())
     placed: list[Floats] = [np.empty((0, 5))]
 
     def cloud(
@@ -260,13 +260,13 @@ def _placed(imaging: Imaging, cells: NDArray[Any]) -> tuple[PointCloud, Floats]:
     return image, found[np.isfinite(found).all(axis=1)]
 
 
-def _miss_m(image: Image) -> float:
+def _miss_m(image: _Image) -> float:
     """Distance in m from the scatterer to the strongest point near it."""
     imaging = image.imaging
     return float(np.linalg.norm(imaging.cloud.xyz[image.sighted[0]] - imaging.shot.scenario.truth.xyz[0]))
 
 
-def _require_place(images: Mapping[FrameName, Image]) -> None:
+def _require_place(images: Mapping[FrameName, _Image]) -> None:
     """Refuse images that have the scatterer elsewhere, by the name of the mistake."""
     off = np.array([image.offset for image in images.values()])
     is_wrong = np.abs(off).max(axis=1) > BIAS_CELLS
@@ -299,7 +299,7 @@ def _require_place(images: Mapping[FrameName, Image]) -> None:
         raise BrokenPromiseError(_astray([*images.values()], off))
 
 
-def _likeliest(images: Sequence[Image]) -> tuple[tuple[Mistake, ...], float]:
+def _likeliest(images: Sequence[_Image]) -> tuple[tuple[Mistake, ...], float]:
     """Mistakes that explain all images best, and the largest error that they leave, in Rayleigh cells."""
     errors = [
         (max(image.error(place) for image, place in zip(images, places, strict=True)), places[0].mistakes)
@@ -313,7 +313,7 @@ def _likeliest(images: Sequence[Image]) -> tuple[tuple[Mistake, ...], float]:
     return mistakes, error
 
 
-def _astray(images: Sequence[Image], off: Floats) -> str:
+def _astray(images: Sequence[_Image], off: Floats) -> str:
     """Say where images are whose mistake is not known, from the offsets (2, 4) of both views."""
     cosine = max(image.cosine for image in images)
     if cosine > np.pi / 2:  # which no offset makes of a cosine
@@ -334,7 +334,7 @@ def _astray(images: Sequence[Image], off: Floats) -> str:
     )
 
 
-def _places(shot: Shot, true: Floats) -> Iterator[Place]:
+def _places(shot: Shot, true: Floats) -> Iterator[_Place]:
     """Places of mistakes of a scatterer at a true place, which is the first of them."""
     cells, gate = rayleigh_cells(shot.scenario), shot.seen.gate
     bins = "a bin of observation.gate.range_bins is observation.system.range_bin_m, one way"
@@ -377,7 +377,7 @@ def _places(shot: Shot, true: Floats) -> Iterator[Place]:
     ):
         at = np.r_[true[0] * r + r0, true[1] * v + v0, uw / cells[2:]]
         mistakes = tuple(mistake for mistake in (along, moving, facing) if mistake[0])
-        yield Place(mistakes, at, np.array([r, v, stretch, stretch]).clip(1))
+        yield _Place(mistakes, at, np.array([r, v, stretch, stretch]).clip(1))
 
 
 def _directions(uw: Floats) -> Iterator[tuple[Mistake, Floats, float]]:
@@ -402,7 +402,7 @@ def _directions(uw: Floats) -> Iterator[tuple[Mistake, Floats, float]]:
 def _ignores_the_cells(imaging: Imaging) -> bool:
     """Tell whether an image stays what it is when the cells change places."""
     cells = imaging.shot.seen.cells
-    (image, placed), (other, moved) = (_placed(imaging, some) for some in (cells, cells[::-1, ::-1].copy()))
+    (image, placed), (other, moved) = (_placed(imaging, some) for some in (cells, cells[::-1, ::-1]))
     if len(image):
         return np.array_equal(image.to_array(), other.to_array())
     return np.array_equal(placed, moved)
@@ -421,7 +421,7 @@ def _bias(off_cells: Floats) -> str:
     return f"images lone scatterers {amount} off in {' and '.join(told)}: {remedy}" if told else ""
 
 
-def _wrong_power(one: Image, two: Image) -> str:
+def _wrong_power(one: _Image, two: _Image) -> str:
     """Say what is wrong with the powers of two scatterers that differ in power; empty if nothing is."""
     powers = np.array([image.power[image.sighted[0]] for image in (one, two)])
     true = np.array([image.imaging.shot.scenario.truth.power[0] for image in (one, two)])

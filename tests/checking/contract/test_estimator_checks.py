@@ -262,8 +262,7 @@ def test_a_velocity_of_the_wrong_sign_fails_by_its_name():
     findings = check(*BACKWARDS)
     assert failed(findings) == {"lone scatterer"}
     assert findings["lone scatterer"].message == (
-        "images a lone scatterer where it would be if velocity had the wrong sign: v > 0 approaches "
-        "(panel frame)"
+        "images a lone scatterer where it would be if velocity had the wrong sign: v > 0 approaches"
     )
 
 
