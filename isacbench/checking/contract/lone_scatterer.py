@@ -97,6 +97,7 @@ class _Image:
         bins = points[:, :2] - turns * np.rint(points[:, :2] / turns)
         self._turns, self.points = turns, np.column_stack([bins, points[:, 2:]])
         self._weights = power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
+        self._sum = float(self._weights.sum())
 
     def __len__(self) -> int:
         return len(self.points)
@@ -144,14 +145,15 @@ class _Image:
     def is_spread(self) -> bool:
         """Tell whether some of the power is at the scatterer, but as much is all over the image."""
         is_there = self.cosine <= 1 and self._power_at(self.places[0]) > 0
-        return is_there and self._most < SPREAD * float(self._weights.sum())
+        return is_there and self._most < SPREAD * self._sum
 
     def _power_at(self, place: _Place) -> float:
         return float(self._weights[self._near(place.at, place.stretch)].sum())
 
     def is_at(self, place: _Place) -> bool:
         """Tell whether much of the power is at a place."""
-        return self._power_at(place) >= MOST * self._most
+        power = self._power_at(place)
+        return power >= MOST * self._sum or power >= MOST * self._most
 
     def error(self, place: _Place) -> float:
         """Largest error on any axis if the image is at a place; infinite where it is not."""

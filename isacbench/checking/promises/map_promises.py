@@ -46,7 +46,7 @@ APPROXIMATION = 0.03
 RAREST = 10
 """Least expected number of false alarms for which a rate is measured."""
 
-BORDER_MAPS = 512, 32, 32
+BORDER_MAPS = 256, 32, 32
 """Number and shape of the noise maps whose borders are looked at; many, for a map has four corners."""
 
 BORDERS: dict[str, Any] = {
