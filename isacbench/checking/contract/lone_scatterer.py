@@ -8,20 +8,19 @@ depend on the echo has the same place in both. Sidelobes, which lie elsewhere in
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import product
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.findings import DoubtfulError
+from isacbench.checking.contract.known_mistakes import Mistake, Place, places_of_mistakes
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError
-from isacbench.checking.promises.small_scenes import Shot
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import FrameName
 from isacbench.model.observation import Observation
@@ -54,28 +53,7 @@ POWER_FACTOR = 10.0
 SAME_LAW = 0.1
 """Largest difference of the exponent of a power law, and largest relative one of a difference in dB."""
 
-Mistake = tuple[str, str]
-"""Mistake in words, and its remedy."""
-
 AXES = "range", "velocity", "u", "w"
-
-
-class _Place(NamedTuple):
-    """Place that mistakes lead to.
-
-    Attributes
-    ----------
-    mistakes : tuple of Mistake
-        None for the true place.
-    at : ndarray of float64, shape (4,)
-        Range, velocity, u and w in Rayleigh cells.
-    stretch : ndarray of float64, shape (4,)
-        How much errors grow by the mistakes; at least 1.
-    """
-
-    mistakes: tuple[Mistake, ...]
-    at: Floats
-    stretch: Floats
 
 
 class _Image:
@@ -110,9 +88,9 @@ class _Image:
         return place
 
     @cached_property
-    def places(self) -> list[_Place]:
+    def places(self) -> list[Place]:
         """Places that known mistakes lead to, first the true one."""
-        return list(_places(self.imaging.shot, self.true))
+        return list(places_of_mistakes(self.imaging.shot, self.true))
 
     @cached_property
     def offset(self) -> Floats:
@@ -147,15 +125,15 @@ class _Image:
         is_there = self.cosine <= 1 and self._power_at(self.places[0]) > 0
         return is_there and self._most < SPREAD * self._sum
 
-    def _power_at(self, place: _Place) -> float:
+    def _power_at(self, place: Place) -> float:
         return float(self._weights[self._near(place.at, place.stretch)].sum())
 
-    def is_at(self, place: _Place) -> bool:
+    def is_at(self, place: Place) -> bool:
         """Tell whether much of the power is at a place."""
         power = self._power_at(place)
         return power >= MOST * self._sum or power >= MOST * self._most
 
-    def error(self, place: _Place) -> float:
+    def error(self, place: Place) -> float:
         """Largest error on any axis if the image is at a place; infinite where it is not."""
         if not self.is_at(place):
             return np.inf
@@ -334,71 +312,6 @@ def _astray(images: Sequence[_Image], off: Floats) -> str:
         f"images of lone scatterers far above the noise are off by {', '.join(told)}, in Rayleigh cells: "
         "look at units (m, m/s), at signs, and at the first bins of observation.gate"
     )
-
-
-def _places(shot: Shot, true: Floats) -> Iterator[_Place]:
-    """Places of mistakes of a scatterer at a true place, which is the first of them."""
-    cells, gate = rayleigh_cells(shot.scenario), shot.seen.gate
-    bins = "a bin of observation.gate.range_bins is observation.system.range_bin_m, one way"
-    ranges: list[tuple[Mistake, float, float]] = [
-        (("", ""), 1, 0),
-        (("range had the wrong sign", "bins count upwards from observation.gate.range_bins[0]"), -1, 0),
-        (("range was there and back", bins), 2, 0),
-        (("range was halved once too often", bins), 0.5, 0),
-        (("range was in m where bins are wanted", "observation.cloud(...) takes bins"), cells[0], 0),
-        (("range was in bins where m are wanted", bins), 1 / cells[0], 0),
-        (
-            ("range was the index into the gate", "take observation.gate.range_bins[index]"),
-            1,
-            -float(gate.range_bins[0]),
-        ),
-        (
-            ("range ran backwards through the gate", "observation.gate.range_bins counts upwards"),
-            -1,
-            float(gate.range_bins[0] + gate.range_bins[-1]),
-        ),
-    ]
-    bins = "a bin of observation.gate.doppler_bins is observation.system.velocity_bin_mps"
-    velocities: list[tuple[Mistake, float, float]] = [
-        (("", ""), 1, 0),
-        (("velocity had the wrong sign", "v > 0 approaches"), -1, 0),
-        (("velocity was twice as large", bins), 2, 0),
-        (("velocity was half as large", bins), 0.5, 0),
-        (("velocity was in km/h", "give it in m/s"), 3.6, 0),
-        (("velocity was in m/s where bins are wanted", "observation.cloud(...) takes bins"), cells[1], 0),
-        (("velocity was in bins where m/s are wanted", bins), 1 / cells[1], 0),
-        (("velocity was 0", "take it from the Doppler bin of the detection"), 0, 0),
-        (
-            ("velocity was the index into the gate", "take observation.gate.doppler_bins[index]"),
-            1,
-            -float(gate.doppler_bins[0]),
-        ),
-    ]
-    for (along, r, r0), (moving, v, v0), (facing, uw, stretch) in product(
-        ranges, velocities, [*_directions(true[2:] * cells[2:])]
-    ):
-        at = np.r_[true[0] * r + r0, true[1] * v + v0, uw / cells[2:]]
-        mistakes = tuple(mistake for mistake in (along, moving, facing) if mistake[0])
-        yield _Place(mistakes, at, np.array([r, v, stretch, stretch]).clip(1))
-
-
-def _directions(uw: Floats) -> Iterator[tuple[Mistake, Floats, float]]:
-    """Mistakes of direction cosines, first none, with what they make of them and of small errors."""
-    for swapped, u, w in product((False, True), (1, -1), (1, -1)):
-        signs = {(1, 1): "", (-1, 1): "u had the wrong sign", (1, -1): "w had the wrong sign"}
-        wrong = signs.get((u, w), "u and w had the wrong signs")
-        words = " and ".join(filter(None, ("u and w were swapped" if swapped else "", wrong)))
-        remedy = "the phase of element (p, q) is -π (p u + q w)"
-        yield (words, remedy), (uw[::-1] if swapped else uw) * [u, w], 1
-    twice, sines = "a cosine is twice numpy.fft.fftfreq", "they are direction cosines, the sines of those"
-    yield ("u and w ran from 0 to 2", "subtract 2 above 1, as numpy.fft.fftfreq does"), uw % 2, 1
-    yield ("u and w began at -1 without numpy.fft.fftshift", twice), uw % 2 - 1, 1
-    yield ("u and w ran from 0 to 1", twice), uw % 2 / 2, 1
-    yield ("u and w were halved", twice), uw / 2, 1
-    yield ("u and w were twice as large", twice), uw * 2, 2
-    yield ("u and w were phases", "divide those between elements by -π"), uw * np.pi, np.pi
-    yield ("u and w were angles in radians", sines), np.arcsin(uw), 1
-    yield ("u and w were angles in degrees", sines), np.rad2deg(np.arcsin(uw)), 120
 
 
 def _ignores_the_cells(imaging: Imaging) -> bool:

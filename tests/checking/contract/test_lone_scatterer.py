@@ -9,7 +9,8 @@ import pytest
 
 from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.findings import DoubtfulError
-from isacbench.checking.contract.lone_scatterer import AXES, MISS_CELLS, _places, require_lone_scatterer
+from isacbench.checking.contract.known_mistakes import places_of_mistakes
+from isacbench.checking.contract.lone_scatterer import AXES, MISS_CELLS, require_lone_scatterer
 from isacbench.checking.promises import small_scenes
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError
@@ -390,7 +391,7 @@ def test_no_two_mistakes_lead_to_the_same_places():
     for frame in VIEWS:
         shot = small_scenes.lone(frame)
         true = radio_places(shot.scenario, shot.scenario.truth)[0] / rayleigh_cells(shot.scenario)
-        mistakes, places, _ = map(list, zip(*_places(shot, true), strict=True))
+        mistakes, places, _ = map(list, zip(*places_of_mistakes(shot, true), strict=True))
         assert mistakes[0] == ()
         np.testing.assert_array_equal(places[0], true)
         apart.append(np.abs(np.array(places)[:, None] - np.array(places)).max(axis=2))
