@@ -295,7 +295,7 @@ def _described(entry: RegisteredPlugin) -> dict[str, Any]:
 
 
 def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Defaults of the parameters of a plugin, which are checked as values that are given."""
+    """Defaults of the parameters of a plugin, which are checked, and meant, as values that are given."""
     where = f"{kind} {plugin.name}"
     hints = parameter_types(kind, plugin)
     try:
@@ -304,7 +304,9 @@ def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
         raise InputError(f"{where} cannot be built: {type(error).__name__}: {error}") from error
     for key, value in defaults.items():
         plain_value(where, key, value)
-        check_parameter(where, key, value, hints[key])
+        meant = check_parameter(where, key, value, hints[key])
+        if not isinstance(value, (str, tuple)):  # texts stay what they are, as if in quotes
+            defaults[key] = meant
     return defaults
 
 
@@ -382,7 +384,7 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
     checked = {
         key: check_parameter(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()
     }
-    _checked_defaults(kind, plugin)
+    checked = _checked_defaults(kind, plugin) | checked
     missing = [name for name in required_fields(plugin) if name not in checked]
     if missing:
         raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")

@@ -51,6 +51,8 @@ WORKS = [
     ("int", "3"),
     ("int", "np.int64(3)"),
     ("float", "-1e-300"),
+    ("float", "1"),
+    ("float | None", "1"),
     ("float", "np.float32(0.1)"),
     ("float | None", "None"),
     ("bool", "np.bool_(True)"),
@@ -123,6 +125,7 @@ def test_what_list_prints_of_a_parameter_builds_the_same_estimator(typed, hint, 
     built, default = build_estimator(f"typed[value={spelled}]"), get_estimator("typed")
     assert canonical_params(built) == canonical_params(default)
     assert built.value == default.value
+    assert type(built.value) is type(default.value) or isinstance(default.value, str)
 
 
 ARGUMENTS = {
