@@ -69,10 +69,13 @@ FFT_MODULES = "scipy._lib.uarray", "scipy.fft._pocketfft.helper"
 
 def _fft_settings() -> tuple[dict[str, Any], dict[str, Any]]:
     """Backends of SciPy's FFT for the whole process, and its number of workers, if it is loaded."""
+    backends: Any
+    helper: Any
     backends, helper = map(sys.modules.get, FFT_MODULES)
-    if backends is None or helper is None:
+    try:
+        return backends.get_state()._pickle()[0], dict(vars(helper._config))
+    except AttributeError:  # it is not loaded, or keeps them elsewhere: they are SciPy's own affair
         return {}, {}
-    return backends.get_state()._pickle()[0], dict(vars(helper._config))
 
 
 def _set_fft(settings: tuple[dict[str, Any], dict[str, Any]]) -> None:

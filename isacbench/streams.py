@@ -163,7 +163,7 @@ def _opened(name: str, stream: Any = None) -> _Lossy | _Relay:
 
 
 _files = {name: _opened(name) for name in STREAMS}
-"""Where lent streams lead, also those that plugins have kept."""
+"""Raw streams that lent ones lead to, also those that plugins have kept."""
 
 
 @contextmanager

@@ -34,7 +34,7 @@ _COMMENT_BELOW = re.compile(r"\n([^\S\n]*(?:#|//).*)")
 _SWAPPED = str.maketrans(",.", ".,")
 _DECIMAL_MARK = re.compile(r"\.|\d,\d")
 _NO_THOUSANDS = re.compile(r"\b0+,|\d{4},|,(?!\d{3}(?!\d))")
-"""What a number has whose comma cannot set thousands apart."""
+"""Marks of a number whose comma cannot set thousands apart."""
 
 
 class TextTable(NamedTuple):

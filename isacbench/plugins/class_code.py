@@ -38,26 +38,24 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary, WeakValueDictionary, ref
 
 from isacbench.errors import InputError
-from isacbench.plugins.import_closure import is_importable
+from isacbench.plugins.import_closure import is_importable, is_installed
 
 PLAIN = bool, int, float, complex, str, type(None), type(Ellipsis)
-MADE_BY_NUMPY = "<__array_function__ internals>"
-"""Name of the file that code has which dispatches NumPy's functions."""
 
-LIBRARIES = {
-    *map(sysconfig.get_path, ("stdlib", "platstdlib", "purelib", "platlib")),
-    str(Path(__file__).parents[1]),
-}
-"""Folders of code that scripts and notebooks are not in."""
+MADE_BY_NUMPY = "<__array_function__ internals>"
+"""Name that NumPy gives to the file of functions that it makes."""
+
+LIBRARIES = {*map(sysconfig.get_path, ("stdlib", "platstdlib")), str(Path(__file__).parents[1])}
+"""Folders of Python and of isacbench."""
 
 UNKNOWN = uuid.uuid4
-"""Gives what nothing is known of a text, which is never the same."""
+"""Makes a text for what nothing is known of; it is never the same."""
 
 PROTOCOL = 4
 """Of the state of objects, as `pickle` takes it."""
 
 STATELESS = type(Lock()), type(RLock()), IOBase, WeakKeyDictionary, WeakValueDictionary
-"""Types of what an object works with, and not by."""
+"""Types of tools and caches, whose content does not change what an object computes."""
 
 HEAP_TYPE = 1 << 9
 """Flag of the types that were not compiled in."""
@@ -140,7 +138,8 @@ def _is_of_a_file(function: FunctionType) -> bool:
         return is_importable(module) and (path == MADE_BY_NUMPY or function.__name__ in MADE_BY_DATACLASS)
     root = sys.modules.get(module.partition(".")[0])
     homes = {*LIBRARIES, getattr(root, "__file__", None), *getattr(root, "__path__", ())}
-    return is_importable(module) and not homes.isdisjoint({path, *map(str, Path(path).parents)})
+    is_known = is_installed(path) or not homes.isdisjoint({path, *map(str, Path(path).parents)})
+    return is_known and is_importable(module)
 
 
 def class_code(plugin_class: type[Any]) -> ClassCode:

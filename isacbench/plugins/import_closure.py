@@ -23,9 +23,6 @@ CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 BLOCKS = "body", "orelse", "finalbody", "handlers", "cases"
 """Attributes of a statement that hold further statements."""
 
-INSTALLED = {"site-packages", "dist-packages"}
-"""Names of folders that packages are installed into."""
-
 BY_NAME = re.compile(rb"\b(?:import_module|__import__)\b")
 """Functions that import a module by its name, which no import statement shows."""
 
@@ -104,6 +101,20 @@ def is_importable(module: str) -> bool:
     bool
     """
     return module.partition(".")[0] != "__main__" and _spec(module) is not None
+
+
+def is_installed(path: str) -> bool:
+    """Tell whether a file is in a folder that packages are installed into.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    bool
+    """
+    return not {"site-packages", "dist-packages"}.isdisjoint(Path(path).parts)
 
 
 def digest_of(code: Mapping[str, bytes]) -> str:
@@ -188,7 +199,7 @@ def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
 def _is_own(root: str) -> bool:
     """Tell whether a top-level module is neither installed, nor Python's, nor of isacbench."""
     spec = None if root in {*sys.stdlib_module_names, "isacbench"} else _spec(root)
-    return spec is not None and spec.origin is not None and not {*Path(spec.origin).parts} & INSTALLED
+    return spec is not None and spec.origin is not None and not is_installed(spec.origin)
 
 
 _codes: dict[str, tuple[object, _Code | None]] = {}

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-import sysconfig
 from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from isacbench.plugins.class_code import ClassCode, attributes_digest, class_code, has_a_file
 from isacbench.plugins.discovery import GROUPS, RegisteredPlugin, entries, local_plugins
-from isacbench.plugins.import_closure import digest_of, import_closure, is_importable
+from isacbench.plugins.import_closure import digest_of, import_closure, is_importable, is_installed
 from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.parameters import parameter_fields
 
@@ -25,8 +23,6 @@ OWN = "isacbench.", "isacbench_algorithms."
 
 VERSIONED = {*sys.stdlib_module_names, "numpy", "scipy"} - {"__main__"}
 """Packages whose versions every row has."""
-
-INSTALLED = tuple(map(Path, {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}))
 
 
 def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
@@ -191,11 +187,8 @@ def _root(module: str) -> str:
 def _is_released(module: str) -> bool:
     """Tell whether a module is of an installed package with a version, that registers no plugins."""
     root = _root(module)
-    file = Path(getattr(sys.modules[root], "__file__", None) or "")
-    is_installed = any(folder in file.parents for folder in INSTALLED)
-    return (
-        is_installed and _distribution(root)[1] is not None and not (root == LIBRARY or _registered_by(root))
-    )
+    is_there = is_installed(getattr(sys.modules[root], "__file__", None) or "")
+    return is_there and _distribution(root)[1] is not None and not (root == LIBRARY or _registered_by(root))
 
 
 def _registered_by(root: str) -> RegisteredPlugin | None:

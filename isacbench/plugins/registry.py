@@ -295,7 +295,7 @@ def _described(entry: RegisteredPlugin) -> dict[str, Any]:
 
 
 def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Defaults of the parameters of a plugin, which are checked, and meant, as values that are given."""
+    """Defaults of the parameters of a plugin, checked and converted as values that are given."""
     where = f"{kind} {plugin.name}"
     hints = parameter_types(kind, plugin)
     try:

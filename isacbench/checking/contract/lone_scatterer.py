@@ -64,11 +64,13 @@ class _Image:
     imaging : Imaging
     points : ndarray of float64, shape (n, 4)
         Range, velocity, u and w.
+    cloud : PointCloud
+        Image that the points are of, or that was made of them.
     power : ndarray of float64, shape (n,)
     """
 
-    def __init__(self, imaging: Imaging, points: Floats, power: Floats) -> None:
-        self.imaging, self.power = imaging, power
+    def __init__(self, imaging: Imaging, points: Floats, cloud: PointCloud, power: Floats) -> None:
+        self.imaging, self.cloud, self.power = imaging, cloud, power
         system = imaging.shot.scenario.system
         turns = np.array([system.n_subcarriers, system.n_symbols])
         # The first of their range and Doppler bins on either side of 0.
@@ -211,20 +213,22 @@ def require_lone_scatterer(views: Mapping[FrameName, Imaging]) -> str:
     )
 
 
-def _images(imaging: Imaging) -> tuple[_Image, _Image]:
-    """Image of all that was placed for an image, and the image itself."""
-    cloud, placed = _placed(imaging, imaging.shot.seen.cells)
+def _images(imaging: Imaging, cells: NDArray[Any] | None = None) -> tuple[_Image, _Image]:
+    """Image of all that was placed for an image, and the image itself; of other cells, if they are given."""
+    observation = imaging.shot.observation()
+    if cells is not None:
+        observation = dataclasses.replace(observation, cells=cells.copy())
+    cloud, placed = _placed(imaging, observation)
     scenario = imaging.shot.scenario
-    cells = rayleigh_cells(scenario)
+    sizes = rayleigh_cells(scenario)
     return (
-        _Image(imaging, placed[:, :4] / [1, 1, *cells[2:]], placed[:, 4]),
-        _Image(imaging, radio_places(scenario, cloud) / cells, cloud.power),
+        _Image(imaging, placed[:, :4] / [1, 1, *sizes[2:]], cloud, placed[:, 4]),
+        _Image(imaging, radio_places(scenario, cloud) / sizes, cloud, cloud.power),
     )
 
 
-def _placed(imaging: Imaging, cells: NDArray[Any]) -> tuple[PointCloud, Floats]:
+def _placed(imaging: Imaging, observation: Observation) -> tuple[PointCloud, Floats]:
     """Image, and range bin, Doppler bin, u, w and power (n, 5) of all that was placed for it."""
-    observation = dataclasses.replace(imaging.shot.observation(), cells=cells.copy())
     placed: list[Floats] = [np.empty((0, 5))]
 
     def cloud(
@@ -242,8 +246,8 @@ def _placed(imaging: Imaging, cells: NDArray[Any]) -> tuple[PointCloud, Floats]:
 
 def _miss_m(image: _Image) -> float:
     """Distance in m from the scatterer to the strongest point near it."""
-    imaging = image.imaging
-    return float(np.linalg.norm(imaging.cloud.xyz[image.sighted[0]] - imaging.shot.scenario.truth.xyz[0]))
+    true = image.imaging.shot.scenario.truth.xyz[0]
+    return float(np.linalg.norm(image.cloud.xyz[image.sighted[0]] - true))
 
 
 def _require_place(images: Mapping[FrameName, _Image]) -> None:
@@ -253,7 +257,7 @@ def _require_place(images: Mapping[FrameName, _Image]) -> None:
     if not is_wrong.any():
         return
     is_far = np.abs(off).max() > MISS_CELLS or np.abs(off.mean(axis=0)).max() > SHIFTED_CELLS
-    if is_far and _ignores_the_cells([*images.values()][int(is_wrong.argmax())].imaging):
+    if is_far and _ignores_the_cells([*images.values()][int(is_wrong.argmax())]):
         raise BrokenPromiseError(
             "images the same points whatever the cells hold: estimate them from observation.cells"
         )
@@ -314,13 +318,12 @@ def _astray(images: Sequence[_Image], off: Floats) -> str:
     )
 
 
-def _ignores_the_cells(imaging: Imaging) -> bool:
+def _ignores_the_cells(image: _Image) -> bool:
     """Tell whether an image stays what it is when the cells change places."""
-    cells = imaging.shot.seen.cells
-    (image, placed), (other, moved) = (_placed(imaging, some) for some in (cells, cells[::-1, ::-1]))
-    if len(image):
-        return np.array_equal(image.to_array(), other.to_array())
-    return np.array_equal(placed, moved)
+    placed, imaged = _images(image.imaging, image.imaging.shot.seen.cells[::-1, ::-1])
+    if len(image.cloud):
+        return np.array_equal(image.cloud.to_array(), imaged.cloud.to_array())
+    return np.array_equal(image.points, placed.points)
 
 
 def _bias(off_cells: Floats) -> str:
