@@ -16,6 +16,9 @@ Sensing = Literal["all", "prs"]
 Division = Literal["reciprocal", "matched", "wiener"]
 """Division of the received by the transmitted symbols."""
 
+NoiseSource = Literal["receiver", "transmitter"]
+"""Where noise comes from: the receivers, or the transmitted signal itself."""
+
 Dimension = Literal["range", "velocity", "u", "w"]
 """Dimensions in which the radio tells scatterers apart."""
 

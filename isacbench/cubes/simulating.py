@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from isacbench.cores import available_cores, one_blas_thread
 from isacbench.cubes.writing import create_cube
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
-from isacbench.model.echo import Simulator, random_stream, resource_grid, white_gaussian
+from isacbench.model.echo import Simulator, random_stream, resource_grid, transmitted_noise, white_gaussian
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -52,7 +52,11 @@ class FrameSimulator:
         self._trial, self._seed = trial, seed
         simulator = Simulator(scenario)
         self._noise_amplitude = simulator.noise_amplitude(snr_db)
-        self._wanted = simulator.unit_noise(trial, seed) if self._noise_amplitude else None
+        self._wanted = self._carried = None
+        if self._noise_amplitude and scenario.system.noise == "transmitter":
+            self._carried = self._noise_amplitude * transmitted_noise(scenario, trial, seed)
+        elif self._noise_amplitude:
+            self._wanted = simulator.unit_noise(trial, seed)
         system, gate = scenario.system, simulator.gate
         self._along_range = range_rows(gate.range_bins, system.n_subcarriers)
         self._along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
@@ -83,6 +87,8 @@ class FrameSimulator:
                 noise += self._spread(correction, subcarriers)
                 noise *= self._noise_amplitude
                 grid += noise
+            if self._carried is not None:
+                grid *= 1 + self._carried[subcarriers, :, None]
             return grid[:, :, in_frame].reshape(len(grid), *self.shape[1:])
 
         for subcarriers, made in self._each_block(block):

@@ -249,6 +249,54 @@ def _superposed(
     return superposed
 
 
+def transmitted_noise(scenario: Scenario, trial: int, seed: int) -> Complex:
+    """Draw noise of the transmitted signal, over that signal and the root of the power of all echoes.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trial, seed : int
+        Not negative.
+
+    Returns
+    -------
+    ndarray of complex128, shape (n_subcarriers, n_symbols)
+        White and circular: the paper's noise is real in time, but its transform is divided by QPSK symbols.
+    """
+    stream = random_stream(scenario.name, trial, seed, "transmitter")
+    white = white_gaussian(stream, (scenario.system.n_subcarriers, scenario.system.n_symbols))
+    return white / (scenario.scatterers.total_amplitude or 1.0)
+
+
+def _echoed_noise(scenario: Scenario, gate: Gate, noise: Complex) -> Complex:
+    """Cells (n_range, n_doppler, P, Q) of noise (n_subcarriers, n_symbols) that is a factor on every echo.
+
+    Echoes of one speed share the Doppler bins of the noise; each has range bins of its own.
+    """
+    echo, (n_subcarriers, n_symbols) = echo_parameters(scenario), noise.shape
+    subcarriers, symbols = np.arange(n_subcarriers), np.arange(n_symbols)
+    directions = echo.gain[:, None] * element_responses(scenario, echo, scenario.array.positions)
+
+    @lru_cache(maxsize=1)
+    def lines(doppler_bin: float) -> Complex:
+        shift = np.outer(doppler_bin - gate.doppler_bins, symbols)
+        at_doppler: Complex = np.exp(2j * np.pi / n_symbols * shift) @ noise.T / np.sqrt(n_symbols)
+        return at_doppler
+
+    def profile(k: int) -> Complex:
+        delay = np.exp(-2j * np.pi / n_subcarriers * echo.range_bin[k] * subcarriers)
+        at_range = np.fft.ifft(lines(echo.doppler_bin[k]) * delay, norm="ortho")
+        return at_range[:, gate.range_bins % n_subcarriers].T.ravel()
+
+    n_cells, by_speed = gate.shape[0] * gate.shape[1], np.argsort(echo.doppler_bin)
+    cells = np.zeros((n_cells, directions.shape[1]), dtype=np.complex128)
+    n_together = max(MOST_PRODUCTS // n_cells, 1)
+    for first in range(0, by_speed.size, n_together):
+        some = by_speed[first : first + n_together]
+        cells += np.stack([profile(k) for k in some], axis=1) @ directions[some]
+    return cells.reshape(*gate.shape, *scenario.array.shape)
+
+
 def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> np.random.Generator:
     """Random numbers that follow from (scenario, trial, seed) alone; without a purpose they are its noise.
 
@@ -337,7 +385,8 @@ class Simulator:
         """Noise power σ² per resource element and virtual element.
 
         The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
-        scatterer.
+        scatterer. Noise of the transmitter has this power as the sum over
+        echoes, each on its own.
 
         Parameters
         ----------
@@ -381,7 +430,8 @@ class Simulator:
         ----------
         snr_db : float
             Signal-to-noise ratio at the receiver, per resource element and
-            virtual element; infinity for no noise.
+            virtual element, or that of the transmitted signal where it
+            carries the noise; infinity for no noise.
         trial, seed : int
             Which noise. It depends neither on the SNR nor on who looks.
 
@@ -439,9 +489,13 @@ class Simulator:
         # Looked at once: another thread may put its trial there meanwhile.
         drawn = self._drawn
         if drawn is None or drawn[0] != (trial, seed):
-            shape = (*self.gate.shape, *self.scenario.array.shape)
-            drawn = (trial, seed), unit_noise(self.scenario.name, trial, seed, shape)
-            self._drawn = drawn
+            scenario = self.scenario
+            if scenario.system.noise == "transmitter":
+                noise = _echoed_noise(scenario, self.gate, transmitted_noise(scenario, trial, seed))
+            else:
+                shape = (*self.gate.shape, *scenario.array.shape)
+                noise = unit_noise(scenario.name, trial, seed, shape)
+            drawn = self._drawn = (trial, seed), noise
         return drawn[1]
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from scipy import constants
 
-from isacbench.errors import require
+from isacbench.added_fields import added_field
+from isacbench.choices import NoiseSource
+from isacbench.errors import require, unknown_name
 from isacbench.model.number_limits import require_count
 
 SPEED_OF_LIGHT_MPS = float(constants.speed_of_light)
@@ -35,6 +38,9 @@ class System:
     coherent_phase : bool
         Give every echo its carrier phase exp(-j4π f_c R/c). False is the
         all-ones gain of the paper's simulation.
+    noise : {"receiver", "transmitter"}
+        Noise of every element of its own, or one noise that is sent with the
+        signal and comes back with each echo, as in the paper's program.
 
     Raises
     ------
@@ -53,6 +59,7 @@ class System:
     cyclic_prefix_ratio: float = 1 / 4
     cyclic_suffix_ratio: float = 1 / 32
     coherent_phase: bool = True
+    noise: NoiseSource = added_field("receiver", before="receiver")  # noqa: RUF009, a field
 
     def __post_init__(self) -> None:
         for name in ("n_subcarriers", "n_symbols"):
@@ -63,6 +70,8 @@ class System:
         for name in ("cyclic_prefix_ratio", "cyclic_suffix_ratio"):
             value = getattr(self, name)
             require(0 <= value <= 1, name, value, "a number from 0 to 1")
+        if self.noise not in get_args(NoiseSource):
+            raise unknown_name("noise", self.noise, get_args(NoiseSource))
 
     @property
     def wavelength_m(self) -> float:

@@ -204,6 +204,23 @@ class Scenario(Displayed):
         self._warn_of_strays()
         self._warn_of_interference()
 
+    def require_receiver_noise(self, task: str) -> None:
+        """Refuse noise of the transmitter where it is not modelled.
+
+        Parameters
+        ----------
+        task : str
+            What takes the noise to be the receivers'.
+
+        Raises
+        ------
+        InputError
+            Naming the option.
+        """
+        require(
+            self.system.noise == "receiver", "[system] noise", self.system.noise, f"'receiver' for {task}"
+        )
+
     def _require_unambiguous_region(self) -> None:
         system, region = self.system, self.region
         if min(self.array.shape) < 2:

@@ -32,6 +32,14 @@ def test_the_frame_transforms_into_the_observation_of_the_same_trial_with_the_er
     assert np.abs(cells - perfect).max() > 1e-2 * scale
 
 
+def test_a_frame_with_noise_of_the_transmitter_transforms_into_the_observation(small_street):
+    system = dataclasses.replace(small_street.system, noise="transmitter")
+    noisy = dataclasses.replace(small_street, system=system)
+    expected = observe(noisy, -20.0, trial=2, seed=5).cells
+    cells = observe_cube(frame_of(noisy, -20.0, 2, 5), small_street).cells
+    np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
+
+
 def test_noise_outside_the_gate_is_as_white_as_inside(small_street, clean_cube):
     frame = frame_of(small_street, 0.0, 1, 0)
     noise_power = np.sum(small_street.scatterers.amplitude**2)

@@ -17,7 +17,7 @@ from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.score import score
 from isacbench.model.array import VirtualArray, rectangular_positions
 from isacbench.model.cloud import PointCloud
-from isacbench.model.echo import Simulator, resource_grid
+from isacbench.model.echo import Simulator, echo_parameters, resource_grid
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.kernels import dirichlet, steering
 from isacbench.model.numerology import System
@@ -158,6 +158,33 @@ def test_snr():
     assert simulator.noise_power(10.0) != pytest.approx(abs(1 + 2) ** 2 / 10)
     noise = simulator.observe(10.0).cells - simulator.clean
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(0.5, rel=0.01)
+
+
+def test_snr_of_the_published_program():
+    printed = build_estimator(load_suite("printed").estimators[0])
+    simulators = {
+        noise: Simulator(load_scenario(name))
+        for noise, name in (("receiver", "street"), ("transmitter", "street-transmitter-noise"))
+    }
+    scenario, gate = simulators["receiver"].scenario, simulators["receiver"].gate
+    echo = echo_parameters(scenario)
+    row = np.rint(echo.range_bin).astype(int) - gate.range_bins[0]
+    column = np.rint(echo.doppler_bin).astype(int) - gate.doppler_bins[0]
+    own = np.zeros(gate.shape, dtype=bool)
+    own[row, column] = True
+
+    def detected(noise, snr_db):
+        mask = printed.diagnose(simulators[noise].observe(snr_db)).detection.mask
+        return mask[own].mean(), mask[gate.reachable & ~own].mean()
+
+    # Five dB apart, as many own cells are detected; far below, hardly more of them than of others.
+    assert detected("transmitter", -25.0)[0] == pytest.approx(detected("receiver", -30.0)[0], abs=0.05)
+    assert detected("transmitter", -25.0)[0] < detected("receiver", -25.0)[0] - 0.05
+    assert np.subtract(*detected("transmitter", -50.0)) < 0.1
+    for estimator in (build_estimator("music2d[explain=none,demix=false]"), printed):
+        nothing, street = (estimator.estimate(simulators[noise].observe(-80.0)) for noise in simulators)
+        assert len(nothing) == 0
+        assert 0.25 < score(scenario.truth, street, region=scenario.region)["recall"] < 0.55
 
 
 def test_eigenvalue_cfar():

@@ -44,7 +44,9 @@ def gain_db(scenario: Scenario) -> float:
     """Gain in dB from the SNR of the scene at one element to that of one unit scatterer after all sums.
 
     The sums run over N_c subcarriers, N_sym symbols and P Q elements. The
-    SNR of a scene counts the power of all its scatterers.
+    SNR of a scene counts the power of all its scatterers. Noise that comes
+    back with an echo is that of the echo alone, and from its direction:
+    only the sums over subcarriers and symbols gain.
 
     Parameters
     ----------
@@ -55,6 +57,8 @@ def gain_db(scenario: Scenario) -> float:
     float
     """
     system, (n_p, n_q) = scenario.system, scenario.array.shape
+    if system.noise == "transmitter":
+        return float(10 * np.log10(system.processing_gain))
     echo_power = float(np.sum(scenario.scatterers.amplitude**2)) or 1.0
     return float(10 * np.log10(system.processing_gain * n_p * n_q / echo_power))
 

@@ -63,11 +63,12 @@ def efficiency_scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> list[I
     Raises
     ------
     InputError
-        If a region has no room for the scatterer.
+        If a region has no room for the scatterer, or the noise is the transmitter's.
     """
     entries = build_estimators(suite)
     scenes = []
     for scenario in scenarios.values():
+        scenario.require_receiver_noise("the Cramér-Rao bound")
         draw = partial(_draw, scenario, suite.seed)
         snr_db = element_snrs_db(suite, gain_db(draw(0)))
         scenes.append(ImagedScene(suite, scenario, entries, snr_db, draw=draw, measure=measure_efficiency))

@@ -123,6 +123,7 @@ def received_waveform(
     InputWarning
         If echoes arrive when the cyclic prefix has passed.
     """
+    scenario.require_receiver_noise("a waveform")
     amplitude = Simulator(scenario).noise_amplitude(snr_db)
     paths = echo_paths(scenario, elements)
     _warn_of_interference(scenario)
@@ -179,6 +180,7 @@ def observe_waveform(
     InputWarning
         If echoes arrive when the cyclic prefix has passed.
     """
+    scenario.require_receiver_noise("an observation through the waveform")
     simulator, system = Simulator(scenario), scenario.system
     amplitude = simulator.noise_amplitude(snr_db)
     signal = Signal(modulation, sensing, division, n_id)

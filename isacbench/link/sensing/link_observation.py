@@ -43,6 +43,8 @@ class SignalSimulator(Simulator):
     def __init__(self, scenario: Scenario, signal: Signal = PLAIN) -> None:
         super().__init__(scenario)
         self.signal = signal
+        if not signal.is_plain:
+            scenario.require_receiver_noise("the PRS alone and unequal symbols")
 
         @lru_cache(maxsize=1)
         def weights(snr_db: float, trial: int, seed: int) -> Weights:

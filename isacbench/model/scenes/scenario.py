@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, StrictBool
 
+from isacbench.choices import NoiseSource
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, read_toml
 from isacbench.model.array import VirtualArray
@@ -112,6 +113,7 @@ class _SystemTable(FileTable):
     cyclic_prefix_ratio: Ratio = System.cyclic_prefix_ratio
     cyclic_suffix_ratio: Ratio = System.cyclic_suffix_ratio
     coherent_phase: StrictBool = System.coherent_phase
+    noise: NoiseSource = System.noise
 
 
 class _ArrayTable(FileTable):
