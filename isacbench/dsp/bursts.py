@@ -145,7 +145,7 @@ class SymbolBursts:
         --------
         Bursts a quarter of the frame apart repeat every fourth bin, upside down.
 
-        >>> quarters = SymbolBursts(n_symbols=224, first=2, length=12, n_bursts=4, spacing=56)
+        >>> quarters = SymbolBursts(n_symbols=224, first=1, length=12, n_bursts=4, spacing=56)
         >>> quarters.slopes([0.0, 4.0])[0].round(3).tolist()
         [1.0, -0.927]
         """
@@ -258,7 +258,7 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     --------
     >>> from isacbench.model.numerology import System
     >>> symbol_bursts(System(), "prs")
-    SymbolBursts(n_symbols=224, first=2, length=12, n_bursts=4, spacing=56)
+    SymbolBursts(n_symbols=224, first=1, length=12, n_bursts=4, spacing=56)
     """
     if sensing == "all":
         return whole_frame(system.n_symbols)

@@ -1,6 +1,6 @@
 """The positioning reference signal: which resource elements are known to every receiver.
 
-PRS of comb size 4 on symbols 2 to 13 of every fourth slot. Symbols of a slot
+PRS of comb size 4 on the 2nd to the 13th symbol of every fourth slot. Symbols of a slot
 take turns in the comb, so that four of them touch every subcarrier.
 """
 
@@ -23,8 +23,8 @@ COMB_OFFSETS = (0, 2, 1, 3)
 """First subcarrier on successive PRS symbols, counted from the first of a slot."""
 
 SLOT_SYMBOLS = 14
-FIRST_SYMBOL = 2
-"""First PRS symbol of a slot; all that follow carry PRS too."""
+FIRST_SYMBOL, LAST_SYMBOL = 1, 12
+"""PRS symbols of a slot, counted from 0."""
 
 SLOT_PERIOD = 4
 
@@ -53,7 +53,8 @@ def prs_elements(system: System) -> NDArray[np.bool_]:
     slot, symbol = np.divmod(np.arange(system.n_symbols), SLOT_SYMBOLS)
     offset = np.array(COMB_OFFSETS)[(symbol - FIRST_SYMBOL) % len(COMB_OFFSETS)]
     in_comb = np.arange(system.n_subcarriers)[:, None] % COMB_SIZE == offset
-    mask: NDArray[np.bool_] = in_comb & (slot % SLOT_PERIOD == 0) & (symbol >= FIRST_SYMBOL)
+    is_sent = (slot % SLOT_PERIOD == 0) & (symbol >= FIRST_SYMBOL) & (symbol <= LAST_SYMBOL)
+    mask: NDArray[np.bool_] = in_comb & is_sent
     return mask
 
 

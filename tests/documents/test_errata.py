@@ -13,6 +13,7 @@ from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.dsp.angles.model_order import eigenvalue_cfar_order, noise_order
 from isacbench.dsp.cfar.factors import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
+from isacbench.link.waveform.ofdm import layout
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.score import score
 from isacbench.model.array import VirtualArray, rectangular_positions
@@ -21,6 +22,7 @@ from isacbench.model.echo import Simulator, echo_parameters, resource_grid
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.kernels import dirichlet, steering
 from isacbench.model.numerology import System
+from isacbench.model.prs import prs_elements
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
@@ -185,6 +187,34 @@ def test_snr_of_the_published_program():
         nothing, street = (estimator.estimate(simulators[noise].observe(-80.0)) for noise in simulators)
         assert len(nothing) == 0
         assert 0.25 < score(scenario.truth, street, region=scenario.region)["recall"] < 0.55
+
+
+def test_prs_symbols_and_comb_offsets():
+    of_slot = prs_elements(System())[:, :14]
+    symbols = np.flatnonzero(of_slot.any(axis=0))
+    np.testing.assert_array_equal(symbols + 1, np.arange(2, 14))
+    offsets = np.array([0, 2, 1, 3])
+    np.testing.assert_array_equal(of_slot.argmax(axis=0)[symbols], np.tile(offsets, 3))
+    # Counted from the start of the frame, a burst would begin in the middle of the offsets.
+    assert offsets[symbols % 4][:4].tolist() == [2, 1, 3, 0]
+
+
+@pytest.mark.parametrize(("ratio", "samples", "range_m"), [(1 / 32, 64, 136.6), (1.25 / 32, 80, 131.7)])
+def test_cyclic_suffix(ratio, samples, range_m):
+    system = System(cyclic_suffix_ratio=ratio)
+    assert layout(system).n_suffix == samples
+    assert system.isi_free_range_m == pytest.approx(range_m, abs=0.05)
+    assert System().cyclic_suffix_ratio == 1 / 32
+
+
+def test_place_of_both_arrays():
+    scenario = scene([24.0], [0.0], [0.6], [0.0], [1.0])
+    np.testing.assert_allclose(echo_parameters(scenario).range_bin, [24.0])
+    # Receivers 0.61 m to the side have another path; a range bin of Table I is half of that.
+    moved_m = (np.linalg.norm(scenario.scatterers.xyz - BASE_M - [0.61, 0, 0]) - scenario.range_m[0]) / 2
+    assert abs(moved_m) / System().range_bin_m == pytest.approx(0.6, abs=0.02)
+    empty = scene([], [], [], [], [])
+    assert not Simulator(empty).observe(np.inf).cells.any()
 
 
 def test_eigenvalue_cfar():

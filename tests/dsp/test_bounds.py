@@ -294,8 +294,8 @@ def test_a_step_in_u_is_hundreds_of_metres_a_unit_in_the_paper_frame_and_the_ran
         ({"noise_power": 0.0}, "noise_power"),
         ({"array_shape": (1, 8)}, "array_shape"),
         ({"system": System(n_subcarriers=1)}, "n_subcarriers=1"),
+        ({"system": System(n_symbols=1), "sensing": "prs"}, "n_symbols=1"),
         ({"system": System(n_symbols=2), "sensing": "prs"}, "n_symbols=2"),
-        ({"system": System(n_symbols=3), "sensing": "prs"}, "n_symbols=3"),
         ({"sensing": "csi"}, "unknown sensing 'csi'"),
     ],
 )

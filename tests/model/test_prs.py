@@ -24,27 +24,27 @@ def test_every_element_is_where_the_standard_puts_it():
         for symbol in range(14):
             for n in range(13):
                 m = 14 * slot + symbol
-                if m < 131 and slot % 4 == 0 and 2 <= symbol <= 13:
-                    expected[n, m] = n % 4 == {0: 0, 1: 2, 2: 1, 3: 3}[(symbol - 2) % 4]
+                if m < 131 and slot % 4 == 0 and 1 <= symbol <= 12:
+                    expected[n, m] = n % 4 == {0: 0, 1: 2, 2: 1, 3: 3}[(symbol - 1) % 4]
     np.testing.assert_array_equal(prs_elements(system), expected)
 
 
 def test_four_successive_symbols_touch_every_subcarrier_once():
     mask = prs_elements(SYSTEM)
-    for first in range(2, 11):
+    for first in range(1, 10):
         np.testing.assert_array_equal(mask[:, first : first + 4].sum(axis=1), 1)
 
 
 def test_bursts_repeat_every_56_symbols():
     mask = prs_elements(SYSTEM)
     np.testing.assert_array_equal(mask[:, 56:], mask[:, :-56])
-    assert np.flatnonzero(mask.any(axis=0))[:13].tolist() == [*range(2, 14), 58]
+    assert np.flatnonzero(mask.any(axis=0))[:13].tolist() == [*range(1, 13), 57]
 
 
 def test_a_slot_that_the_frame_cuts_off_is_not_sensed_with_unless_there_is_no_other():
     system = System(n_subcarriers=16, n_symbols=64)
     sensed = resource_elements(system, "prs")
-    assert np.flatnonzero(sensed.any(axis=0)).tolist() == [*range(2, 14)]
+    assert np.flatnonzero(sensed.any(axis=0)).tolist() == [*range(1, 13)]
     np.testing.assert_array_equal(sensed[:, :56], prs_elements(system)[:, :56])
     short = System(n_subcarriers=16, n_symbols=9)
     np.testing.assert_array_equal(resource_elements(short, "prs"), prs_elements(short))

@@ -153,8 +153,8 @@ def require_estimable(system: System, time_order: int = 0) -> None:
     bursts = _bursts(prs_elements(system))
     if not bursts:
         raise InputError(
-            f"n_symbols = {system.n_symbols}: the PRS covers every subcarrier only within symbols 2 to 5 "
-            "of a slot; at least 6 symbols are needed"
+            f"n_symbols = {system.n_symbols}: the PRS covers every subcarrier only within symbols 1 to 4 "
+            "of a slot; at least 5 symbols are needed"
         )
     allowed = type(time_order) is int and 0 <= time_order < len(bursts)
     limits = f"a whole number below {len(bursts)}, the bursts of PRS in {system.n_symbols} symbols"

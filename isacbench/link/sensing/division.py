@@ -140,7 +140,7 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
     if not sensed.any():
         raise InputError(
             f"sensing = {sensing!r}: no PRS in a grid of {system.n_subcarriers} subcarriers and "
-            f"{system.n_symbols} symbols; at least 3 symbols are needed"
+            f"{system.n_symbols} symbols; at least 2 symbols are needed"
         )
     return sensed
 

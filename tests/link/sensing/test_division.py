@@ -125,9 +125,9 @@ def test_data_change_with_the_trial_and_the_prs_keeps_unit_modulus_between_them(
 
 def test_a_grid_without_a_prs_is_refused():
     with pytest.raises(
-        InputError, match=r"sensing = 'prs'.*16 subcarriers and 2 symbols; at least 3 symbols"
+        InputError, match=r"sensing = 'prs'.*16 subcarriers and 1 symbols; at least 2 symbols"
     ):
-        symbol_moduli(System(n_subcarriers=16, n_symbols=2), Signal(sensing="prs"))
+        symbol_moduli(System(n_subcarriers=16, n_symbols=1), Signal(sensing="prs"))
 
 
 def test_a_division_that_does_not_exist_is_refused():

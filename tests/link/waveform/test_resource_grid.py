@@ -29,13 +29,13 @@ def prs_as_printed(system, n_id):
     """PRS element by element, by another implementation's sequence and mapping."""
     grid = np.zeros((system.n_subcarriers, system.n_symbols), dtype=complex)
     for slot in range(0, system.n_symbols // 14 + 1, 4):
-        for symbol in range(2, 14):
+        for symbol in range(1, 13):
             column = 14 * slot + symbol
             if column >= system.n_symbols:
                 continue
             c_init = c_init_as_printed(slot, symbol, n_id)
             sequence = nrSymbolModulate(nrPRBS(c_init, 2 * system.n_subcarriers), "qpsk")
-            first = {0: 0, 1: 2, 2: 1, 3: 3}[(symbol - 2) % 4]
+            first = {0: 0, 1: 2, 2: 1, 3: 3}[(symbol - 1) % 4]
             for m in range(system.n_subcarriers):
                 if 4 * m + first < system.n_subcarriers:
                     grid[4 * m + first, column] = sequence[m]
