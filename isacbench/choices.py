@@ -19,6 +19,9 @@ Division = Literal["reciprocal", "matched", "wiener"]
 NoiseSource = Literal["receiver", "transmitter"]
 """Where noise comes from: the receivers, or the transmitted signal itself."""
 
+Mimo = Literal["ideal", "comb", "tdm"]
+"""How transmitters are told apart: as if for nothing, by their subcarriers, or by their symbols."""
+
 Dimension = Literal["range", "velocity", "u", "w"]
 """Dimensions in which the radio tells scatterers apart."""
 

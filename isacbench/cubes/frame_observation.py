@@ -191,6 +191,7 @@ def observe_cube(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers {workers}: allowed is 1 or more")
+    scenario.require_default("a recorded frame", "mimo")
     signal = Signal(sensing=sensing, division=division)
     with open_cube(array_or_path) as cube:
         require_shape(cube, scenario.system, scenario.array)

@@ -127,6 +127,7 @@ def plan_image(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     (31, (89, 33))
     """
     needs = needs_of(estimator)
+    scenario.require_default("a recorded frame", "mimo")
     gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
     n_p, n_q = scenario.array.shape
     n_elements = {"plane": n_p * n_q, "cross": n_p + n_q - 1, "none": 0}[needs.elements]

@@ -48,6 +48,7 @@ class FrameSimulator:
     """
 
     def __init__(self, scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> None:
+        scenario.require_default("a simulated frame", "mimo")
         self._scenario = scenario
         self._trial, self._seed = trial, seed
         simulator = Simulator(scenario)

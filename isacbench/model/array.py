@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from isacbench.added_fields import added_field
 from isacbench.checked_arrays import checked_array
+from isacbench.choices import Mimo
 from isacbench.errors import InputError, require
 from isacbench.model.number_limits import require_count
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
@@ -66,6 +67,10 @@ class VirtualArray:
         Directions towards which the elements of a frame ascend, as seen from
         its element (0, 0): "-u" or "+u", and "-w" or "+w". Frames are written
         and read in this order; observations always ascend towards -u and -w.
+    mimo : {"ideal", "comb", "tdm"}
+        How the transmitters are told apart. "ideal": every one has all resource
+        elements to itself. "comb" and "tdm": they take turns on successive
+        subcarriers, and on successive symbols.
 
     Raises
     ------
@@ -89,6 +94,7 @@ class VirtualArray:
     tx_spacing: int = 8
     rx_spacing: int = 1
     ascending: tuple[str, str] = added_field(PAPER_ORDER, before=PAPER_ORDER)
+    mimo: Mimo = added_field("ideal", before="ideal")  # noqa: RUF009, a field
 
     def __post_init__(self) -> None:
         for name in ("tx_shape", "rx_shape"):
@@ -98,6 +104,7 @@ class VirtualArray:
             require_count(f"array.{name}", getattr(self, name))
         known = [(u, w) for u in ("-u", "+u") for w in ("-w", "+w")]
         require(self.ascending in known, "array.ascending", self.ascending, "-u or +u, and -w or +w")
+        require(self.mimo in get_args(Mimo), "array.mimo", self.mimo, "ideal, comb and tdm")
         n_p, n_q = self.shape
         if len(self.positions) != n_p * n_q:
             raise InputError(
@@ -106,14 +113,45 @@ class VirtualArray:
                 f"{len(self.positions)} of {n_p} x {n_q} places; it must be a filled rectangle"
             )
 
-    @cached_property
+    @property
     def positions(self) -> NDArray[np.int64]:
         """Distinct virtual element positions (n, 2) in half wavelengths, row by row."""
+        return self._elements[0]
+
+    @property
+    def transmitters(self) -> NDArray[np.int64]:
+        """Transmitter of every virtual element (n,), the first of those that give it with some receiver."""
+        return self._elements[1] // (self.rx_shape[0] * self.rx_shape[1])
+
+    @cached_property
+    def _elements(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Distinct sums of a transmitter's and a receiver's position, and the first pair that gives each."""
         tx = rectangular_positions(self.tx_shape, self.tx_spacing)
         rx = rectangular_positions(self.rx_shape, self.rx_spacing)
-        positions = np.unique((tx[:, None, :] + rx[None, :, :]).reshape(-1, 2), axis=0)
+        pairs = (tx[:, None, :] + rx[None, :, :]).reshape(-1, 2)
+        positions, first_pair = np.unique(pairs, axis=0, return_index=True)
         positions.setflags(write=False)
-        return positions
+        return positions, first_pair
+
+    @property
+    def thinning(self) -> tuple[int, int]:
+        """Subcarriers, and symbols, of which a transmitter has one: 1 unless transmitters take turns."""
+        n_tx = self.tx_shape[0] * self.tx_shape[1]
+        return (n_tx if self.mimo == "comb" else 1, n_tx if self.mimo == "tdm" else 1)
+
+    @property
+    def n_turns(self) -> int:
+        """Resource elements of which a virtual element has one."""
+        return self.thinning[0] * self.thinning[1]
+
+    @property
+    def shares(self) -> list[tuple[slice, slice, NDArray[np.bool_]]]:
+        """Subcarriers and symbols of transmitters that take turns, and masks of their virtual elements."""
+        (every_n, every_m), of = self.thinning, self.transmitters % self.n_turns
+        return [
+            (slice(t % every_n, None, every_n), slice(t % every_m, None, every_m), of == t)
+            for t in range(self.n_turns)
+        ]
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -31,6 +31,7 @@ from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
 
 if TYPE_CHECKING:
+    from isacbench.model.array import VirtualArray
     from isacbench.model.scene import Scenario
 
 Complex = NDArray[np.complex128]
@@ -128,15 +129,27 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     ndarray of complex128, shape (n_range, n_doppler, P, Q)
     """
     echo = echo_parameters(scenario)
-    system = scenario.system
-    along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers)
-    along_doppler = dirichlet(gate.doppler_bins, echo.doppler_bin, system.n_symbols).conj()
-    n_p, n_q = scenario.array.shape
-    directions = element_responses(scenario, echo, scenario.array.positions)
-    cells = _superposed(along_range * echo.gain, along_doppler, directions, echo.doppler_bin)
+    system, array = scenario.system, scenario.array
+    directions = element_responses(scenario, echo, array.positions)
+    parts = []
+    for n, m, own in array.shares:
+        along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers, n.step, n.start)
+        along_doppler = dirichlet(gate.doppler_bins, echo.doppler_bin, system.n_symbols, m.step, m.start)
+        parts.append(
+            _superposed(along_range * echo.gain, along_doppler.conj(), directions[:, own], echo.doppler_bin)
+        )
+    cells = _joined(array, parts)
     if is_dust(cells, echo, np.sqrt(system.processing_gain)):
         cells[:] = 0
-    return cells.reshape(*gate.shape, n_p, n_q)
+    return cells.reshape(*gate.shape, *array.shape)
+
+
+def _joined(array: VirtualArray, parts: list[Complex]) -> Complex:
+    """Join the elements (..., e) of the shares of an array in its own order."""
+    if len(parts) == 1:
+        return parts[0]
+    by_transmitter = np.argsort(array.transmitters, kind="stable")
+    return np.concatenate(parts, axis=-1)[..., np.argsort(by_transmitter)]
 
 
 def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = slice(None)) -> Complex:
@@ -153,9 +166,10 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     Returns
     -------
     ndarray of complex128, shape (n_subcarriers, n_symbols, e)
+        0 where the transmitter of an element is silent.
     """
     echo = echo_parameters(scenario)
-    system = scenario.system
+    system, array = scenario.system, scenario.array
     n = np.arange(system.n_subcarriers)[subcarriers, None]
     m = np.arange(system.n_symbols)[:, None]
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
@@ -165,6 +179,10 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     )
     if is_dust(grid, echo, 1.0):
         grid[:] = 0
+    if array.n_turns > 1:
+        transmitter = array.transmitters.reshape(array.shape)[tuple(np.transpose(elements))]
+        every_n, every_m = array.thinning
+        grid *= ((n[:, :, None] - transmitter) % every_n == 0) & ((m - transmitter) % every_m == 0)
     return grid
 
 
@@ -269,13 +287,24 @@ def transmitted_noise(scenario: Scenario, trial: int, seed: int) -> Complex:
 
 
 def _echoed_noise(scenario: Scenario, gate: Gate, noise: Complex) -> Complex:
-    """Cells (n_range, n_doppler, P, Q) of noise (n_subcarriers, n_symbols) that is a factor on every echo.
+    """Cells (n_range, n_doppler, P, Q) of noise (n_subcarriers, n_symbols) that is a factor on every echo."""
+    echo, array = echo_parameters(scenario), scenario.array
+    directions = echo.gain[:, None] * element_responses(scenario, echo, array.positions)
+    parts = []
+    for n, m, own in array.shares:
+        sent = np.zeros_like(noise)
+        sent[n, m] = np.sqrt(array.n_turns) * noise[n, m]
+        parts.append(_times_noise(echo, gate, sent, directions[:, own]))
+    return _joined(array, parts).reshape(*gate.shape, *array.shape)
+
+
+def _times_noise(echo: EchoParameters, gate: Gate, noise: Complex, directions: Complex) -> Complex:
+    """Cells (n_range * n_doppler, e) of echoes (K, e) times noise.
 
     Echoes of one speed share the Doppler bins of the noise; each has range bins of its own.
     """
-    echo, (n_subcarriers, n_symbols) = echo_parameters(scenario), noise.shape
+    n_subcarriers, n_symbols = noise.shape
     subcarriers, symbols = np.arange(n_subcarriers), np.arange(n_symbols)
-    directions = echo.gain[:, None] * element_responses(scenario, echo, scenario.array.positions)
 
     @lru_cache(maxsize=1)
     def lines(doppler_bin: float) -> Complex:
@@ -294,7 +323,7 @@ def _echoed_noise(scenario: Scenario, gate: Gate, noise: Complex) -> Complex:
     for first in range(0, by_speed.size, n_together):
         some = by_speed[first : first + n_together]
         cells += np.stack([profile(k) for k in some], axis=1) @ directions[some]
-    return cells.reshape(*gate.shape, *scenario.array.shape)
+    return cells
 
 
 def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> np.random.Generator:
@@ -373,7 +402,9 @@ class Simulator:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
+        self.gate = build_gate(
+            scenario.system, scenario.base_station_m, scenario.region, scenario.array.thinning
+        )
         self._drawn: tuple[tuple[int, int], Complex] | None = None
 
     @cached_property
@@ -382,8 +413,10 @@ class Simulator:
         return clean_echo(self.scenario, self.gate)
 
     def noise_power(self, snr_db: float) -> float:
-        """Noise power σ² per resource element and virtual element.
+        """Noise power in a cell of a virtual element: σ² of a resource element.
 
+        Where transmitters take turns, it is as many times σ² as there are:
+        echoes keep their peaks, though an element sums fewer resource elements.
         The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
         scatterer. Noise of the transmitter has this power as the sum over
         echoes, each on its own.
@@ -420,7 +453,7 @@ class Simulator:
         lowest_db = 10 * np.log10(power) - 20 * np.log10(LARGEST_NOISE_AMPLITUDE / unit)
         limits = f"{lowest_db:.0f} and more, infinity for no noise"
         require(isinstance(snr_db, Real) and snr_db >= lowest_db, "snr_db", snr_db, limits)
-        return unit * float(np.sqrt(power * 10 ** (-float(snr_db) / 10)))
+        return unit * float(np.sqrt(self.scenario.array.n_turns * power * 10 ** (-float(snr_db) / 10)))
 
     @one_blas_thread()
     def observe(self, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:

@@ -118,7 +118,12 @@ class Gate(Displayed):
         )
 
 
-def build_gate(system: System, base_station_m: NDArray[np.float64], region: Region) -> Gate:
+def build_gate(
+    system: System,
+    base_station_m: NDArray[np.float64],
+    region: Region,
+    thinning: tuple[int, int] = (1, 1),
+) -> Gate:
     """Derive the gate from the region and its speeds alone.
 
     Parameters
@@ -126,6 +131,8 @@ def build_gate(system: System, base_station_m: NDArray[np.float64], region: Regi
     system : System
     base_station_m : ndarray, shape (3,)
     region : Region
+    thinning : (int, int)
+        How often the map repeats among all bins (`isacbench.model.array.VirtualArray`).
 
     Returns
     -------
@@ -134,10 +141,12 @@ def build_gate(system: System, base_station_m: NDArray[np.float64], region: Regi
     range_bins, reachable_range = _reach(
         np.array(region.range_limits_m(base_station_m)) / system.range_bin_m,
         RANGE_MARGIN_BINS,
-        system.n_subcarriers,
+        system.n_subcarriers // thinning[0],
     )
     doppler_bins, reachable_doppler = _reach(
-        np.array(region.speed_mps) / system.velocity_bin_mps, DOPPLER_MARGIN_BINS, system.n_symbols
+        np.array(region.speed_mps) / system.velocity_bin_mps,
+        DOPPLER_MARGIN_BINS,
+        system.n_symbols // thinning[1],
     )
     wraps = range_bins.size == system.n_subcarriers, doppler_bins.size == system.n_symbols
     return Gate(range_bins, doppler_bins, reachable_range, reachable_doppler, wraps)

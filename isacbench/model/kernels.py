@@ -14,7 +14,7 @@ SERIES_BELOW = 1e-3
 """Distance in bins below which slopes come from the series at the peak: their quotients lose digits there."""
 
 
-def dirichlet(bins: ArrayLike, places: ArrayLike, n: int) -> Complex:
+def dirichlet(bins: ArrayLike, places: ArrayLike, n: int, every: int = 1, first: int = 0) -> Complex:
     """Response of the bins of a unitary inverse DFT (range) to unit exponentials at fractional bins.
 
     Behind a forward DFT (Doppler) the response is the complex conjugate.
@@ -27,11 +27,13 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int) -> Complex:
         Fractional bins of the exponentials.
     n : int
         Transform length.
+    every, first : int
+        Of the n samples only `first`, `first` + `every` and so on are not 0; `every` divides n.
 
     Returns
     -------
     ndarray of complex128, shape (b, k)
-        n^(-1/2) Σ_i exp(j2π i (bin - place) / n).
+        n^(-1/2) Σ_i exp(j2π i (bin - place) / n), times `every`: the peak is as high whatever is left out.
 
     Examples
     --------
@@ -40,9 +42,12 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int) -> Complex:
     """
     distance = checked_array("bins", bins)[:, None] - checked_array("places", places)[None, :]
     # Whole turns of the kernel are taken out first: sines of small angles keep their digits.
-    distance -= n * np.rint(distance / n)
-    ratio = np.sinc(distance) / np.sinc(distance / n)
-    kernel: Complex = np.sqrt(n) * ratio * np.exp(1j * np.pi * (n - 1) / n * distance)
+    length = n // every
+    turned = distance - length * np.rint(distance / length)
+    ratio = np.sinc(turned) / np.sinc(turned / length)
+    kernel: Complex = np.sqrt(n) * ratio * np.exp(1j * np.pi * (length - 1) / length * turned)
+    if first:
+        kernel *= np.exp(2j * np.pi * first / n * distance)
     return kernel
 
 

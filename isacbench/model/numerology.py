@@ -10,7 +10,7 @@ from scipy import constants
 
 from isacbench.added_fields import added_field
 from isacbench.choices import NoiseSource
-from isacbench.errors import require, unknown_name
+from isacbench.errors import require
 from isacbench.model.number_limits import require_count
 
 SPEED_OF_LIGHT_MPS = float(constants.speed_of_light)
@@ -70,8 +70,7 @@ class System:
         for name in ("cyclic_prefix_ratio", "cyclic_suffix_ratio"):
             value = getattr(self, name)
             require(0 <= value <= 1, name, value, "a number from 0 to 1")
-        if self.noise not in get_args(NoiseSource):
-            raise unknown_name("noise", self.noise, get_args(NoiseSource))
+        require(self.noise in get_args(NoiseSource), "noise", self.noise, "receiver and transmitter")
 
     @property
     def wavelength_m(self) -> float:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
 
+PLAIN_RADIO = {"noise": ("system", "receiver"), "mimo": ("array", "ideal")}
+"""Options of the radio that not every task models: their tables and defaults."""
+
 ERRORS = "gain_error_db", "phase_error_deg"
 MOST_ERRORS = 10.0, 180.0
 """Largest standard deviations of the errors of gain and phase: beyond them nothing is left of a beam."""
@@ -204,22 +207,24 @@ class Scenario(Displayed):
         self._warn_of_strays()
         self._warn_of_interference()
 
-    def require_receiver_noise(self, task: str) -> None:
-        """Refuse noise of the transmitter where it is not modelled.
+    def require_default(self, task: str, *options: str) -> None:
+        """Refuse options of the radio where they are not modelled.
 
         Parameters
         ----------
         task : str
-            What takes the noise to be the receivers'.
+            What does not model them.
+        *options : {"noise", "mimo"}
 
         Raises
         ------
         InputError
             Naming the option.
         """
-        require(
-            self.system.noise == "receiver", "[system] noise", self.system.noise, f"'receiver' for {task}"
-        )
+        for option in options:
+            table, default = PLAIN_RADIO[option]
+            value = getattr(getattr(self, table), option)
+            require(value == default, f"[{table}] {option}", value, f"{default!r} for {task}")
 
     def _require_unambiguous_region(self) -> None:
         system, region = self.system, self.region
@@ -229,18 +234,23 @@ class Scenario(Displayed):
                 f"array: its {n_p} x {n_q} virtual elements cannot measure both directions; "
                 "at least 2 along u and w are needed"
             )
+        every_n, every_m = self.array.thinning
+        turns = f" for {self.array.n_turns} transmitters with mimo = {self.array.mimo!r}"
+        for size, every in (("n_subcarriers", every_n), ("n_symbols", every_m)):
+            require(getattr(system, size) % every == 0, size, getattr(system, size), f"a multiple{turns}")
+        limit_m, limit_mps = system.unambiguous_range_m / every_n, system.unambiguous_speed_mps / every_m
         farthest_m = region.range_limits_m(self.base_station_m)[1]
-        if farthest_m > system.unambiguous_range_m:
+        if farthest_m > limit_m:
             raise InputError(
                 f"region: its farthest corner is {farthest_m:.1f} m from the base station, beyond the "
-                f"unambiguous range; allowed are at most {system.unambiguous_range_m:.1f} m, which is "
-                "c / (2 subcarrier_spacing_hz)"
+                f"unambiguous range; allowed are at most {limit_m:.1f} m, which is "
+                f"c / (2 subcarrier_spacing_hz){f', divided,{turns}' if every_n > 1 else ''}"
             )
         fastest_mps = max(abs(speed) for speed in region.speed_mps)
-        if fastest_mps > system.unambiguous_speed_mps:
+        if fastest_mps > limit_mps:
             raise InputError(
                 f"region.speed_mps: {fastest_mps:g} m/s is beyond the unambiguous speed; allowed are at most "
-                f"{system.unambiguous_speed_mps:.1f} m/s"
+                f"{limit_mps:.1f} m/s{turns if every_m > 1 else ''}"
             )
 
     def _require_sight(self) -> None:

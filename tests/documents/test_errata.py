@@ -1,5 +1,6 @@
 """One test a row of the errata table: what the paper prints is wrong as said, and what is done instead."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -215,6 +216,26 @@ def test_place_of_both_arrays():
     assert abs(moved_m) / System().range_bin_m == pytest.approx(0.6, abs=0.02)
     empty = scene([], [], [], [], [])
     assert not Simulator(empty).observe(np.inf).cells.any()
+
+
+@pytest.mark.parametrize(("mimo", "range_m", "speed_mps"), [("comb", 156.1, 205.6), ("tdm", 624.6, 51.4)])
+def test_four_transmitters_at_once(mimo, range_m, speed_mps):
+    street = load_scenario("street")
+    honest = dataclasses.replace(street, array=VirtualArray(mimo=mimo))
+    every_n, every_m = honest.array.thinning
+    assert street.system.unambiguous_range_m / every_n == pytest.approx(range_m, abs=0.05)
+    assert street.system.unambiguous_speed_mps / every_m == pytest.approx(speed_mps, abs=0.05)
+    ideal, turns = Simulator(street), Simulator(honest)
+    for estimator in (Music2d(explain="none", demix=False), Fft4d(explain="none", demix=False)):
+
+        def recall(simulator, snr_db, estimator=estimator):
+            cloud = estimator.estimate(simulator.observe(snr_db))
+            return score(street.truth, cloud, region=street.region)["recall"]
+
+        # The loss is one of 6 dB, no more.
+        assert recall(turns, -35.0) < recall(ideal, -35.0) - 0.05
+        assert recall(turns, -35.0 + 10 * np.log10(4)) == pytest.approx(recall(ideal, -35.0), abs=0.05)
+        assert recall(turns, 10.0) == pytest.approx(recall(ideal, 10.0), abs=0.05)
 
 
 def test_eigenvalue_cfar():

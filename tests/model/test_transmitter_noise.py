@@ -133,5 +133,5 @@ def test_what_takes_noise_to_be_the_receivers_refuses_another(noisy):
         expected = rf"^\[system\] noise = 'transmitter': allowed is 'receiver' for {task}$"
         with pytest.raises(InputError, match=expected):
             refused()
-    with pytest.raises(InputError, match="unknown noise 'transmiter': did you mean 'transmitter'"):
+    with pytest.raises(InputError, match="noise = 'transmiter': allowed is receiver and transmitter"):
         System(noise="transmiter")

@@ -43,7 +43,8 @@ def rayleigh_cells(scenario: Scenario) -> Floats:
 def gain_db(scenario: Scenario) -> float:
     """Gain in dB from the SNR of the scene at one element to that of one unit scatterer after all sums.
 
-    The sums run over N_c subcarriers, N_sym symbols and P Q elements. The
+    The sums run over N_c subcarriers, N_sym symbols and P Q elements, or over
+    the share of them that each transmitter has where they take turns. The
     SNR of a scene counts the power of all its scatterers. Noise that comes
     back with an echo is that of the echo alone, and from its direction:
     only the sums over subcarriers and symbols gain.
@@ -57,10 +58,11 @@ def gain_db(scenario: Scenario) -> float:
     float
     """
     system, (n_p, n_q) = scenario.system, scenario.array.shape
+    gain = system.processing_gain / scenario.array.n_turns
     if system.noise == "transmitter":
-        return float(10 * np.log10(system.processing_gain))
+        return float(10 * np.log10(gain))
     echo_power = float(np.sum(scenario.scatterers.amplitude**2)) or 1.0
-    return float(10 * np.log10(system.processing_gain * n_p * n_q / echo_power))
+    return float(10 * np.log10(gain * n_p * n_q / echo_power))
 
 
 def radio_places(scenario: Scenario, points: PointCloud | Scatterers) -> Floats:

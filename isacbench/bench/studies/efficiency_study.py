@@ -68,7 +68,7 @@ def efficiency_scenes(suite: Suite, scenarios: Mapping[str, Scenario]) -> list[I
     entries = build_estimators(suite)
     scenes = []
     for scenario in scenarios.values():
-        scenario.require_receiver_noise("the Cramér-Rao bound")
+        scenario.require_default("the Cramér-Rao bound", "noise")
         draw = partial(_draw, scenario, suite.seed)
         snr_db = element_snrs_db(suite, gain_db(draw(0)))
         scenes.append(ImagedScene(suite, scenario, entries, snr_db, draw=draw, measure=measure_efficiency))
@@ -95,7 +95,9 @@ def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
     error = radio_places(scenario, shot.cloud) - radio_places(scenario, scenario.scatterers)
     inside = np.flatnonzero((np.abs(error) < cells).all(axis=1))
     measured: dict[str, Any] = {"hit": inside.size > 0, "n_false": len(error) - (inside.size > 0)}
-    bound = single_bound(scenario.system, scenario.array.shape, 10 ** (shot.snr_db / 10))
+    bound = single_bound(
+        scenario.system, scenario.array.shape, 10 ** (shot.snr_db / 10) / scenario.array.n_turns
+    )
     measured |= dict(zip(BOUNDS, np.sqrt(np.diag(bound.covariance)).tolist(), strict=True))
     if inside.size:
         nearest = inside[np.argmin(np.sum((error[inside] / cells) ** 2, axis=1))]

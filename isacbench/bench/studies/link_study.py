@@ -84,7 +84,7 @@ def link_scenes(suite: LinkSuite, scenarios: Mapping[str, Scenario]) -> list[Sce
     entries = build_estimators(suite)
     require_scatterers(scenarios)
     for scenario in scenarios.values():
-        scenario.require_receiver_noise("a suite of the kind link")
+        scenario.require_default("a suite of the kind link", "noise", "mimo")
     sensed: list[Scene] = [
         _sensed_scene(suite, scenario, name, signal, entries)
         for scenario in scenarios.values()

@@ -81,7 +81,7 @@ def scene_bound(scenario: Scenario, snr_db: float) -> Floats:
         scatterers cannot be told apart.
     """
     gain = echo_parameters(scenario).gain
-    noise_power = float(np.sum(np.abs(gain) ** 2)) / 10 ** (snr_db / 10)
+    noise_power = float(np.sum(np.abs(gain) ** 2)) / 10 ** (snr_db / 10) * scenario.array.n_turns
     range_m, velocity_mps, u, w = radio_places(scenario, scenario.scatterers).T
     bound = joint_bound(scenario.system, scenario.array.shape, range_m, velocity_mps, u, w, gain, noise_power)
     return np.stack([bound.range_m, bound.velocity_mps, bound.u, bound.w], axis=1)

@@ -44,7 +44,7 @@ class SignalSimulator(Simulator):
         super().__init__(scenario)
         self.signal = signal
         if not signal.is_plain:
-            scenario.require_receiver_noise("the PRS alone and unequal symbols")
+            scenario.require_default("the PRS alone and unequal symbols", "noise", "mimo")
 
         @lru_cache(maxsize=1)
         def weights(snr_db: float, trial: int, seed: int) -> Weights:

@@ -314,11 +314,14 @@ def _rayleigh_coordinates(place: list[float], speed_mps: float) -> np.ndarray:
 
 def _content(parameters: FamilyParameters, objects: list[Content]) -> Content:
     """Content of a scenario file."""
-    errors = {name: getattr(parameters, name) for name in ("gain_error_db", "phase_error_deg")}
+    of_array = {"gain_error_db", "phase_error_deg", "mimo"}
     return {
         **({"visible": "seen"} if parameters.visible == "seen" else {}),
         "system": {"coherent_phase": parameters.coherent_phase},
-        "array": {"frame": parameters.frame, **{name: error for name, error in errors.items() if error}},
+        "array": {
+            "frame": parameters.frame,
+            **parameters.model_dump(include=of_array, exclude_defaults=True),
+        },
         **SQUARE,
         "objects": objects,
     }

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, StrictBool
 
-from isacbench.choices import NoiseSource
+from isacbench.choices import Mimo, NoiseSource
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, read_toml
 from isacbench.model.array import VirtualArray
@@ -125,6 +125,7 @@ class _ArrayTable(FileTable):
     tx_spacing: Count = VirtualArray.tx_spacing
     rx_spacing: Count = VirtualArray.rx_spacing
     ascending: tuple[Literal["-u", "+u"], Literal["-w", "+w"]] = ("-u", "-w")
+    mimo: Mimo = VirtualArray.mimo
     gain_error_db: GainError = Scenario.gain_error_db
     phase_error_deg: PhaseError = Scenario.phase_error_deg
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from isacbench.choices import Mimo
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import quoted, shortened
 from isacbench.files.toml_files import builtin_names, find_toml
@@ -36,6 +37,8 @@ class FamilyParameters(BaseModel):
         True if every echo has the carrier's phase, false if all are in phase.
     gain_error_db, phase_error_deg : float
         Standard deviations of the gain and phase errors of the virtual elements.
+    mimo : {"ideal", "comb", "tdm"}
+        How the transmitters are told apart.
     visible : {"all", "seen"}
         Scatterers of transparent objects, or those that the base station sees past all surfaces.
     """
@@ -47,6 +50,7 @@ class FamilyParameters(BaseModel):
     coherent_phase: Annotated[bool, Field(strict=True)] = False
     gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
     phase_error_deg: Annotated[float, Field(strict=True, ge=0, le=180, allow_inf_nan=False)] = 0.0
+    mimo: Mimo = "ideal"
     visible: Literal["all", "seen"] = "all"
 
 
