@@ -2,21 +2,19 @@
 
 For every detected range-Doppler cell the power of the P x Q snapshot behind a
 beam, |a^H x|² / (P Q)², is sampled over the directions that the region spans,
-and its maxima placed off the grid by Newton's method. What the cells show is
-then explained jointly (`isacbench_algorithms.chain`).
+and its maxima placed off the grid by Newton's method.
 
 It is the matched filter of one plane wave, and so the best estimator of a wave
 that is alone in its cell. Compared with `fft4d` there is no CFAR over the angles: a maximum counts if
 it is not more than 12 dB below the strongest.
 
-Cost of n cells, g x h directions: n (h P Q + g h P) for the spectra, then
-m (15 P Q + m²) for m candidates.
+Cost of n cells, g x h directions: n (h P Q + g h P) for the spectra.
 
 Fails where sources of one cell are closer than a Rayleigh cell (2/P in u,
 2/Q in w): they have one maximum, between them or, where they interfere, beside
 them. Sources more than 12 dB below another are taken for its sidelobes, which
 lie at -13 dB. Those of lines of 3 and 4 elements are higher, at -9.5 and
--11.3 dB, and are left to the joint explanation.
+-11.3 dB, and can be taken for sources.
 
 References
 ----------
@@ -37,7 +35,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
 from .bases.angular_spectra import AngularSpectrumEstimator
-from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
+from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
 
 
 @dataclass(frozen=True)
@@ -46,11 +44,11 @@ class Bartlett2d(AngularSpectrumEstimator):
 
     Attributes
     ----------
-    samples_per_cell, angle_dynamic_range_db, demix
+    samples_per_cell, angle_dynamic_range_db
         See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -69,6 +67,7 @@ class Bartlett2d(AngularSpectrumEstimator):
     name: ClassVar[str] = "bartlett2d"
 
     local_dynamic_range_db: float = 14.0
+    largest_direction_error: float | None = None
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -87,9 +86,9 @@ class Bartlett2d(AngularSpectrumEstimator):
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # Bartlett's spectrum, peaks
+        waves = determined(cells, waves, self)  # no directions between scatterers
         located = locate(cells, waves, self)  # range and velocity
-        candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
         return self.to_cloud(rdm, found)
 
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:

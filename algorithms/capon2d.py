@@ -11,11 +11,9 @@ For every detected range-Doppler cell:
    1 / (a^H R^-1 a), is sampled over the directions that the region spans, and
    its maxima placed off the grid by Newton's method.
 
-What the cells show is then explained jointly (`isacbench_algorithms.chain`).
-
 Cost of n cells on subarrays of L x M, S shifts of them and g x h directions:
 n (S (L M)² + (L M)³) for the covariances and their inverses, n L² M h (M + g)
-for the spectra, then m (15 P Q + m²) for m candidates.
+for the spectra.
 
 Fails where sources are closer than about half the Rayleigh cell of a subarray,
 more so in phase, which smoothing over few shifts hardly changes; and where the
@@ -45,7 +43,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
 from .bases.angular_spectra import AngularSpectrumEstimator
-from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
+from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
 
 
 @dataclass(frozen=True)
@@ -59,11 +57,11 @@ class Capon2d(AngularSpectrumEstimator):
     loading_db : float
         Power added to the diagonal of the covariance, over the floor of noise
         and leakage that the detection measures.
-    samples_per_cell, angle_dynamic_range_db, demix
+    samples_per_cell, angle_dynamic_range_db
         See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -108,9 +106,9 @@ class Capon2d(AngularSpectrumEstimator):
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # Capon's spectrum, peaks
+        waves = determined(cells, waves, self)  # no directions between scatterers
         located = locate(cells, waves, self)  # range and velocity
-        candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
         return self.to_cloud(rdm, found)
 
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:

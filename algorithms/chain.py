@@ -4,14 +4,14 @@
 2. `detect` finds the cells that hold echoes, on a map tapered for low
    sidelobes, by a CFAR detector on one element or on the array's average power.
 3. `read_cells` takes the snapshots of those cells, less tapered, for
-   resolution, and each Doppler line of a cell apart if the reading says so. In
-   them the estimator finds plane waves by its own method.
-4. `locate` places plane waves in range and Doppler.
-5. `own_cell_test` drops those that are stronger in a neighbouring Doppler
+   resolution. In them the estimator finds plane waves by its own method.
+4. `determined` drops plane waves that stand for several scatterers: what their
+   cell leaves unexplained does not determine their direction.
+5. `locate` places plane waves in range and Doppler.
+6. `own_cell_test` drops those that are stronger in a neighbouring Doppler
    cell, or much stronger in a neighbouring range cell.
-6. `merge_scatterers` merges scatterers that several cells saw.
-7. `explain` selects the scatterers that explain the map together, and refines
-   their range and Doppler to fractions of a bin.
+7. `sidelobe_test` drops what stronger scatterers of other cells explain: the same
+   scatterer seen twice, sidelobes and grating lobes.
 8. `to_cloud` turns radio coordinates into points.
 
 No stage needs a constant of the scene: levels follow from the noise, the strongest
@@ -20,15 +20,14 @@ cells and the strongest scatterers nearby. Every stage measures its own time
 
 References
 ----------
-arXiv 2310.06401, for the map, the detection and the order of the stages. The
-paper has neither `own_cell_test`, nor `merge_scatterers`, nor `explain`
-(``docs/errata.md``).
+arXiv 2310.06401, for the map, the detection and the order of the stages.
+``docs/errata.md`` says what the paper has of `determined`, `own_cell_test` and
+`sidelobe_test`.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import FunctionType
 from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
@@ -42,8 +41,7 @@ from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.array_types import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
-from isacbench.dsp.doppler_lines import doppler_layers
-from isacbench.dsp.fitting.joint_selection import clear_of_misfit, refine_jointly, select_jointly
+from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import in_unit
 from isacbench.dsp.scatterers import (
@@ -51,9 +49,8 @@ from isacbench.dsp.scatterers import (
     ScatterersInCells,
     locate_waves,
     merge_duplicates,
-    surroundings,
 )
-from isacbench.dsp.windows import Window, reach
+from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.instrument.remarks import Remarks, remark
 from isacbench.instrument.stages import stage
@@ -70,9 +67,6 @@ spectra. selection: the joint explanation."""
 
 CellPrecision = Literal["double", "single"]
 
-Explanation = Literal["joint", "none"]
-"""Treatment of the candidate scatterers of all cells: joint selection and refinement, or none."""
-
 LAST_DIGITS_LOST = 4
 """Last digits of the strongest cell that sums over a few cells lose to rounding: they count as noise."""
 
@@ -82,6 +76,10 @@ LEAST_NOISE = 1e-10
 OWN_CELL_EXCESS = (3.0, 1.0)
 """Largest amplitude in the next cell over that in its own: along range, where lines of scatterers have no
 local maximum, and along Doppler."""
+
+SIDELOBE_EXCESS = 1.1
+"""Least amplitude over that of the response to a stronger scatterer of another cell; above 1 for what is
+wrong about its place. Images hardly change from 1.05 to 1.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,9 +153,6 @@ class Reading:
         the noise.
     one_doppler : bool
         Whether plane waves must look like one echo along Doppler.
-    demix : bool
-        Whether the Doppler lines of a cell are read apart, each without the
-        echoes of the others; for single range cells.
     """
 
     range_window: Window
@@ -165,7 +160,6 @@ class Reading:
     range_cells: int = 1
     resolved_only: bool = False
     one_doppler: bool = False
-    demix: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,17 +171,12 @@ class CellSnapshots:
     reading : Reading
         Tapers and neighbours.
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
-        Absolute range and Doppler bins; repeated if several Doppler lines of a
-        cell are read apart.
+        Absolute range and Doppler bins.
     tapered : GatedMap
         Map after the tapers of the reading.
     snapshots : ndarray of complex, shape (n, s, *elements)
         Samples of each cell and its neighbours in range, the cell in the middle.
     levels : Levels
-    surroundings : ndarray of complex, shape (5, n, *elements), optional
-        Samples of each cell and of its four neighbours
-        (`isacbench.dsp.scatterers.surroundings`), if they are not those of
-        `tapered`.
     """
 
     reading: Reading
@@ -195,7 +184,6 @@ class CellSnapshots:
     tapered: GatedMap
     snapshots: Complex
     levels: Levels
-    surroundings: Complex | None = None
 
     def __len__(self) -> int:
         return len(self.snapshots)
@@ -290,36 +278,7 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
         rows, columns = tapered.index(bins)
         steps = np.arange(reading.range_cells) - reading.range_cells // 2
         snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]
-        cells = CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
-        # Between grating lobes, noise is not white along Doppler, nor do lines have a bin of their own.
-        return _demixed(cells, rdm) if reading.demix and not gated.sees_lobes else cells
-
-
-def _demixed(cells: CellSnapshots, rdm: ReadMap) -> CellSnapshots:
-    """Read each Doppler line of a cell apart, from the map less the echoes of all other lines.
-
-    Cells that no line peaks in stay as they are.
-    """
-    gated, reading = rdm.directions, cells.reading
-    layers = doppler_layers(gated, rdm.observation.system.n_symbols, cells.levels.white)
-    n_side, (rows, columns) = reach(reading.doppler_window) + 1, cells.bins
-    # One column a line: the cells that it peaks in.
-    peaks = layers.counts[rows - gated.gate.range_bins[0]]
-    peaks &= layers.home[rows - gated.gate.range_bins[0]] == columns[:, None]
-    source = [np.nonzero(~peaks.any(axis=1))[0]]
-    read = [surroundings(cells.tapered, cells.bins)[:, source[0]]]
-    for line, peak in enumerate(peaks.T):
-        for home in np.unique(columns[peak]):
-            mine = np.nonzero(peak & (columns == home))[0]
-            alone = layers.alone(gated, line, int(home), n_side)
-            tapered = alone.tapered(reading.range_window, reading.doppler_window, neighbours=1)
-            source.append(mine)
-            read.append(surroundings(tapered, (rows[mine], columns[mine])))
-    index, around = np.concatenate(source), np.concatenate(read, axis=1)
-    in_order = np.argsort(index, kind="stable")
-    index, around = index[in_order], around[:, in_order]
-    bins = cells.bins[0][index], cells.bins[1][index]
-    return replace(cells, bins=bins, snapshots=around[0][:, None], surroundings=around)
+        return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
 
 
 def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
@@ -342,6 +301,29 @@ def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
     separated = separated_order(pairs.rotation, order)
     remark("unseparated", int(np.count_nonzero(separated < order)), order.size)
     return separated
+
+
+def determined(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator) -> PlaneWaves:
+    """Keep the plane waves whose directions their cell determines; in resolved cells all are.
+
+    Parameters
+    ----------
+    cells : CellSnapshots
+    waves : PlaneWaves
+        Of the same cells.
+    estimator : CellwiseEstimator
+        Its `largest_direction_error` is used.
+
+    Returns
+    -------
+    PlaneWaves
+        See `isacbench.dsp.angles.plane_waves.PlaneWaves.determined`.
+    """
+    largest_error = estimator.largest_direction_error
+    if largest_error is None or cells.reading.resolved_only:
+        return waves
+    with stage("peaks"):
+        return waves.determined(cells.own, cells.tapered.aperture, cells.levels.white, largest_error)
 
 
 def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator) -> ScatterersInCells:
@@ -370,11 +352,11 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
             estimator.local_dynamic_range_db,
             # Grating lobes put echoes of all speeds into every bin: hardly any then looks like one echo.
             reading.one_doppler and not tapered.sees_lobes,
-            cells.surroundings,
+            cells.levels.min_power,
         )
 
 
-def own_cell_test(located: ScatterersInCells) -> LocatedScatterers:
+def own_cell_test(located: ScatterersInCells) -> ScatterersInCells:
     """Keep the scatterers that are not much stronger in a neighbouring cell than in their own.
 
     Parameters
@@ -383,15 +365,45 @@ def own_cell_test(located: ScatterersInCells) -> LocatedScatterers:
 
     Returns
     -------
-    LocatedScatterers
+    ScatterersInCells
         Those whose amplitude next door is at most `OWN_CELL_EXCESS` times their own.
     """
     with stage("peaks"):
         return located.at_home(*OWN_CELL_EXCESS)
 
 
+def sidelobe_test(
+    located: ScatterersInCells, rdm: ReadMap, levels: Levels, estimator: CellwiseEstimator
+) -> LocatedScatterers:
+    """Keep the scatterers that stand out of the sidelobes of stronger ones.
+
+    Gaps between symbols make grating lobes nearly as strong as an echo itself:
+    there the scatterers are those that together fit the map best.
+
+    Parameters
+    ----------
+    located : ScatterersInCells
+    rdm : ReadMap
+        The map of their cells.
+    levels : Levels
+    estimator : CellwiseEstimator
+        Its `local_dynamic_range_db` is used.
+
+    Returns
+    -------
+    LocatedScatterers
+        Those whose amplitude is more than `SIDELOBE_EXCESS` times the response to each stronger one.
+    """
+    system, gated, limit_db = rdm.observation.system, rdm.selection, estimator.local_dynamic_range_db
+    if gated.sees_lobes:
+        with stage("refinement"):
+            return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
+    with stage("peaks"):
+        return located.clear_of_sidelobes(SIDELOBE_EXCESS, system).scatterers
+
+
 def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
-    """Merge scatterers that several cells saw: of those close together the strongest stays.
+    """Merge scatterers that several cells or readings saw: of those close together the strongest stays.
 
     Parameters
     ----------
@@ -404,37 +416,6 @@ def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
     """
     with stage("peaks"):
         return merge_duplicates(scatterers)
-
-
-def explain(
-    rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers], estimator: CellwiseEstimator
-) -> LocatedScatterers:
-    """Explain the map: jointly select the scatterers that reproduce it, and jointly refine them.
-
-    Parameters
-    ----------
-    rdm : ReadMap
-    levels : Levels
-    seen : sequence of LocatedScatterers
-        Candidates of each reading. Those of a later reading join if the
-        scatterers selected before leave them unexplained.
-    estimator : CellwiseEstimator
-        Its `select` and `refine` do the work. With `explain` "none" neither
-        is called: the candidates of all readings are merged.
-
-    Returns
-    -------
-    LocatedScatterers
-    """
-    chosen = LocatedScatterers.empty()
-    if estimator.explain == "none":
-        for candidates in seen:
-            chosen = chosen.join(candidates)
-        return estimator.merge(chosen)
-    with stage("refinement"):
-        for candidates in seen:
-            chosen = estimator.select(rdm, levels, candidates, chosen)
-        return estimator.refine(rdm, levels, chosen)
 
 
 def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
@@ -513,7 +494,6 @@ class MapEstimator(ABC):
     precision: CellPrecision = "double"
     detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
 
-    merge = staticmethod(merge_scatterers)
     to_cloud = staticmethod(to_cloud)
 
     def __init_subclass__(cls) -> None:
@@ -637,9 +617,7 @@ class CellwiseEstimator(MapEstimator):
     plane waves         `plane_waves`; of subspace methods, the number of
                         sources: argument `model_order`, or `signal_order`
     own-cell test       `own_cell_test`
-    merging             `merge`
-    joint selection     `select`, or none with argument `explain` "none"
-    joint refinement    `refine`, or none with argument `explain` "none"
+    sidelobe test       `sidelobe_test`
     cloud               `to_cloud`
     ==================  ===================================================
 
@@ -649,14 +627,10 @@ class CellwiseEstimator(MapEstimator):
         Taper of the cells whose angles are estimated.
     max_sources : int
         Largest number of plane waves in a cell.
-    far_dynamic_range_db : float or None
-        Range below the sidelobes of all scatterers in other range bins in which
-        others can be distinguished from their misfit; None for any.
-    explain : {"joint", "none"}
-        Treatment of the candidate scatterers. "joint" selects those that
-        explain the map together, and refines them together; "none" makes all
-        of them points. An estimator with several readings then merges the
-        candidates of all readings.
+    largest_direction_error : float or None
+        Rayleigh cells by which the direction of one of several plane waves of a
+        cell may be wrong, given what they leave unexplained of it; None for any, as
+        beamformers have it: their directions are off for reasons of their own.
     separable, single_stages, detector, pfa, integration, angle_pfa, dynamic_range_db
         See `MapEstimator`.
     local_dynamic_range_db, precision, detection_window
@@ -671,17 +645,31 @@ class CellwiseEstimator(MapEstimator):
     range_window: Window = "rect"
     doppler_window: Window = "soft"
     max_sources: int = 6
-    explain: Literal["joint", "none"] = added_field("joint", before="joint")
-    far_dynamic_range_db: float | None = added_field(16.0, before=None)
+    largest_direction_error: float | None = 0.33
 
     own_cell_test = staticmethod(own_cell_test)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
-        far_db = self.far_dynamic_range_db
-        require(far_db is None or far_db > 0, "far_dynamic_range_db", far_db, "above 0, or none")
-        require(self.explain in get_args(Explanation), "explain", self.explain, "joint or none")
+        error = self.largest_direction_error
+        require(error is None or error > 0, "largest_direction_error", error, "above 0, or none")
+
+    def sidelobe_test(self, located: ScatterersInCells, rdm: ReadMap, levels: Levels) -> LocatedScatterers:
+        """Keep the scatterers that stand out of the sidelobes of stronger ones.
+
+        Parameters
+        ----------
+        located : ScatterersInCells
+        rdm : ReadMap
+        levels : Levels
+
+        Returns
+        -------
+        LocatedScatterers
+            See the function `sidelobe_test`.
+        """
+        return sidelobe_test(located, rdm, levels, self)
 
     def readings(self) -> tuple[Reading, ...]:
         """Readings of the cells, one after the other; `diagnose` draws the last."""
@@ -719,53 +707,6 @@ class CellwiseEstimator(MapEstimator):
         tuple of Spectrum
         """
         return ()
-
-    def select(
-        self, rdm: ReadMap, levels: Levels, candidates: LocatedScatterers, members: LocatedScatterers
-    ) -> LocatedScatterers:
-        """Select the scatterers that explain the map together.
-
-        Parameters
-        ----------
-        rdm : ReadMap
-        levels : Levels
-        candidates : LocatedScatterers
-            Candidates of one reading of the cells.
-        members : LocatedScatterers
-            Scatterers selected from earlier readings.
-
-        Returns
-        -------
-        LocatedScatterers
-            Selected from both, see `isacbench.dsp.fitting.joint_selection.select_jointly`.
-        """
-        return select_jointly(
-            members.join(candidates),
-            rdm.selection,
-            rdm.observation.system,
-            levels.min_power,
-            self.local_dynamic_range_db,
-            len(members),
-        )
-
-    def refine(self, rdm: ReadMap, levels: Levels, chosen: LocatedScatterers) -> LocatedScatterers:
-        """Refine the selected scatterers together, and drop what the misfit of the others explains.
-
-        Parameters
-        ----------
-        rdm : ReadMap
-        levels : Levels
-        chosen : LocatedScatterers
-
-        Returns
-        -------
-        LocatedScatterers
-            See `isacbench.dsp.fitting.joint_selection.refine_jointly`, and
-            `clear_of_misfit` there.
-        """
-        gated, system, far_db = rdm.selection, rdm.observation.system, self.far_dynamic_range_db
-        refined = refine_jointly(chosen, gated, system)
-        return refined if far_db is None else clear_of_misfit(refined, gated, system, far_db)
 
     def _spectra_of(self, rdm: ReadMap, strongest: Detected) -> tuple[Spectrum, ...]:
         cells = read_cells(rdm, strongest, self.readings()[-1])

@@ -13,7 +13,8 @@ For every detected range-Doppler cell:
    directions together. In crowds, a cell is solved with fewer sources until
    all lie where the region is (`isacbench_algorithms.bases.joint_subspace`).
 
-What the cells show is then explained jointly (`isacbench_algorithms.chain`).
+Scatterers that explain the map down to the noise are fitted to it together
+(`isacbench_algorithms.bases.joint_subspace`).
 
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them and k
 sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces,
@@ -46,7 +47,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
 from .bases.joint_subspace import JointSubspaceEstimator, Subspaces
-from .chain import detect, explain, locate, read_cells, read_map
+from .chain import detect, determined, locate, read_cells, read_map
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Esprit2d(JointSubspaceEstimator):
         See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -99,9 +100,10 @@ class Esprit2d(JointSubspaceEstimator):
         for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
             cells = read_cells(rdm, detected, reading)
             waves = self.plane_waves(observation, cells)  # ESPRIT, maximum likelihood in resolved cells
+            waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
-            seen.append(self.merge(self.own_cell_test(located)))
-        found = explain(rdm, detected.levels, seen, self)  # joint selection, one reading after the other; fit
+            seen.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
+        found = self.explain(rdm, detected.levels, seen)  # least-squares fit, if that explains the map
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

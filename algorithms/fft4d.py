@@ -4,16 +4,14 @@ The range-Doppler map comes with the observation. The P x Q snapshot of every
 detected cell is zero-padded and transformed over both array axes. Local maxima
 of the angular power spectrum inside the region's directions that pass a 2-D
 CA-CFAR are plane waves; on arrays of so few elements that a lone wave might
-fail that test, the highest is one in any case. What the cells show is then explained
-jointly (`isacbench_algorithms.chain`), exactly as for the other cell-by-cell
-estimators.
+fail that test, the highest is one in any case.
 
 With ``integration="element"`` one row and one column are transformed, each
 along itself, and tested by a CA-CFAR along the line. The joint response of both
 pairs the peaks of the one with those of the other.
 
 Cost of n cells on a g x g angle grid: n g² log g for the transforms, n g log g
-for those of a row and a column, then m (15 P Q + m) for m candidates.
+for those of a row and a column.
 
 Fails where sources of one cell are closer than a Rayleigh cell (2/P in u,
 2/Q in w): they have one maximum. Sources more than 12 dB below another in
@@ -35,7 +33,6 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from isacbench.added_fields import added_field
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
@@ -51,7 +48,7 @@ from isacbench.plugins.contracts import Detector, Spectrum
 
 from . import chain
 from .bases.angular_spectra import spectrum_cut
-from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, Reading
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
 CLEARLY = 2.0
@@ -92,12 +89,9 @@ class Fft4d(CellwiseEstimator):
         another that its training cells hold.
     angle_dynamic_range_db : float
         Range below the strongest source of a cell; weaker maxima count as its sidelobes.
-    demix : bool
-        Whether the Doppler lines of a cell are read apart
-        (`isacbench.dsp.doppler_lines`).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -110,6 +104,7 @@ class Fft4d(CellwiseEstimator):
     separable: ClassVar[bool] = True
 
     dynamic_range_db: float = 33.0
+    largest_direction_error: float | None = None
     precision: CellPrecision = "single"
     angle_points: int = 48
     angle_detector: Detector = field(
@@ -117,17 +112,12 @@ class Fft4d(CellwiseEstimator):
     )
     line_detector: Detector = field(default_factory=lambda: CaCfar(pfa=0.5, training=(0, 12), guard=(0, 3)))
     angle_dynamic_range_db: float = 12.0
-    demix: bool = added_field(True, before=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.angle_points >= 3, "angle_points", self.angle_points, "3 and more")
         limit_db = self.angle_dynamic_range_db
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
-
-    def readings(self) -> tuple[Reading, ...]:
-        """One reading of the cells, their Doppler lines apart with `demix`."""
-        return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -146,9 +136,9 @@ class Fft4d(CellwiseEstimator):
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # FFT over rows and columns, CA-CFAR
+        waves = chain.determined(cells, waves, self)  # no directions between scatterers
         located = chain.locate(cells, waves, self)  # range and velocity
-        candidates = self.merge(self.own_cell_test(located))
-        found = chain.explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:

@@ -12,12 +12,11 @@ snapshot that there is:
    Maximum likelihood on the whole snapshot moves the directions of a cell
    together from there, and drops those as weak as noise.
 
-There is no smoothing, which would cost aperture, and no model order. What the
-cells show is then explained jointly (`isacbench_algorithms.chain`).
+There is no smoothing, which would cost aperture, and no model order.
 
 Cost of n cells, g x h directions whose steering vectors span s dimensions of
 the array: n (2 s³ + s² (g + h)) an iteration, n (k P Q + k³) a step of the
-likelihood for k sources, then m (15 P Q + m²) for m candidates.
+likelihood for k sources.
 
 Fails where sources are closer than a sample of the grid. A finer grid is worse
 (docs/estimators.md): the power that it starts from grows with the number of
@@ -48,7 +47,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
 from .bases.angular_spectra import AngularSpectrumEstimator
-from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
+from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,11 @@ class Iaa2d(AngularSpectrumEstimator):
         Times that the power is estimated anew.
     polish : int
         Most steps of maximum likelihood; 0 leaves directions between the samples.
-    samples_per_cell, angle_dynamic_range_db, demix
+    samples_per_cell, angle_dynamic_range_db
         See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -110,9 +109,9 @@ class Iaa2d(AngularSpectrumEstimator):
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # adapted spectrum, peaks, maximum likelihood
+        waves = determined(cells, waves, self)  # no directions between scatterers
         located = locate(cells, waves, self)  # range and velocity
-        candidates = self.merge(self.own_cell_test(located))
-        found = explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
         return self.to_cloud(rdm, found)
 
     def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:

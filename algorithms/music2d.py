@@ -14,16 +14,13 @@ For every detected range-Doppler cell:
 3. The joint response of all elements that are read tells sources from ghosts
    among the intersections.
 
-What the cells show is then explained jointly (`isacbench_algorithms.chain`).
-
 Differences from the paper, each measured in ``docs/errata.md``: thresholds
 follow from P_fa; the order statistic of OSCA runs along Doppler; leakage of
 strong scatterers bounds the dynamic range; the angles of a cell follow from the
 data, up to `max_order` along each axis and `max_sources` in all.
 
 Cost of n cells on P x Q elements, subarrays of L, g grid points and k sources:
-n (P Q L² + L³ + L k g) for the spectra, n (k⁴ + k P Q) for the pairs, and
-m (15 P Q + m) for m candidates in the end.
+n (P Q L² + L³ + L k g) for the spectra and n (k⁴ + k P Q) for the pairs.
 
 Fails where sources of one cell are closer than about half a Rayleigh cell and
 comparable in power: they merge into one between them.
@@ -67,7 +64,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
 from . import chain
-from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, Reading
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -140,16 +137,13 @@ class Music2d(CellwiseEstimator):
         Most sources along u, and along w.
     spectrum_detector : Detector
         Of peaks in a stack of spectra (cells, grid).
-    demix : bool
-        Whether the Doppler lines of a cell are read apart
-        (`isacbench.dsp.doppler_lines`).
     search : {"grid", "root"}
         Peaks of the spectra that pass their CFAR, or the roots of the null
         spectra's polynomials that are nearest to the unit circle (root-MUSIC),
         which need neither `grid_points` nor `spectrum_detector`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -177,7 +171,6 @@ class Music2d(CellwiseEstimator):
     spectrum_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=0.3, training=(0, 24), guard=(0, 8))
     )
-    demix: bool = added_field(True, before=False)
     search: Search = added_field("grid", before="grid")  # noqa: RUF009, a field
 
     def __post_init__(self) -> None:
@@ -190,10 +183,6 @@ class Music2d(CellwiseEstimator):
         require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
         require(self.search in get_args(Search), "search", self.search, "grid or root")
-
-    def readings(self) -> tuple[Reading, ...]:
-        """One reading of the cells, their Doppler lines apart with `demix`."""
-        return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -212,9 +201,9 @@ class Music2d(CellwiseEstimator):
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # MUSIC along rows and columns, CA-CFAR, pairing
+        waves = chain.determined(cells, waves, self)  # no directions between scatterers
         located = chain.locate(cells, waves, self)  # range and velocity
-        candidates = self.merge(self.own_cell_test(located))
-        found = chain.explain(rdm, detected.levels, [candidates], self)  # joint selection and refinement
+        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:

@@ -13,7 +13,8 @@ For every detected range-Doppler cell:
 4. There, maximum likelihood on the whole snapshot refines the directions
    together. In crowds, the nulls are taken as they are.
 
-What the cells show is then explained jointly (`isacbench_algorithms.chain`).
+Scatterers that explain the map down to the noise are fitted to it together
+(`isacbench_algorithms.bases.joint_subspace`).
 
 A CFAR over the spectrum, as the paper has one, is left out: the reciprocal of
 a null is no power of noise, and the order says how many nulls count.
@@ -54,7 +55,7 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
 from .bases.joint_subspace import JointSubspaceEstimator, Subspaces
-from .chain import CellSnapshots, detect, explain, locate, read_cells, read_map
+from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
 
 SAMPLES_PER_LOBE = 16
 """Grid points across the main lobe of a subarray, 4 / L: a null is rounder than the lobe."""
@@ -76,7 +77,7 @@ class Music2dJoint(JointSubspaceEstimator):
         See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -119,9 +120,10 @@ class Music2dJoint(JointSubspaceEstimator):
         for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
             cells = read_cells(rdm, detected, reading)
             waves = self.plane_waves(observation, cells)  # joint MUSIC, maximum likelihood in resolved cells
+            waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
-            seen.append(self.merge(self.own_cell_test(located)))
-        found = explain(rdm, detected.levels, seen, self)  # joint selection, one reading after the other; fit
+            seen.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
+        found = self.explain(rdm, detected.levels, seen)  # least-squares fit, if that explains the map
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

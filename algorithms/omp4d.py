@@ -52,7 +52,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Needs
 
-from .chain import Detected, Levels, MapEstimator, detect, read_map
+from .chain import Detected, Levels, MapEstimator, detect, merge_scatterers, read_map
 
 BIN_STEP = 0.75
 """Bins to either side of a detected cell that the finer grid spans: an echo peaks within half a bin."""
@@ -126,7 +126,7 @@ class Omp4d(MapEstimator):
             atom_map = AtomMap.from_map(rdm.selection, observation.system, observation.cosine_limits)
             grid = self.grid(observation, detected, atom_map)
         places = self.pursue(atom_map, grid, detected.levels)  # best atom, exact amplitudes, and so on
-        found = self.merge(self.strong(atom_map, places))
+        found = merge_scatterers(self.strong(atom_map, places))
         return self.to_cloud(rdm, found)
 
     def grid(self, observation: Observation, detected: Detected, atom_map: AtomMap) -> PlaceGrid:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from isacbench.plugins.registry import get_detector, get_estimator
     from isacbench.report.figures.plotting import plot_clouds
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Comparison",

@@ -17,7 +17,7 @@ from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from ..chain import CellSnapshots, CellwiseEstimator, Reading
+from ..chain import CellSnapshots, CellwiseEstimator
 
 SAME_CELLS = 0.05
 """Rayleigh cells within which two peaks are one: equal samples next to each other lead to one peak."""
@@ -33,12 +33,9 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         Samples of the spectrum a Rayleigh cell of the array, 2/P in u and 2/Q in w.
     angle_dynamic_range_db : float
         Range below the strongest peak of a cell; weaker peaks count as its sidelobes.
-    demix : bool
-        Whether the Doppler lines of a cell are read apart
-        (`isacbench.dsp.doppler_lines`).
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -50,17 +47,12 @@ class AngularSpectrumEstimator(CellwiseEstimator):
     dynamic_range_db: float = 33.0
     samples_per_cell: int = 4
     angle_dynamic_range_db: float = 12.0
-    demix: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.samples_per_cell >= 2, "samples_per_cell", self.samples_per_cell, "2 and more")
         limit_db = self.angle_dynamic_range_db
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
-
-    def readings(self) -> tuple[Reading, ...]:
-        """One reading of the cells, their Doppler lines apart with `demix`."""
-        return (Reading(self.range_window, self.doppler_window, demix=self.demix),)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find the peaks of the angular spectra.

@@ -13,18 +13,19 @@ The detected cells are read three times (`isacbench_algorithms.chain`):
    search as fine as the first invents ghosts. Three neighbouring range cells
    behind low sidelobes give one covariance, whose order is tested against the
    leakage of the strongest cells.
-3. The same on single cells, for what the second reading has left unexplained.
+3. The same on single cells.
 
-If the scatterers selected from all three explain the map down to the noise,
-they are moved together in range, velocity, u and w to the least-squares fit,
-which brings them to the Cramér-Rao bound. Otherwise there is a crowd: selected
-scatterers are interleaved with candidates half a range bin away, selected anew,
-and refined in range and velocity alone.
+In crowds, plane waves stay only where their cell determines their direction.
+If scatterers selected from all three readings explain the map down to the
+noise, they are moved together in range, velocity, u and w to the least-squares
+fit, which brings them to the Cramér-Rao bound. Otherwise there is a crowd, and
+the scatterers of all readings are points.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
@@ -46,7 +47,15 @@ from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Spectrum
 
-from ..chain import CellSnapshots, CellwiseEstimator, Levels, Reading, ReadMap, determined_order
+from ..chain import (
+    CellSnapshots,
+    CellwiseEstimator,
+    Levels,
+    Reading,
+    ReadMap,
+    determined_order,
+    merge_scatterers,
+)
 
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
@@ -56,15 +65,6 @@ LEAST_NOISE = 1e-8
 
 FIT_ROUNDING = 1e-16
 """Times the strongest scatterer's power: remainder of a joint fit whose equations are loaded by 1e-9."""
-
-INTERLEAVINGS = 2
-"""Rounds of filling in crowds: extended objects have more than one point a range bin."""
-
-INTERLEAVED_BINS = 0.5
-"""Range bins between a scatterer and the candidates put next to it."""
-
-INTERLEAVED_DYNAMIC_RANGE_DB = 23.0
-"""Least local dynamic range among interleaved scatterers, which share the directions of selected ones."""
 
 MOST_LEFT_OF_CELL = 1.5
 """Times white noise: largest remainder of a cell that plane waves explain. 256 elements scatter by 0.06."""
@@ -109,7 +109,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
-    dynamic_range_db, local_dynamic_range_db, precision, explain, detection_window, far_dynamic_range_db
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -206,29 +206,39 @@ class JointSubspaceEstimator(CellwiseEstimator):
         single = Reading(self.range_window, self.doppler_window)
         return replace(single, resolved_only=True), CROWDS, replace(single, one_doppler=True)
 
-    def refine(self, rdm: ReadMap, levels: Levels, chosen: LocatedScatterers) -> LocatedScatterers:
-        """Refine in all coordinates where that explains the map; else fill in crowds first.
+    def explain(self, rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers]) -> LocatedScatterers:
+        """Fit scatterers to the map in all coordinates if they explain it.
 
         Parameters
         ----------
         rdm : ReadMap
         levels : Levels
-        chosen : LocatedScatterers
+        seen : sequence of LocatedScatterers
+            Candidates of each reading. Those of a later reading join if the
+            scatterers selected before leave them unexplained.
 
         Returns
         -------
         LocatedScatterers
+            Where they do not explain the map, those selected and those of the last reading.
         """
-        gated, system = rdm.selection, rdm.observation.system
-        least_noise = max(LEAST_NOISE * levels.floor, FIT_ROUNDING * float(chosen.power.max(initial=0.0)))
-        explained = explain_map(chosen, gated, system, max(levels.white, least_noise))
+        with stage("refinement"):
+            gated, system, chosen = rdm.selection, rdm.observation.system, LocatedScatterers.empty()
+            for candidates in seen:
+                chosen = select_jointly(
+                    chosen.join(candidates),
+                    gated,
+                    system,
+                    levels.min_power,
+                    self.local_dynamic_range_db,
+                    len(chosen),
+                )
+            rounding = FIT_ROUNDING * float(chosen.power.max(initial=0.0))
+            noise = max(levels.white, LEAST_NOISE * levels.floor, rounding)
+            explained = explain_map(chosen, gated, system, noise)
         if explained is not None:
             return explained
-        dynamic_range_db = max(INTERLEAVED_DYNAMIC_RANGE_DB, self.local_dynamic_range_db)
-        for _ in range(INTERLEAVINGS):
-            dense = self.merge(chosen.interleaved(INTERLEAVED_BINS))
-            chosen = select_jointly(dense, gated, system, levels.min_power, dynamic_range_db)
-        return self.merge(super().refine(rdm, levels, chosen))
+        return merge_scatterers(chosen.join(seen[-1]))
 
     @abstractmethod
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

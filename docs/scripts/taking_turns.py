@@ -15,7 +15,7 @@ from isacbench.model.echo import Simulator
 from isacbench.plugins.registry import build_estimator
 
 SCENES = {"street": ["street"], "five towns": [f"town[seed={seed}]" for seed in range(101, 106)]}
-ESTIMATORS = {name: build_estimator(f"{name}[explain=none,demix=false]") for name in ("music2d", "fft4d")}
+ESTIMATORS = {name: build_estimator(name) for name in ("music2d", "fft4d")}
 MODES = ("ideal", "comb", "tdm")
 SNR_DB = (-35.0, -20.0, 10.0)
 TRIALS = 5

@@ -22,8 +22,8 @@ from isacbench.report.drawing.style import LINES, new_figure, save, styled
 FIGURE = Path(__file__).resolve().parents[1] / "images" / "transmitter-noise.png"
 SCENARIOS = {"receiver": "street", "transmitter": "street-transmitter-noise"}
 ESTIMATORS = {
-    "music2d": "music2d[explain=none,demix=false]",
-    "fft4d": "fft4d[explain=none,demix=false]",
+    "music2d": "music2d",
+    "fft4d": "fft4d",
     "as printed": load_suite("printed").estimators[0],
 }
 SNR_DB = range(-80, 25, 5)

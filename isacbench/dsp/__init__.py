@@ -8,7 +8,6 @@ __all__ = [
     "cell_detection",
     "cfar",
     "detection",
-    "doppler_lines",
     "fitting",
     "null_carriers",
     "partial_dft",

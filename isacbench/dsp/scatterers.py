@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -16,7 +18,11 @@ from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
-from isacbench.dsp.windows import Window, bin_profile, fractional_bin
+from isacbench.dsp.windows import Window, bin_profile, fractional_bin, reach, taper
+from isacbench.model.kernels import dirichlet
+
+if TYPE_CHECKING:
+    from isacbench.model.numerology import System
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 """Distances in range bins, Doppler bins, u and w within which two points count as one."""
@@ -97,47 +103,62 @@ class LocatedScatterers:
         columns = ((getattr(part, field.name) for part in (self, others)) for field in fields(self))
         return LocatedScatterers(*(np.concatenate([*column]) for column in columns))
 
-    def interleaved(self, step_bins: float) -> LocatedScatterers:
-        """Append two candidates without power for each scatterer, a step nearer and a step farther.
 
-        Where extended objects are imaged at one point per bin, the candidates
-        lie between the points.
-
-        Parameters
-        ----------
-        step_bins : float
-            In range bins.
-
-        Returns
-        -------
-        LocatedScatterers
-        """
-        blank = replace(self, power=np.zeros_like(self.power), family=np.full_like(self.family, -1))
-        nearer = replace(blank, range_bin=self.range_bin - step_bins)
-        farther = replace(blank, range_bin=self.range_bin + step_bins)
-        return self.join(nearer).join(farther)
-
-
-class ScatterersInCells(NamedTuple):
-    """Scatterers located from plane waves, and their amplitudes in the neighbouring cells.
+@dataclass(frozen=True, eq=False)
+class ScatterersInCells:
+    """Scatterers located from plane waves, the cells of these waves and their amplitudes nearby.
 
     Attributes
     ----------
     scatterers : LocatedScatterers
         n scatterers.
+    cells : ndarray of int64, shape (n, 2)
+        Absolute range and Doppler bins of the cells in which they were found.
     along_range : ndarray of float64, shape (n, 3)
         Amplitude in the next nearer range cell, in their own, and in the next
         farther one.
     along_doppler : ndarray of float64, shape (n, 3)
         Amplitude in the next slower Doppler cell, in their own, and in the next
         faster one.
+    tapered : GatedMap
+        Map of these cells.
+    windows : (Window, Window)
+        Its tapers along range and along Doppler.
     """
 
     scatterers: LocatedScatterers
+    cells: Integers
     along_range: Floats
     along_doppler: Floats
+    tapered: GatedMap
+    windows: tuple[Window, Window]
 
-    def at_home(self, range_excess: float, doppler_excess: float) -> LocatedScatterers:
+    __repr__ = brief
+
+    def __len__(self) -> int:
+        return len(self.scatterers)
+
+    def select(self, keep: Mask | Integers) -> ScatterersInCells:
+        """Select scatterers.
+
+        Parameters
+        ----------
+        keep : ndarray of bool or int64
+            Mask or indices of the scatterers.
+
+        Returns
+        -------
+        ScatterersInCells
+        """
+        return replace(
+            self,
+            scatterers=self.scatterers.select(keep),
+            cells=self.cells[keep],
+            along_range=self.along_range[keep],
+            along_doppler=self.along_doppler[keep],
+        )
+
+    def at_home(self, range_excess: float, doppler_excess: float) -> ScatterersInCells:
         """Select the scatterers that pass the own-cell test.
 
         Parameters
@@ -149,7 +170,7 @@ class ScatterersInCells(NamedTuple):
 
         Returns
         -------
-        LocatedScatterers
+        ScatterersInCells
         """
         nearer, own, farther = self.along_range.T
         slower, _, faster = self.along_doppler.T
@@ -157,24 +178,58 @@ class ScatterersInCells(NamedTuple):
         level = (1 + 10.0**-TIE_DIGITS) * own
         home = np.maximum(farther, nearer) <= range_excess * level
         home &= np.maximum(faster, slower) <= doppler_excess * level
-        return self.scatterers.select(home)
+        return self.select(home)
+
+    def clear_of_sidelobes(self, excess: float, system: System) -> ScatterersInCells:
+        """Select the scatterers that stand out of the responses to stronger ones, found in other cells.
+
+        A stronger scatterer shows in the cell and in the direction of a weaker
+        one by the tapered kernels of range and Doppler and the beam of the
+        array: as a neighbour, a sidelobe or a grating lobe. The strongest
+        decide first, so that a sidelobe never hides a scatterer.
+
+        Parameters
+        ----------
+        excess : float
+            Least amplitude over that of the response to each stronger one.
+        system : System
+
+        Returns
+        -------
+        ScatterersInCells
+            The strongest first.
+        """
+        ranked = self.select(np.argsort(-rounded(self.scatterers.power, TIE_DIGITS), kind="stable"))
+        found, own = ranked.scatterers, ranked.along_range[:, 1]
+        response = ranked._response(system) * np.sqrt(found.power)[:, None]
+        elsewhere = (ranked.cells[:, None] != ranked.cells).any(axis=2)
+        stronger, weaker = np.nonzero(np.triu(elsewhere & (own <= excess * response), 1))
+        u, w = (np.stack([cosine[stronger], cosine[weaker]], axis=1) for cosine in (found.u, found.w))
+        beam = np.abs(ranked.tapered.aperture.towards(u, w).gram()[:, 0, 1])
+        hidden = own[weaker] <= excess * response[stronger, weaker] * beam
+        return ranked.select(_thinned(np.column_stack([stronger, weaker])[hidden], len(own)))
+
+    def _response(self, system: System) -> Floats:
+        """Amplitudes (n, n) of unit echoes, each in the cells of all of them, as if in one direction."""
+        tapered, (range_window, doppler_window) = self.tapered, self.windows
+        rows, columns = tapered.index((self.cells[:, 0], self.cells[:, 1]))
+        along_range = partial(dirichlet, n=system.n_subcarriers)
+        along_doppler = tapered.doppler_kernel(system.n_symbols).response
+        gate, found = tapered.gate, self.scatterers
+        range_kernel = _kernel(gate.range_bins, found.range_bin, range_window, along_range)
+        doppler_kernel = _kernel(gate.doppler_bins, found.doppler_bin, doppler_window, along_doppler)
+        return range_kernel[rows].T * doppler_kernel[columns].T
 
 
-def surroundings(tapered: GatedMap, bins: Bins) -> Complex:
-    """Read cells and their four neighbours.
+def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[..., Complex]) -> Floats:
+    """Amplitudes (bins, places) of unit echoes in tapered bins."""
+    n_side = reach(window)
+    untapered = response(np.arange(bins[0] - n_side, bins[-1] + n_side + 1), places)
+    return np.abs(taper(untapered, window, axis=0)) / np.abs(response(np.zeros(1), np.zeros(1)))
 
-    Parameters
-    ----------
-    tapered : GatedMap
-    bins : (ndarray of int64, ndarray of int64)
-        Absolute range and Doppler bin of each cell, shape (n,), none at the
-        map's edge.
 
-    Returns
-    -------
-    ndarray of complex, shape (5, n, *elements)
-        The cells; the next nearer, farther, slower and faster ones.
-    """
+def _surroundings(tapered: GatedMap, bins: Bins) -> Complex:
+    """Samples (5, n, *elements) of cells (n,) and of the next nearer, farther, slower and faster ones."""
     rows, columns = tapered.index(bins)
     steps = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
     return np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
@@ -187,7 +242,7 @@ def locate_waves(
     windows: tuple[Window, Window],
     dynamic_range_db: float,
     one_doppler: bool = False,
-    around: Complex | None = None,
+    min_power: float = 0.0,
 ) -> ScatterersInCells:
     """Locate plane waves in range and Doppler by their amplitudes in the neighbouring cells.
 
@@ -203,7 +258,7 @@ def locate_waves(
     tapered : GatedMap
     bins : (ndarray of int64, ndarray of int64)
         Absolute range and Doppler bin of each cell, shape (n,), none at the
-        map's edge. A cell that is read in several ways is there several times.
+        map's edge.
     windows : (Window, Window)
         Tapers of the map along range and along Doppler.
     dynamic_range_db : float
@@ -212,25 +267,25 @@ def locate_waves(
     one_doppler : bool, default False
         Keep only plane waves that look like one echo along Doppler. This drops
         waves between two movers, which have the direction of neither.
-    around : ndarray of complex, shape (5, n, *elements), optional
-        Samples of each cell and of its four neighbours, if they are not those
-        that `surroundings` reads.
+    min_power : float, default 0
+        Power per element that a plane wave must exceed.
 
     Returns
     -------
     ScatterersInCells
     """
     index = tapered.index(bins)
-    snapshots = surroundings(tapered, bins) if around is None else around
-    amplitudes = waves.amplitudes(snapshots, tapered.aperture)
+    amplitudes = waves.amplitudes(_surroundings(tapered, bins), tapered.aperture)
     own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
     strongest = np.zeros(tapered.gate.shape)
     np.maximum.at(strongest, index, own.max(axis=1, initial=0))
     weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
-    kept = waves.found & (own > 0) & (own >= weakest)
+    kept = waves.found & (own**2 > min_power) & (own >= weakest)
     range_offset = _offset(own, farther, nearer, windows[0])
     range_offset[~_is_one_echo(amplitudes[[1, 0, 2]], range_offset, windows[0])] = 0
-    doppler_offset = _offset(own, faster, slower, windows[1], tapered.bursts if tapered.sees_lobes else None)
+    bursts = tapered.bursts if tapered.sees_lobes else None
+    doppler_offset = _offset(own, faster, slower, windows[1], bursts)
+    loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
     if one_doppler:
         kept &= _is_one_echo(amplitudes[[3, 0, 4]], doppler_offset, windows[1])
     resolved = np.zeros(len(kept), dtype=np.bool_) if waves.resolved is None else waves.resolved
@@ -240,10 +295,12 @@ def locate_waves(
         bins[1][cell] + doppler_offset[kept],
         waves.u[kept],
         waves.w[kept],
-        own[kept] ** 2,
+        (own[kept] / loss[kept]) ** 2,
         np.where(resolved[cell], cell, -1),
     )
-    return ScatterersInCells(scatterers, levels[[1, 0, 2]][:, kept].T, levels[[3, 0, 4]][:, kept].T)
+    along_range, along_doppler = levels[[1, 0, 2]][:, kept].T, levels[[3, 0, 4]][:, kept].T
+    cells = np.column_stack(bins)[cell]
+    return ScatterersInCells(scatterers, cells, along_range, along_doppler, tapered, windows)
 
 
 def _offset(
@@ -260,6 +317,13 @@ def _offset(
     else:
         offset = bursts.fractional_bin(own, stronger)
     return np.where(behind >= before, offset, -offset)
+
+
+def _own_share(offset: Floats, window: Window, bursts: SymbolBursts | None = None) -> Floats:
+    """Amplitude of a unit echo in its own bin, at an offset from the middle of it."""
+    if bursts is None:
+        return np.abs(bin_profile(offset, window)[..., 1])
+    return np.abs(bursts.slopes(offset)[0])
 
 
 def _is_one_echo(amplitudes: Complex, offset: Floats, window: Window) -> Mask:
@@ -294,12 +358,16 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     keys = scatterers.power, _family_power(scatterers)
     strongest_first = np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])
     rank = np.argsort(strongest_first)
-    pairs = np.sort(rank[pairs], axis=1)
-    alive = np.ones(len(scatterers), dtype=np.bool_)
-    for stronger, weaker in strongest_first[pairs[np.argsort(pairs[:, 0], kind="stable")]]:
+    return scatterers.select(np.sort(strongest_first[_thinned(np.sort(rank[pairs], axis=1), len(rank))]))
+
+
+def _thinned(pairs: Integers, n: int) -> Mask:
+    """Mask of n ranked things without the second of each pair whose first is left."""
+    alive = np.ones(n, dtype=np.bool_)
+    for stronger, weaker in pairs[np.argsort(pairs[:, 0], kind="stable")]:
         if alive[stronger]:
             alive[weaker] = False
-    return scatterers.select(alive)
+    return alive
 
 
 def _family_power(scatterers: LocatedScatterers) -> Floats:

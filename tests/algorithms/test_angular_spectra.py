@@ -20,7 +20,7 @@ def street(small_street):
 
 @ALL
 def test_noise_is_taken_for_a_plane_wave_no_more_often_than_angle_pfa_says(street, estimator):
-    often, hardly = (len(estimator(explain="none", angle_pfa=pfa).estimate(street)) for pfa in (0.5, 1e-300))
+    often, hardly = (len(estimator(angle_pfa=pfa).estimate(street)) for pfa in (0.5, 1e-300))
     assert hardly < often
 
 

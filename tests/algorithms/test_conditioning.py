@@ -77,7 +77,9 @@ def farthest(cloud, points):
 def test_two_scatterers_of_one_cell_far_apart_in_power_are_both_imaged(method, db):
     points = [FIRST, beside(FIRST, 0.2)]
     observation = observe(points, amplitude=[1, 10 ** (-db / 20)])
-    cloud = method(dynamic_range_db=160.0, local_dynamic_range_db=160.0).estimate(observation)
+    limits = {"dynamic_range_db": 160.0, "local_dynamic_range_db": 160.0}
+    # What the last digits of the strong wave's direction leave unexplained is as strong as the weak one.
+    cloud = method(**limits, largest_direction_error=None).estimate(observation)
     assert len(cloud) == 2
     assert farthest(cloud, points) < 1e-3
 

@@ -6,7 +6,7 @@ from isacbench_algorithms.nomp4d import Nomp4d
 
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.fitting.joint_selection import explain_map, refine_jointly
+from isacbench.dsp.fitting.joint_selection import explain_map
 from isacbench.dsp.fitting.pursuit import BeamSpace
 
 
@@ -16,11 +16,6 @@ def test_locate(benchmark, scene):
 
 def test_select_jointly(benchmark, scene):
     assert 20 < len(benchmark(scene.selected)) <= len(scene.candidates)
-
-
-def test_refine_jointly(benchmark, scene):
-    refined = benchmark(refine_jointly, scene.chosen, scene.gated, scene.scenario.system)
-    assert len(refined) == len(scene.chosen)
 
 
 def test_explain_map(benchmark, thin_scene):

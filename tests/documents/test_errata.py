@@ -184,7 +184,7 @@ def test_snr_of_the_published_program():
     assert detected("transmitter", -25.0)[0] == pytest.approx(detected("receiver", -30.0)[0], abs=0.05)
     assert detected("transmitter", -25.0)[0] < detected("receiver", -25.0)[0] - 0.05
     assert np.subtract(*detected("transmitter", -50.0)) < 0.1
-    for estimator in (build_estimator("music2d[explain=none,demix=false]"), printed):
+    for estimator in (build_estimator("music2d"), printed):
         nothing, street = (estimator.estimate(simulators[noise].observe(-80.0)) for noise in simulators)
         assert len(nothing) == 0
         assert 0.25 < score(scenario.truth, street, region=scenario.region)["recall"] < 0.55
@@ -226,7 +226,7 @@ def test_four_transmitters_at_once(mimo, range_m, speed_mps):
     assert street.system.unambiguous_range_m / every_n == pytest.approx(range_m, abs=0.05)
     assert street.system.unambiguous_speed_mps / every_m == pytest.approx(speed_mps, abs=0.05)
     ideal, turns = Simulator(street), Simulator(honest)
-    for estimator in (Music2d(explain="none", demix=False), Fft4d(explain="none", demix=False)):
+    for estimator in (Music2d(), Fft4d()):
 
         def recall(simulator, snr_db, estimator=estimator):
             cloud = estimator.estimate(simulator.observe(snr_db))
@@ -275,12 +275,12 @@ def test_points_of_the_image():
 
     class AsPrinted(Music2d):
         def own_cell_test(self, located):
+            return located
+
+        def sidelobe_test(self, located, rdm, levels):
             return located.scatterers
 
-        def merge(self, scatterers):
-            return scatterers
-
-    assert len(AsPrinted(explain="none").estimate(observation)) > 2
+    assert len(AsPrinted().estimate(observation)) > 2
     assert len(Music2d().estimate(observation)) == 2
 
 
@@ -288,11 +288,8 @@ def test_the_paper_as_printed():
     suite = load_suite("printed")
     printed = build_estimator(suite.estimators[0])
     assert (printed.name, printed.detector) == ("music2d", OscaCfar(threshold="paper"))
-    assert (printed.integration, printed.model_order, printed.explain) == (
-        "element",
-        "eigenvalue_cfar",
-        "none",
-    )
+    choices = printed.integration, printed.model_order, printed.largest_direction_error
+    assert choices == ("element", "eigenvalue_cfar", None)
     assert {printed.range_window, printed.doppler_window, printed.detection_window} == {"rect"}
     for document in ("errata", "estimators"):
         text = (DOCS / f"{document}.md").read_text(encoding="utf-8")

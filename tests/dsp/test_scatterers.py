@@ -35,7 +35,7 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered("rect", window)
     found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", window), dynamic_range_db)
-    return found.at_home(*excess)
+    return found.at_home(*excess).scatterers
 
 
 def scatterers(*rows):
@@ -106,6 +106,53 @@ def test_a_weak_wave_beyond_the_5_x_5_cells_of_a_strong_one_is_kept():
     assert found.range_bin.tolist() == [33, 36]
 
 
+def clear(gated, cells, u, w):
+    """Range bins of the scatterers that are left of one wave a cell, the weakest of them 60 dB down."""
+    bins = tuple(np.array(part) for part in cells)
+    tapered = gated.tapered("rect", "soft")
+    found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", "soft"), 60.0)
+    return np.sort(found.clear_of_sidelobes(1.1, SYSTEM).scatterers.range_bin)
+
+
+@given(range_bin=st.floats(33.0, 36.0), doppler_bin=st.floats(-1.0, 1.0), w=st.floats(0.1, 0.2))
+def test_of_a_lone_scatterer_that_all_cells_see_one_is_left(range_bin, doppler_bin, w):
+    gated = gated_map([range_bin], [doppler_bin], [0.05], [w], [1.0])
+    cells = np.meshgrid(np.arange(30, 40), np.arange(-3, 4))
+    kept = clear(gated, (cells[0].ravel(), cells[1].ravel()), 0.05, w)
+    assert kept == pytest.approx([range_bin], abs=0.51)
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.06])
+def test_a_weak_scatterer_stays_if_its_amplitude_exceeds_what_a_strong_one_leaves_there(beside):
+    u, w = np.array([0.05, 0.05 + beside]), np.array([0.15, 0.15])
+
+    def amplitude_there(gated):
+        cell = gated.tapered("rect", "soft")
+        row, column = cell.index((np.array([37]), np.array([0])))
+        response = np.exp(-1j * np.pi * (np.arange(8)[:, None] * u[1] + np.arange(8) * w[1]))
+        return abs(np.mean(cell.cells[row[0], column[0]] * response.conj()))
+
+    leak = amplitude_there(gated_map([34.4], [0], u[:1], w[:1], [1.0]))
+    kept = set()
+    for share in (0.2, 0.5, 1.0, 1.5, 2.0, 3.0):
+        gated = gated_map([34.4, 37.0], [0, 0], u, w, [1.0, share * leak / np.sqrt(SYSTEM.processing_gain)])
+        excess = amplitude_there(gated) / leak
+        if abs(excess - 1.1) > 0.1:
+            is_kept = 37 in np.rint(clear(gated, ([34, 37], [0, 0]), u, 0.15))
+            assert is_kept == (excess > 1.1)
+            kept.add(is_kept)
+    assert kept == {True, False}
+
+
+def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
+    u, w = np.array([[0.05, 0.09]]), np.array([[0.15, 0.15]])
+    gated = gated_map([33, 33], [0, 0], u[0], w[0], [1.0, 0.4])
+    bins = np.array([33]), np.array([0])
+    waves = PlaneWaves(u, w, np.ones((1, 2), dtype=bool))
+    found = locate_waves(waves, gated.tapered("rect", "soft"), bins, ("rect", "soft"), 60.0)
+    assert len(found.clear_of_sidelobes(1.1, SYSTEM)) == 2
+
+
 def test_what_is_no_plane_wave_is_no_scatterer():
     gated = gated_map([33], [0], [0.05], [0.15], [1.0])
     bins = (np.array([33]), np.array([0]))
@@ -155,29 +202,6 @@ def test_those_who_are_picked_keep_their_family():
     some = with_families(5, -1, 7)
     assert some.select(np.array([True, False, True])).family.tolist() == [5, 7]
     assert some.select(np.array([2, 0])).family.tolist() == [7, 5]
-
-
-@pytest.mark.parametrize("step_bins", [0.5, 0.3])
-def test_interleaved_candidates_lie_beside_each_without_power_or_family(step_bins):
-    some = with_families(5, -1, 7)
-    dense = some.interleaved(step_bins)
-    assert len(dense) == 9
-    first = dense.select(np.arange(3))
-    assert rows_of(first) == rows_of(some)
-    assert first.family.tolist() == [5, -1, 7]
-    new = dense.select(np.arange(3, 9))
-    assert not new.power.any()
-    assert set(new.family) == {-1}
-    expected = {(r + step, 1.0, 0.1, 0.2) for r in (30.0, 31.0, 32.0) for step in (-step_bins, step_bins)}
-    assert {*zip(new.range_bin, new.doppler_bin, new.u, new.w, strict=True)} == expected
-
-
-def test_an_interleaved_candidate_gives_way_to_the_scatterer_it_meets():
-    # Points half a bin apart: each candidate falls on a point or on another candidate.
-    line = scatterers(*((30 + 0.5 * i, 1, 0.1, 0.2, 2.0) for i in range(4)))
-    dense = merge_duplicates(line.interleaved(0.5))
-    assert sorted(dense.range_bin) == [29.5, 30.0, 30.5, 31.0, 31.5, 32.0]
-    assert np.sum(dense.power > 0) == 4
 
 
 # Steps that do not divide the duplicate cell: no pair lies on its border.

@@ -125,19 +125,20 @@ def test_an_unknown_stage_is_refused_whether_anybody_measures_or_not(measuring):
         stage("peak")
 
 
-CELLWISE = {"rdm", "detection", "spectrum", "peaks", "refinement"}
+CELLWISE = {"rdm", "detection", "spectrum", "peaks"}
+FITTED = {*CELLWISE, "refinement"}
 
 MARKED = {
     "fft4d": CELLWISE,
     "bartlett2d": CELLWISE,
     "capon2d": CELLWISE,
-    "iaa2d": CELLWISE,
-    "music2d": {*STAGES},
+    "iaa2d": FITTED,
+    "music2d": {*STAGES} - {"refinement"},
     "music2d_joint": {*STAGES},
     "esprit2d": {*STAGES} - {"spectrum"},
-    "nomp4d": CELLWISE,
-    "omp4d": CELLWISE,
-    "sbl4d": CELLWISE,
+    "nomp4d": FITTED,
+    "omp4d": FITTED,
+    "sbl4d": FITTED,
 }
 
 

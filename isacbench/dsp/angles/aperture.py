@@ -40,6 +40,7 @@ class Responses(ABC):
     """
 
     first_of_row = 0
+    other_line = 1.0
 
     def __init__(self, aperture: Aperture, u: Floats, w: Floats) -> None:
         self.along_u = steering(aperture.n_p, u)
@@ -65,6 +66,20 @@ class Responses(ABC):
         """
         along_u, along_w = self._line_products()
         return self._joined(along_u[:, :, None, :, None], along_w[:, None, :, None, :]) / self.n_elements
+
+    def slope_gram(self) -> Complex:
+        """Mean products over the elements of k responses, their slopes along u, and their slopes along w.
+
+        Returns
+        -------
+        ndarray of complex128, shape (..., 3 k, 3 k)
+            Hermitian; slopes per Rayleigh cell of the array, 2/P in u and 2/Q in w.
+        """
+        a, b = self.along_u, self.along_w
+        p, q = np.arange(a.shape[-1]), np.arange(b.shape[-1]) + self.first_of_row
+        along_u = np.concatenate([a, -2j * np.pi / p.size * p * a, self.other_line * a], axis=-2)
+        along_w = np.concatenate([b, self.other_line * b, -2j * np.pi / (q[-1] + 1) * q * b], axis=-2)
+        return self._joined(*_line_grams(along_u, along_w)) / self.n_elements
 
     @abstractmethod
     def matched(self, snapshots: Complex) -> Complex:
@@ -131,8 +146,7 @@ class Responses(ABC):
         return a, b
 
     def _line_products(self) -> tuple[Complex, Complex]:
-        a, b = self.along_u, self.along_w
-        return a.conj() @ a.swapaxes(-1, -2), b.conj() @ b.swapaxes(-1, -2)
+        return _line_grams(self.along_u, self.along_w)
 
 
 class _PlaneResponses(Responses):
@@ -166,6 +180,8 @@ class _CrossResponses(Responses):
     """Responses of one column, and of the rest of one row."""
 
     first_of_row = 1
+    # A change of u leaves the row as it is, and one of w the column.
+    other_line = 0.0
 
     def matched(self, snapshots: Complex) -> Complex:
         both = np.concatenate(self._filters(snapshots), axis=-1)
@@ -189,6 +205,11 @@ class _CrossResponses(Responses):
     @staticmethod
     def _joined(along_u: Complex, along_w: Complex) -> Complex:
         return along_u + along_w
+
+
+def _line_grams(a: Complex, b: Complex) -> tuple[Complex, Complex]:
+    """Products of lines (..., i, P) with each other, and of lines (..., j, Q)."""
+    return a.conj() @ a.swapaxes(-1, -2), b.conj() @ b.swapaxes(-1, -2)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ along w (`isacbench.dsp.angles.aperture`), so that the elements are touched once
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.cosines import within_period
 from isacbench.dsp.angles.peaks import Peaks
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
@@ -26,6 +26,9 @@ TIE, TIE_UNITS = 1e-8, 80
 """Difference of two residuals, relative to the strongest wave, that counts as rounding: the larger of the
 remainder of the loading and of so many last digits of the snapshots. On a cross, a further cosine of the
 column explains as much with either of two cosines of the row whose own echoes are explained already."""
+
+NOISE_DEVIATIONS = 3
+"""Standard deviations that noise may displace a direction by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class PlaneWaves:
         object.__setattr__(self, "u", within_period(self.u))
         object.__setattr__(self, "w", within_period(self.w))
 
-    def select(self, keep: Mask) -> PlaneWaves:
+    def select(self, keep: Mask | Integers) -> PlaneWaves:
         """Select cells.
 
         Parameters
@@ -91,6 +94,97 @@ class PlaneWaves:
         axes = tuple(range(1, residual.ndim))
         power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=axes)
         return power
+
+    def direction_errors(self, snapshots: Complex, aperture: Aperture, noise: float) -> Floats:
+        """Bound the errors of directions by what the waves of a cell leave unexplained.
+
+        A wave can stand for several scatterers that its cell cannot resolve. The
+        misfit is then no noise, and may have the very shape by which the wave's
+        response changes with its direction. The bound is the displacement that
+        this worst case causes, with the amplitudes and directions of all waves of
+        the cell free: the misfit beyond noise, times the inverse of the
+        concentrated Fisher information. To its square the noise adds that of
+        three standard deviations.
+
+        Parameters
+        ----------
+        snapshots : ndarray of complex, shape (n, *elements)
+        aperture : Aperture
+            The elements.
+        noise : float
+            Power of white noise per element.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, k)
+            In Rayleigh cells, 2/P in u and 2/Q in w; 0 where there is no plane wave.
+
+        References
+        ----------
+        Stoica and Nehorai, "MUSIC, maximum likelihood, and Cramér-Rao bound", IEEE
+        Trans. ASSP 37 (1989), for the concentrated information.
+        """
+        snapshots, k = snapshots.astype(np.complex128, copy=False), self.u.shape[1]
+        responses, found = aperture.towards(self.u, self.w), self.found
+        products, both = responses.slope_gram(), np.tile(found, (1, 2))
+        response_slopes = np.where(found[:, :, None] & both[:, None, :], products[:, :k, k:], 0)
+        matched = np.where(found, responses.matched(snapshots[None])[0], 0)
+        fitted = np.linalg.solve(
+            _restricted(products[:, :k, :k], found),
+            np.concatenate([matched[:, :, None], response_slopes], axis=2),
+        )
+        amplitude = fitted[:, :, 0]
+        axes = tuple(range(1, snapshots.ndim))
+        misfit = np.mean(snapshots.real**2 + snapshots.imag**2, axis=axes)
+        misfit -= np.sum(matched.conj() * amplitude, axis=1).real
+        free_slopes = products[:, k:, k:] - response_slopes.conj().transpose(0, 2, 1) @ fitted[:, :, 1:]
+        amplitudes = np.tile(amplitude, (1, 2))
+        information = (amplitudes.conj()[:, :, None] * free_slopes * amplitudes[:, None, :]).real
+        # Scaled to a diagonal of ones, so that waves of any power are inverted together.
+        scale = np.where(both, np.diagonal(information, axis1=1, axis2=2), 1)
+        scale = np.sqrt(np.maximum(scale, np.finfo(np.float64).tiny))
+        scaled = _restricted(information / (scale[:, :, None] * scale[:, None, :]), both).real
+        spread = np.diagonal(np.linalg.inv(scaled), axis1=1, axis2=2) / scale**2
+        spread = spread[:, :k] + spread[:, k:]
+        n_free = aperture.n_elements - 2 * found.sum(axis=1)
+        beyond_noise = np.maximum(misfit - noise * n_free / aperture.n_elements, 0)
+        by_noise = NOISE_DEVIATIONS**2 * noise / (2 * aperture.n_elements)
+        return np.where(found, np.sqrt(spread * (beyond_noise[:, None] + by_noise)), 0)
+
+    def determined(
+        self, snapshots: Complex, aperture: Aperture, noise: float, largest_error: float
+    ) -> PlaneWaves:
+        """Keep the plane waves whose directions their cell determines.
+
+        As long as the direction of a wave may be wrong by more than
+        `largest_error`, the least certain one of its cell leaves. The last wave
+        of a cell stays.
+
+        Parameters
+        ----------
+        snapshots : ndarray of complex, shape (n, *elements)
+        aperture : Aperture
+            The elements.
+        noise : float
+            Power of white noise per element.
+        largest_error : float
+            In Rayleigh cells, compared with `direction_errors`.
+
+        Returns
+        -------
+        PlaneWaves
+        """
+        found = self.found.copy()
+        cells = np.flatnonzero(found.sum(axis=1) > 1)
+        while cells.size:
+            waves = replace(self.select(cells), found=found[cells])
+            errors = waves.direction_errors(snapshots[cells], aperture, noise)
+            least_certain = errors.argmax(axis=1)
+            leaves = errors[np.arange(cells.size), least_certain] > largest_error
+            cells = cells[leaves]
+            found[cells, least_certain[leaves]] = False
+            cells = cells[found[cells].sum(axis=1) > 1]
+        return replace(self, found=found)
 
     def amplitudes(self, snapshots: Complex, aperture: Aperture) -> Complex:
         """Fit the amplitudes of the cell's plane waves in any snapshots, jointly on all elements.

@@ -1,4 +1,4 @@
-"""Scatterers that explain a range-Doppler map together: joint selection and joint refinement.
+"""Scatterers that explain a range-Doppler map together: joint selection and joint fit.
 
 A plane wave found in a cell may belong to a scatterer in the next cell or be
 a sidelobe of one far away. So each scatterer is fitted together with all
@@ -19,7 +19,7 @@ from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
-from isacbench.dsp.fitting.pursuit import redundant, sidelobe_energy
+from isacbench.dsp.fitting.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import dirichlet
@@ -30,9 +30,6 @@ PATCH = (3, 1)
 
 NEIGHBOURHOOD_BINS = 2.0
 """Range and Doppler bins in which weaker scatterers are compared with the strongest."""
-
-OTHER_RANGE_BINS = 3.0
-"""Range bins between scatterers of different objects; nearer ones are told apart by the joint selection."""
 
 COMPETING_RESPONSE = 0.3
 """Response above which two candidates compete: only the stronger joins in a round."""
@@ -52,9 +49,6 @@ LEAST_LOADING = 1e-9
 MAX_ROUNDS = 8
 """Rounds of the selection; four to six are usual."""
 
-REFINEMENTS = 2
-"""Gauss-Newton steps of the refinement: the start is within half a bin."""
-
 EXPLAINING_STEPS = 3
 """Newton steps of a fit in four coordinates, before and after scatterers have left it."""
 
@@ -72,12 +66,6 @@ LEAST_RESOLVED = 0.5
 
 FEW = 16
 """Number of scatterers up to which the fit is tried in a crowded map too: it costs next to nothing."""
-
-SLOPE_STEP_BINS = 1e-4
-"""Step of central differences; their error of 1e-8 is far below what a Gauss-Newton step needs."""
-
-MAX_SHIFT_BINS = 0.5
-"""Largest distance by which the refinement moves a scatterer."""
 
 
 class _MatchedFilters:
@@ -128,17 +116,6 @@ class _MatchedFilters:
         gain = response.diagonal().real.copy()
         output = (range_filter[:, None, :] @ self.beam @ doppler_filter[:, :, None])[:, 0, 0]
         self.matched, self.response = output / gain, response / gain[:, None]
-
-    def own_slopes(self) -> tuple[Complex, Complex]:
-        """Derivatives (n, r), (n, d) of each echo on its own patch, per range bin and per Doppler bin."""
-        step = SLOPE_STEP_BINS
-        behind = self._unit_echoes(self.range_bin + step, self.doppler_bin + step)
-        before = self._unit_echoes(self.range_bin - step, self.doppler_bin - step)
-        range_slope, doppler_slope = ((b - a).T / (2 * step) for a, b in zip(before, behind, strict=True))
-        return (
-            np.take_along_axis(range_slope, self.rows, axis=1),
-            np.take_along_axis(doppler_slope, self.columns, axis=1),
-        )
 
     def echoes(self, shares: Complex) -> Complex:
         """Sums (n, r, d) of echoes on all patches, each with its share (n, n) of the patch's beam."""
@@ -241,72 +218,6 @@ def _at_best_lobes(scatterers: LocatedScatterers, gated: GatedMap, system: Syste
     return replace(lobes, power=np.abs(filters.amplitudes(member)) ** 2).select(chosen)
 
 
-def refine_jointly(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> LocatedScatterers:
-    """Refine range and Doppler of each scatterer once all other echoes are subtracted from the map.
-
-    Each Gauss-Newton step fits all amplitudes together. From the patch of each
-    scatterer it then subtracts the echoes of the others, and fits the
-    scatterer's amplitude, range and Doppler to the rest.
-
-    Parameters
-    ----------
-    scatterers : LocatedScatterers
-    gated : GatedMap
-        Without tapers.
-    system : System
-
-    Returns
-    -------
-    LocatedScatterers
-        Moved by at most half a bin in range and in Doppler.
-
-    References
-    ----------
-    Li and Stoica, "Efficient mixed-spectrum estimation with applications to
-    target feature extraction", IEEE Trans. SP 44 (1996): RELAX.
-    """
-    if not len(scatterers):
-        return scatterers
-    filters = _MatchedFilters(scatterers, gated, system)
-    start = np.array([scatterers.range_bin, scatterers.doppler_bin])
-    places = start
-    for _ in range(REFINEMENTS):
-        places = places + _gauss_newton(filters, filters.amplitudes())
-        places = np.clip(places, start - MAX_SHIFT_BINS, start + MAX_SHIFT_BINS)
-        filters.place(*places)
-    power = np.abs(filters.amplitudes()) ** 2
-    return replace(scatterers, range_bin=places[0], doppler_bin=places[1], power=power)
-
-
-def clear_of_misfit(
-    scatterers: LocatedScatterers, gated: GatedMap, system: System, dynamic_range_db: float
-) -> LocatedScatterers:
-    """Keep the scatterers that are stronger than the misfit of those in other ranges may look.
-
-    Few scatterers that stand for a crowd leave a share of its sidelobes
-    unexplained, which looks like weak scatterers where there are none. At most
-    all of these sidelobes are in phase (`isacbench.dsp.fitting.pursuit.sidelobe_energy`).
-
-    Parameters
-    ----------
-    scatterers : LocatedScatterers
-        With the powers of a joint fit.
-    gated : GatedMap
-    system : System
-    dynamic_range_db : float
-        Scatterers further below that sum are left out.
-
-    Returns
-    -------
-    LocatedScatterers
-    """
-    bursts = gated.doppler_kernel(system.n_symbols)
-    along_u, along_w = scatterers.u * gated.aperture.n_p / 2, scatterers.w * gated.aperture.n_q / 2
-    places = np.stack([scatterers.range_bin, scatterers.doppler_bin, along_u, along_w], axis=1)
-    shown = sidelobe_energy(places, places, scatterers.power, bursts, OTHER_RANGE_BINS)
-    return scatterers.select(scatterers.power > shown * 10 ** (-dynamic_range_db / 10))
-
-
 def explain_map(
     scatterers: LocatedScatterers, gated: GatedMap, system: System, noise: float
 ) -> LocatedScatterers | None:
@@ -400,24 +311,3 @@ def _known_apart(scatterers: LocatedScatterers) -> Mask:
     apart: Mask = (family[:, None] == family) & (family >= 0)
     np.fill_diagonal(apart, False)
     return apart
-
-
-def _gauss_newton(filters: _MatchedFilters, amplitude: Complex) -> Floats:
-    """Steps (2, n) in range and Doppler bins: each scatterer's amplitude is free, all others are fixed."""
-    n = len(amplitude)
-    shares = filters.direction_response * amplitude
-    np.fill_diagonal(shares, 0)
-    others = filters.echoes(shares)
-    own_range, own_doppler = filters.own_range[:, :, None], filters.own_doppler[:, None, :]
-    echo = own_range * own_doppler
-    range_slope, doppler_slope = filters.own_slopes()
-    strength = np.abs(amplitude)
-    phase = np.divide(amplitude, strength, out=np.ones_like(amplitude), where=strength > 0)[:, None, None]
-    # Slopes of a unit echo: the four columns then share one unit, whatever the unit of the map.
-    along_range, along_doppler = range_slope[:, :, None] * own_doppler, own_range * doppler_slope[:, None, :]
-    model = np.stack([echo, 1j * echo, phase * along_range, phase * along_doppler], axis=1).reshape(n, 4, -1)
-    misfit = (filters.beam - others - amplitude[:, None, None] * echo).reshape(n, -1, 1)
-    curvature = (model.conj() @ model.transpose(0, 2, 1)).real
-    gradient = (model.conj() @ misfit).real
-    step = (np.linalg.pinv(curvature, rcond=1e-10, hermitian=True) @ gradient)[:, 2:, 0].T
-    return np.divide(step, strength, out=np.zeros((2, n)), where=strength > 0)

@@ -120,7 +120,7 @@ def test_scenes_that_changed_most_are_listed_with_the_command_that_shows_them(tw
     (row,) = found.scenes.to_dict("records")
     assert (row["scenario"], row["family"], row["estimator"]) == ("town[seed=4]", "town", "fft4d")
     assert row["change"] == pytest.approx(4.5)  # the mean over two SNRs
-    older = "'fft4d[far_dynamic_range_db=none,demix=false]'"
+    older = "fft4d"
     assert row["command"] == f"isacbench image -s 'town[seed=4]' -e {older} --snr 10 --plot image.png"
     assert "changed most: town[seed=4], fft4d" in comparison_junit(found)
     assert "8 scenes" in comparison_junit(found)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Cross, Plane
 from isacbench.dsp.angles.peaks import Peaks
-from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.angles.plane_waves import NOISE_DEVIATIONS, PlaneWaves, pair_directions
 from isacbench.model.kernels import steering
 from isacbench.model.observation import cross_of
 from tests.dsp.plane_wave_data import noise, responses, separate_sources, snapshot
@@ -68,6 +68,64 @@ def test_amplitudes_and_what_they_leave_are_those_of_dense_least_squares_on_the_
     np.testing.assert_allclose(second, 2j * amplitude.T, atol=1e-7)
     left = np.mean(np.abs(data - dense @ amplitude) ** 2, axis=0)
     np.testing.assert_allclose(waves.unexplained(cells, aperture), left, rtol=1e-7)
+
+
+def dense_direction_errors(data, dense, n_p, n_q, p, q, white):
+    """Errors of k directions from responses (elements, k), with every derivative written out."""
+    k, n = dense.shape[1], len(data)
+    amplitude = np.linalg.lstsq(dense, data, rcond=None)[0]
+    left = np.sum(np.abs(data - dense @ amplitude) ** 2) - white * (n - 2 * k)
+    slopes = [-2j * np.pi / size * place[:, None] * dense * amplitude for size, place in ((n_p, p), (n_q, q))]
+    jacobian = np.concatenate([dense, 1j * dense, *slopes], axis=1)
+    real = np.concatenate([jacobian.real, jacobian.imag])
+    spread = np.diag(np.linalg.inv(real.T @ real))[2 * k :]
+    return np.sqrt((spread[:k] + spread[k:]) * (max(left, 0) + NOISE_DEVIATIONS**2 * white / 2))
+
+
+@pytest.mark.parametrize("aperture", [PLANE, CROSS], ids=["plane", "cross"])
+@pytest.mark.parametrize("white", [0.0, 0.01, 4.0])
+@given(scene=separate_sources(), seed=st.integers(0, 999))
+def test_errors_of_directions_are_those_of_the_dense_information_and_misfit(aperture, white, scene, seed):
+    u, w, gain = scene
+    p, q = np.divmod(np.arange(N_P * N_Q), N_Q)
+    cell = shot(u, w, gain) + noise(1, N_P, N_Q, seed=seed)
+    dense = responses(u, w, (N_P, N_Q))
+    if aperture is CROSS:
+        cell, dense = cross_of(cell), cross_of(dense)
+        p, q = cross_of(p.reshape(N_P, N_Q)), cross_of(q.reshape(N_P, N_Q))
+    expected = dense_direction_errors(
+        cell.ravel(), dense.reshape(len(u), -1).T, N_P, N_Q, p.ravel(), q.ravel(), white
+    )
+    waves = PlaneWaves(np.append(u, 0.9)[None], np.append(w, 0.9)[None], np.arange(len(u) + 1)[None] < len(u))
+    errors = waves.direction_errors(cell, aperture, white)[0]
+    np.testing.assert_allclose(errors, [*expected, 0], rtol=1e-5)
+
+
+@given(scene=separate_sources(), exponent=st.integers(-100, 100))
+def test_the_error_of_a_direction_knows_no_scale(scene, exponent):
+    u, w, gain = scene
+    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
+    cell = shot(u, w, gain) + noise(1, N_P, N_Q, seed=1)
+    errors, scaled = (waves.direction_errors(2.0**e * cell, PLANE, 4.0**e) for e in (0, exponent))
+    np.testing.assert_allclose(scaled, errors, rtol=1e-9)
+
+
+@given(scene=separate_sources())
+def test_waves_that_explain_their_cell_stay_however_small_the_error_allowed(scene):
+    u, w, gain = scene
+    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
+    assert waves.determined(shot(u, w, gain), PLANE, 0.0, 1e-3).found.all()
+
+
+def test_a_direction_between_scatterers_of_opposite_phase_leaves_and_the_strong_wave_stays():
+    # One strong wave, and a second where two opposite ones 1.2 Rayleigh cells apart leave nothing.
+    u, w = np.array([-0.4, 0.35, 0.35 + 2.4 / N_P]), np.zeros(3)
+    cell = shot(u, w, np.array([1.0, 0.3, -0.3]))
+    between = PlaneWaves(np.array([[-0.4, 0.35 + 1.0 / N_P]]), np.zeros((1, 2)), np.ones((1, 2), dtype=bool))
+    kept = between.determined(cell, PLANE, 1e-6, 0.35)
+    assert kept.found.tolist() == [[True, False]]
+    alone = PlaneWaves(between.u[:, 1:], between.w[:, 1:], np.ones((1, 1), dtype=bool))
+    assert alone.determined(cell, PLANE, 1e-6, 0.35).found.all()
 
 
 @given(scene=separate_sources(), order=st.permutations(range(4)), phase=st.floats(0, 2 * np.pi))

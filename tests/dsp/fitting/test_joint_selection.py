@@ -1,6 +1,4 @@
-"""Joint selection and refinement: sidelobes explained, families kept together, places between the bins."""
-
-import dataclasses
+"""Joint selection and fit: sidelobes explained, families kept together, places between the bins."""
 
 import numpy as np
 import pytest
@@ -12,11 +10,7 @@ from isacbench.dsp.bounds import joint_bound
 from isacbench.dsp.fitting.joint_selection import (
     FEW,
     LOADING,
-    MAX_SHIFT_BINS,
-    OTHER_RANGE_BINS,
-    clear_of_misfit,
     explain_map,
-    refine_jointly,
     select_jointly,
 )
 from isacbench.dsp.rangedoppler import GatedMap
@@ -182,74 +176,11 @@ def test_beside_a_strong_neighbour_the_dynamic_range_decides(dynamic_range_db, n
     assert len(found) == 2
 
 
-@pytest.mark.parametrize(("dynamic_range_db", "n_kept"), [(8.0, 2), (10.0, 3)])
-def test_below_the_sidelobes_of_those_in_other_ranges_the_dynamic_range_decides(dynamic_range_db, n_kept):
-    # Two of amplitude 1 show 2/(4π) four bins farther, 0.16: a scatterer there of 0.055 is 9.2 dB weaker.
-    rows = np.array([[32.0, 0, 0, 0.1, 1.0], [32.0, 0, 0, 0.1, 1.0], [36.0, 0, 0, 0.1, 0.055]])
-    gated = gated_map(rows)
-    seen = dataclasses.replace(scatterers(rows), power=rows[:, 4] ** 2)
-    assert len(clear_of_misfit(seen, gated, SYSTEM, dynamic_range_db)) == n_kept
-    seen.range_bin[2] = 32 + OTHER_RANGE_BINS - 0.1
-    assert len(clear_of_misfit(seen, gated, SYSTEM, dynamic_range_db)) == 3
-
-
-def test_nothing_is_clear_of_the_misfit_of_nothing():
-    assert len(clear_of_misfit(LocatedScatterers.empty(), gated_map(TRUE), SYSTEM, 16.0)) == 0
-
-
 def test_what_is_weaker_than_noise_may_be_is_not_selected():
     strongest = (TRUE[:, 4].max() ** 2) * SYSTEM.processing_gain
     candidates, gated = scatterers(TRUE), gated_map(TRUE)
     assert len(select_jointly(candidates, gated, SYSTEM, 1.01 * strongest, 16.5)) == 0
     assert len(select_jointly(candidates, gated, SYSTEM, 0.99 * strongest, 16.5)) == 1
-
-
-@given(
-    offset=st.tuples(st.floats(-0.45, 0.45), st.floats(-0.45, 0.45)),
-    direction=st.sampled_from([(-0.1, 0.1), (0.0, 0.13), (0.1, 0.18)]),
-)
-def test_one_scatterer_is_moved_from_near_its_place_to_it(offset, direction):
-    true = np.array([[33 + offset[0], offset[1], *direction, 1.0]])
-    start = moved(nearest_bins(true), 0, 0.05)
-    found = refine_jointly(scatterers(start), gated_map(true), SYSTEM)
-    assert found.range_bin == pytest.approx(true[:, 0], abs=1e-3)
-    assert found.doppler_bin == pytest.approx(true[:, 1], abs=1e-3)
-    assert (found.u, found.w) == (true[:, 2], true[:, 3])
-
-
-# A cross tells directions less apart, so that the first steps leave more to do.
-@pytest.mark.parametrize(("aperture", "within_bins"), [(Plane(8, 8), 2.5e-3), (Cross(8, 8), 1e-2)])
-def test_several_scatterers_are_moved_to_their_places_together(aperture, within_bins):
-    start, gated = moved(nearest_bins(TRUE), 0, 0.05), on(aperture, gated_map(TRUE))
-    found = refine_jointly(scatterers(start), gated, SYSTEM)
-    np.testing.assert_allclose(places(found), TRUE[:, :4], atol=within_bins)
-    # Started again from there, the steps that are left end at the places themselves.
-    again = refine_jointly(found, gated, SYSTEM)
-    np.testing.assert_allclose(places(again), TRUE[:, :4], atol=1e-4)
-    np.testing.assert_allclose(again.power, TRUE[:, 4] ** 2 * SYSTEM.processing_gain, rtol=1e-3 + 2 * LOADING)
-
-
-def test_no_scatterer_moves_farther_than_half_a_bin():
-    start = scatterers(moved(TRUE, 0.9, -0.9))
-    found = refine_jointly(start, gated_map(TRUE), SYSTEM)
-    assert np.abs(found.range_bin - start.range_bin).max() <= MAX_SHIFT_BINS
-    assert np.abs(found.doppler_bin - start.doppler_bin).max() <= MAX_SHIFT_BINS
-
-
-def test_the_error_in_noise_is_of_the_size_of_the_cramer_rao_bound():
-    true, noise_power, n_trials = np.array([[33.3, 0.2, 0.05, 0.15, 1.0]]), 100.0, 60
-    start = scatterers(nearest_bins(true))
-    errors = []
-    for trial in range(n_trials):
-        found = refine_jointly(start, gated_map(true, noise_power, trial), SYSTEM)
-        errors.append([found.range_bin[0] - true[0, 0], found.doppler_bin[0] - true[0, 1]])
-    rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    # A tone with a free complex amplitude: its frequency in bins has variance 6 / (4 π² energy over noise).
-    energy = SYSTEM.processing_gain * 64 / noise_power
-    bound = np.sqrt(6 / (4 * np.pi**2 * energy))
-    assert (rms > 0.7 * bound).all()
-    # The patch of 7 x 3 cells holds most of the energy, not all.
-    assert (rms < 1.5 * bound).all()
 
 
 def explained(rows, gated, noise_power, family=0):
@@ -318,20 +249,19 @@ def test_many_scatterers_of_which_no_cell_is_resolved_are_a_crowd_without_a_fit(
 
 
 @pytest.mark.parametrize("exponent", [-30, 30])
-def test_selection_refinement_and_explanation_know_no_scale(exponent):
+def test_selection_and_explanation_know_no_scale(exponent):
     gated, start = gated_map(TRUE, noise_power=10.0), scatterers(nearest_bins(TRUE))
     scaled, results = GatedMap(2.0**exponent * gated.cells, gated.gate), []
     for part, gain in ((gated, 1.0), (scaled, 4.0**exponent)):
         chosen = select_jointly(start, part, SYSTEM, gain * MIN_POWER, 16.5)
-        results.append((refine_jointly(chosen, part, SYSTEM), explained(off(TRUE, 0), part, 10.0 * gain)))
+        results.append((chosen, explained(off(TRUE, 0), part, 10.0 * gain)))
     for found, other in zip(*results, strict=True):
         np.testing.assert_allclose(places(other), places(found), rtol=1e-12)
         np.testing.assert_allclose(other.power, 4.0**exponent * found.power, rtol=1e-9)
 
 
-def test_without_scatterers_there_is_nothing_to_select_or_refine():
+def test_without_scatterers_there_is_nothing_to_select_or_fit():
     nothing = scatterers(np.empty((0, 5)))
     gated = gated_map(TRUE)
     assert len(select_jointly(nothing, gated, SYSTEM, MIN_POWER, 16.5)) == 0
-    assert len(refine_jointly(nothing, gated, SYSTEM)) == 0
     assert len(explain_map(nothing, gated, SYSTEM, 1.0)) == 0
