@@ -235,7 +235,7 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
     rdm : ReadMap
     estimator : MapEstimator
         Its `detection_window`, `cell_detector`, `integration`,
-        `dynamic_range_db` and `angle_pfa` are used.
+        `m_of_n`, `dynamic_range_db` and `angle_pfa` are used.
 
     Returns
     -------
@@ -245,7 +245,11 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
         gated, window = rdm.detection, estimator.detection_window
         tapered = gated.tapered(window, gated.doppler_taper(window))
         cells = detect_cells(
-            tapered, estimator.cell_detector(), estimator.integration, estimator.dynamic_range_db
+            tapered,
+            estimator.cell_detector(),
+            estimator.integration,
+            estimator.dynamic_range_db,
+            estimator.m_of_n,
         )
         last_digit = float(np.finfo(rdm.directions.cells.dtype).eps)
         rounding = max(LAST_DIGITS_LOST * last_digit, LEAST_NOISE) ** 2 * float(cells.power.max())
@@ -456,10 +460,15 @@ class MapEstimator(ABC):
         Detector of range-Doppler cells.
     pfa : float or None
         Overrides the detector's probability of false alarm.
-    integration : {"noncoherent", "element"}
-        Detect on power averaged over the array, or on its element (0, 0). With
+    integration : {"noncoherent", "element", "binary"}
+        Detect on power averaged over the array, on its element (0, 0), or where
+        `m_of_n` elements or more detect, each in its own map
+        (`isacbench.dsp.cell_detection.BinaryIntegration`). With
         "element", a separable estimator reads no more than the column and the
         row of that element, P + Q - 1 elements instead of P Q.
+    m_of_n : int
+        Elements that must detect a cell with `integration` "binary"; 1 unites
+        the detections of all elements.
     angle_pfa : float
         Probability that noise is taken for a plane wave, or for a scatterer.
     dynamic_range_db : float
@@ -493,6 +502,7 @@ class MapEstimator(ABC):
     local_dynamic_range_db: float = 16.5
     precision: CellPrecision = "double"
     detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
+    m_of_n: int = added_field(1, before=1)
 
     to_cloud = staticmethod(to_cloud)
 
@@ -507,6 +517,7 @@ class MapEstimator(ABC):
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
         for name in ("dynamic_range_db", "local_dynamic_range_db"):
             require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
+        require(self.m_of_n >= 1, "m_of_n", self.m_of_n, "1 and more")
         require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
         windows, window = get_args(Window), self.detection_window
         require(window in windows, "detection_window", window, f"one of {', '.join(windows)}")
@@ -515,8 +526,9 @@ class MapEstimator(ABC):
     @property
     def needs(self) -> Needs:
         """All elements, or one column and one row; and directions of detected cells only."""
-        one_cross = self.separable and self.integration == "element"
-        return Needs("cross" if one_cross else "plane", self.integration, "detected")
+        if self.integration == "element":
+            return Needs("cross" if self.separable else "plane", "element", "detected")
+        return Needs("plane", "noncoherent", "detected")
 
     def aperture(self, observation: Observation) -> Aperture:
         """Elements that the estimator reads of an observation.

@@ -1,5 +1,7 @@
 """CFAR detectors: threshold = noise estimated around the cell under test x factor for a false-alarm rate.
 
+`FixedThreshold`, which they are compared with, has one noise estimate for the whole map.
+
 | detector | noise estimate |
 |---|---|
 | `CaCfar` | mean of the training cells |
@@ -7,6 +9,7 @@
 | `OsCfar` | order statistic of the training cells |
 | `OscaCfar` | order statistic along one axis, averaged over the others |
 | `TmCfar` | mean without the smallest and the largest training cells |
+| `FixedThreshold` | median of the map |
 
 All take power maps of any rank and unit. The factor of each cell comes from
 `isacbench.dsp.cfar.factors`, for the training cells of its window
@@ -595,6 +598,77 @@ class OscaCfar(_Cfar):
             counts = windows.trains.sum(axis=0).ravel().tolist()
             columns = tuple((_column_rank(count), count) for count in sorted(counts, reverse=True) if count)
         return osca_factor(self.pfa, columns, looks)
+
+
+@dataclass(frozen=True)
+class FixedThreshold:
+    """One threshold for the whole map: a factor on the median of all cells.
+
+    The single threshold that a CFAR detector is compared with. It is the more
+    accurate where all noise is alike and echoes fill less than half of the map;
+    it knows nothing of clutter and of the sidelobes of strong echoes.
+
+    Attributes
+    ----------
+    pfa : float
+        Probability of false alarm per cell in homogeneous noise; exact as long
+        as the threshold lies above the median, which it does up to about 0.5.
+
+    Raises
+    ------
+    InputError
+        If `pfa` is out of range.
+
+    Notes
+    -----
+    A cell above the ⌊n/2⌋-th smallest of n cells does not change it, so that it
+    is the same order statistic of the n - 1 other cells, as of `OsCfar`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> power = np.ones((20, 20))
+    >>> power[4, 7] = 30.0
+    >>> np.argwhere(FixedThreshold().detect(power).mask).tolist()
+    [[4, 7]]
+    """
+
+    name: ClassVar[str] = "fixed"
+
+    pfa: float = 1e-3
+
+    def __post_init__(self) -> None:
+        check_pfa(self.pfa)
+
+    def detect(self, power: Power, looks: int = 1, cells: Cells | None = None) -> Detection:
+        """Test cells of a power map.
+
+        Parameters
+        ----------
+        power : ndarray of real numbers
+            Power map of any rank and unit; finite and not negative.
+        looks : int, default 1
+            Independent noise powers that each cell averages.
+        cells : tuple of ndarray of int, optional
+            Cells to test, as `numpy.nonzero` gives them; default: all cells.
+
+        Returns
+        -------
+        Detection
+
+        Raises
+        ------
+        InputError
+            As of `CaCfar.detect`, and if the map has a single cell.
+        """
+        values = checked_power(power, looks)
+        if values.size < 2:
+            raise InputError(f"a map of {values.size} cells has no noise to compare with: at least 2")
+        tested = values if cells is None else values[checked_list(cells, values.shape)]
+        rank = values.size // 2
+        noise = np.full(tested.shape, np.partition(values, rank - 1, axis=None)[rank - 1])
+        threshold = osca_factor(self.pfa, ((rank, values.size - 1),), looks) * noise
+        return Detection(tested > threshold, threshold, noise)
 
 
 def _mean(values: Floats) -> Floats:

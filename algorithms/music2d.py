@@ -12,7 +12,8 @@ For every detected range-Doppler cell:
    place: root-MUSIC, without samples and without a CFAR.
    The product spectrum of the paper peaks at every intersection of the two.
 3. The joint response of all elements that are read tells sources from ghosts
-   among the intersections.
+   among the intersections. With ``pairing="product"`` every intersection whose
+   product passes a 2-D CA-CFAR is a source, as the paper has it.
 
 Differences from the paper, each measured in ``docs/errata.md``: thresholds
 follow from P_fa; the order statistic of OSCA runs along Doppler; leakage of
@@ -36,13 +37,13 @@ Trans. AP 34 (1986).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from isacbench.added_fields import added_field
-from isacbench.dsp.angles.cosines import cosine_samples, with_neighbours, within_period
+from isacbench.dsp.angles.cosines import PERIOD, cosine_samples, with_neighbours, within_period
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
@@ -56,6 +57,8 @@ from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_no
 from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.dsp.cell_detection import detect_listed
+from isacbench.dsp.cfar import check_pfa
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -76,9 +79,17 @@ SINGLE_LINE_PFA = 1e-2
 POLE_OFFSET = 1 / 4
 """Samples from a source within which spectra are as high as at this distance."""
 
+PRODUCT_TRAINING, PRODUCT_GUARD = (0, 24, 24), (0, 8, 8)
+"""Samples to either side of a peak of the product spectrum, along u and along w; each cell is a map."""
+
+CELLS_AT_A_TIME = 64
+"""Cells whose product spectra are in memory together: 20 MB of 201 x 201 points."""
 
 Search = Literal["grid", "root"]
 """Directions of a line: peaks of its sampled spectrum, or roots of its polynomial (root-MUSIC)."""
+
+Pairing = Literal["joint", "product"]
+"""Intersections that are plane waves: those of the joint response, or the peaks of the product spectrum."""
 
 
 class MusicSpectra(NamedTuple):
@@ -99,6 +110,19 @@ class MusicSpectra(NamedTuple):
     spectra: Floats
     detection: Detection
     peaks: Peaks
+
+    def heights(self) -> tuple[Integers, Floats]:
+        """Find the samples nearest to the peaks, and the spectra there.
+
+        Returns
+        -------
+        samples : ndarray of int64, shape (n, k)
+        heights : ndarray of float64, shape (n, k)
+        """
+        step = self.cosine[1] - self.cosine[0]
+        steps = ((self.peaks.place - self.cosine[0] + step / 2) % PERIOD) // step
+        samples = np.minimum(steps.astype(np.int64), self.cosine.size - 1)
+        return samples, np.take_along_axis(self.spectra, samples, axis=1)
 
     def first(self, label: Literal["u", "w"]) -> Spectrum:
         """First of the spectra in dB above an empty direction.
@@ -141,6 +165,13 @@ class Music2d(CellwiseEstimator):
         Peaks of the spectra that pass their CFAR, or the roots of the null
         spectra's polynomials that are nearest to the unit circle (root-MUSIC),
         which need neither `grid_points` nor `spectrum_detector`.
+    pairing : {"joint", "product"}
+        Joint response of the elements, or the paper's: the local maxima of the
+        product of a cell's two spectra that pass a 2-D CA-CFAR (`PRODUCT_TRAINING`
+        and `PRODUCT_GUARD` samples) are plane waves, ghosts among them. The two
+        spectra are then not tested one by one.
+    product_pfa : float
+        Of that CA-CFAR.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
@@ -172,6 +203,8 @@ class Music2d(CellwiseEstimator):
         default_factory=lambda: CaCfar(pfa=0.3, training=(0, 24), guard=(0, 8))
     )
     search: Search = added_field("grid", before="grid")  # noqa: RUF009, a field
+    pairing: Pairing = added_field("joint", before="joint")  # noqa: RUF009, a field
+    product_pfa: float = added_field(1e-3, before=1e-3)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -183,6 +216,10 @@ class Music2d(CellwiseEstimator):
         require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
         require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
         require(self.search in get_args(Search), "search", self.search, "grid or root")
+        pairings = get_args(Pairing) if self.search == "grid" else ("joint",)
+        allowed = f"{' or '.join(pairings)} with search = {self.search}"
+        require(self.pairing in pairings, "pairing", self.pairing, allowed)
+        check_pfa(self.product_pfa)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.
@@ -222,6 +259,14 @@ class Music2d(CellwiseEstimator):
         u_limits, w_limits = observation.cosine_limits
         aperture, levels = self.aperture(observation), cells.levels
         columns, rows = aperture.lines(cells.own.astype(self.dtype_in("subspace"), copy=False))
+        if self.pairing == "product":
+            along_u = self.line_music(*self.line_subspaces(columns, levels.floor), u_limits)
+            along_w = self.line_music(*self.line_subspaces(rows, levels.floor), w_limits)
+            with stage("peaks"):
+                waves = self.product_peaks(along_u, along_w)
+                beams = aperture.towards(waves.u, waves.w).matched(cells.own[None])[0]
+                heard = np.abs(beams) ** 2 > levels.min_power
+                return replace(waves, found=waves.found & heard)
         with stage("peaks"):
             return pair_directions(
                 cells.own,
@@ -232,6 +277,37 @@ class Music2d(CellwiseEstimator):
                 self.dynamic_range_db,
                 self.max_sources,
             )
+
+    def product_peaks(self, along_u: MusicSpectra, along_w: MusicSpectra) -> PlaneWaves:
+        """Find the local maxima of the product of two spectra that pass a 2-D CA-CFAR.
+
+        A product of positive spectra has its local maxima where both factors have one.
+
+        Parameters
+        ----------
+        along_u, along_w : MusicSpectra
+            Of the same cells.
+
+        Returns
+        -------
+        PlaneWaves
+            The highest `max_sources` of each cell.
+        """
+        detector = CaCfar(self.product_pfa, PRODUCT_TRAINING, PRODUCT_GUARD)
+        (row, u_height), (column, w_height) = along_u.heights(), along_w.heights()
+        passed = along_u.peaks.found[:, :, None] & along_w.peaks.found[:, None]
+        for first in range(0, len(passed), CELLS_AT_A_TIME):
+            some = slice(first, first + CELLS_AT_A_TIME)
+            product = along_u.spectra[some, :, None] * along_w.spectra[some, None]
+            cell, i, j = maxima = np.nonzero(passed[some])
+            places = cell, row[some][cell, i], column[some][cell, j]
+            passed[some][maxima] = detect_listed(detector, product, 1, places).mask
+        n, _, n_w = passed.shape
+        height = np.where(passed, u_height[:, :, None] * w_height[:, None], 0).reshape(n, -1)
+        highest = np.argsort(-height, axis=1, kind="stable")[:, : self.max_sources]
+        u = np.take_along_axis(along_u.peaks.place, highest // n_w, axis=1)
+        w = np.take_along_axis(along_w.peaks.place, highest % n_w, axis=1)
+        return PlaneWaves(u, w, np.take_along_axis(height, highest, axis=1) > 0)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """MUSIC spectra of the first cell over u and over w.
@@ -321,7 +397,8 @@ class Music2d(CellwiseEstimator):
         detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
         framed, (places,) = with_neighbours(null, [cosine])
-        passed, _ = with_neighbours(detection.mask, [cosine])
+        tested = self.pairing == "joint"
+        passed = with_neighbours(detection.mask, [cosine])[0] if tested else None
         peaks = line_peaks(-framed, places, order, passed)
         minima = music_null_minima(vectors, order, peaks.place, peaks.found, step)
         return MusicSpectra(cosine, spectra, detection, Peaks(within_period(minima), peaks.found))

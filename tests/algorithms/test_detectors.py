@@ -3,8 +3,17 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
-from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
+from isacbench_algorithms.detectors import (
+    CaCfar,
+    FixedThreshold,
+    GocaCfar,
+    OscaCfar,
+    OsCfar,
+    SocaCfar,
+    TmCfar,
+)
 
 from isacbench import get_detector
 from isacbench.errors import InputError
@@ -14,7 +23,7 @@ ALL = {"ca": CaCfar, "os": OsCfar, "osca": OscaCfar, "goca": GocaCfar, "soca": S
 EACH = pytest.mark.parametrize("detector", ALL.values(), ids=ALL)
 
 
-@pytest.mark.parametrize(("name", "detector"), ALL.items(), ids=ALL)
+@pytest.mark.parametrize(("name", "detector"), [*ALL.items(), ("fixed", FixedThreshold)])
 def test_detector_is_registered_fulfils_the_contract_and_is_hashable(name, detector):
     assert detector.name == name
     assert get_detector(name) == detector()
@@ -84,3 +93,30 @@ def test_only_osca_accepts_a_guard_of_none(detector):
 def test_bad_parameter_of_one_detector_is_refused_on_construction_by_name(detector, parameters, message):
     with pytest.raises(InputError, match=message):
         detector(**parameters)
+
+
+def test_a_fixed_threshold_is_one_for_the_whole_map_whatever_it_lists():
+    power = np.random.default_rng(0).standard_exponential((40, 30)) * np.linspace(1, 50, 30)
+    found = FixedThreshold(1e-2).detect(power)
+    assert np.ptp(found.threshold) == np.ptp(found.noise) == 0
+    assert found.noise[0, 0] == sorted(power.ravel())[599]
+    listed = FixedThreshold(1e-2).detect(power, cells=np.nonzero(power > 20))
+    np.testing.assert_array_equal(listed.mask, found.mask[power > 20])
+
+
+@pytest.mark.parametrize("pfa", [0.01, 0.3])
+@pytest.mark.parametrize(("shape", "looks"), [((2, 1), 1), ((3, 3), 1), ((3, 3), 4), ((31, 20), 16)])
+def test_a_fixed_threshold_keeps_its_rate_in_noise_on_maps_of_any_size(pfa, shape, looks):
+    rng = np.random.default_rng(1)
+    n_maps = 200_000 // (shape[0] * shape[1])
+    alarms = [
+        FixedThreshold(pfa).detect(rng.standard_gamma(looks, shape), looks).mask.sum() for _ in range(n_maps)
+    ]
+    # Cells of a map share a threshold; the spread over maps counts.
+    spread = np.std(alarms) / np.sqrt(n_maps)
+    assert abs(np.mean(alarms) - pfa * shape[0] * shape[1]) < 4.5 * spread
+
+
+def test_a_fixed_threshold_needs_a_second_cell():
+    with pytest.raises(InputError, match="map of 1 cells"):
+        FixedThreshold().detect(np.ones((1, 1)))

@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from isacbench.dsp.cell_detection import detect_cells
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
 from isacbench.model.scenes.scenario import load_scenario
@@ -203,3 +204,56 @@ def test_peaks_on_the_street_are_those_of_the_dense_plane_to_a_hundredth_of_a_de
     cells, floor = street_cells
     counts = np.array([assert_the_peaks_are_those_of_the_dense_plane(street, cell, floor) for cell in cells])
     assert (counts > 0).all(axis=1).mean() > 0.9
+
+
+def passes_a_cell_average(product, row, column, pfa, training=24, guard=8):
+    """Whether a sample of a plane exceeds its training cells' mean by the exact factor."""
+    reach = training + guard
+    rows, columns = (
+        range(first, first + 2 * reach + 1)
+        for first in (
+            min(max(place - reach, 0), size - 2 * reach - 1)
+            for place, size in zip((row, column), product.shape, strict=True)
+        )
+    )
+    cells = [product[i, j] for i in rows for j in columns if abs(i - row) > guard or abs(j - column) > guard]
+    return product[row, column] > (pfa ** (-1 / len(cells)) - 1) * sum(cells)
+
+
+@pytest.mark.parametrize("pfa", [1e-3, 1e-200])
+def test_product_pairing_takes_the_local_maxima_of_the_plane_that_pass_a_cell_average(street, pfa):
+    u, w, noise = np.array([-0.12, 0.03, 0.16]), np.array([0.05, 0.21, 0.13]), 1e-2
+    rng = np.random.default_rng(4)
+    parts = rng.standard_normal((2, ELEMENTS, ELEMENTS)) * np.sqrt(noise / 2)
+    snapshot = steering(ELEMENTS, u).T @ steering(ELEMENTS, w) + parts[0] + 1j * parts[1]
+    cells = CellSnapshots(
+        Reading("rect", "soft"), None, None, np.stack([snapshot] * 70)[:, None], Levels(noise, noise, 0.0)
+    )
+    paper = Music2d(pairing="product", product_pfa=pfa, max_sources=9)
+    waves = paper.plane_waves(street, cells)
+    along_u, along_w = (
+        paper.line_music(*paper.line_subspaces(lines, noise), limits)
+        for lines, limits in zip((snapshot[None], snapshot.T[None]), street.cosine_limits, strict=True)
+    )
+    product = np.outer(along_u.spectra[0], along_w.spectra[0])
+    expected = [
+        (along_u.cosine[row], along_w.cosine[column])
+        for row in range(1, product.shape[0] - 1)
+        for column in range(1, product.shape[1] - 1)
+        if product[row, column] == product[row - 1 : row + 2, column - 1 : column + 2].max()
+        # Samples that are cut off next to a pole are one maximum.
+        and product[row, column] > max(product[row - 1, column], product[row, column - 1])
+        # Of three sources the three highest maxima along either axis count, which are those near them.
+        and max(abs(u - along_u.cosine[row]).min(), abs(w - along_w.cosine[column]).min()) < 0.02
+        and passes_a_cell_average(product, row, column, pfa)
+    ]
+    # Behind the batch as in it: three sources, and their ghosts.
+    for cell in (0, 69):
+        found = np.stack([waves.u[cell], waves.w[cell]], axis=1)[waves.found[cell]]
+        assert len(found) == len(expected) == (9 if pfa > 1e-200 else 7)
+        np.testing.assert_allclose(sorted(map(tuple, found)), sorted(expected), atol=6e-3)
+
+
+def test_product_pairing_needs_spectra():
+    with pytest.raises(InputError, match="joint with search = root"):
+        Music2d(search="root", pairing="product")

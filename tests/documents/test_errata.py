@@ -238,6 +238,17 @@ def test_four_transmitters_at_once(mimo, range_m, speed_mps):
         assert recall(turns, 10.0) == pytest.approx(recall(ideal, 10.0), abs=0.05)
 
 
+def test_peaks_of_all_elements():
+    united = 1 - (1 - 1e-3) ** 256
+    assert united == pytest.approx(0.226, abs=1e-3)
+    printed = osca_rate(paper_factor(1e-3, 9), ((6, 9),) * 8 + ((6, 8),))
+    assert 1 - (1 - printed) ** 256 == pytest.approx(1)
+    noise = Simulator(scene([24], [1], [0.1], [0.1], [1.0])).observe(-80.0)
+    for integration, rate in (("element", 1e-3), ("noncoherent", 1e-3), ("binary", united)):
+        estimator = Music2d(detector=CaCfar(), integration=integration, detection_window="rect")
+        assert estimator.diagnose(noise).detection.mask.mean() == pytest.approx(rate, abs=0.04)
+
+
 def test_eigenvalue_cfar():
     eigenvalues = np.array([[100.0, 90, 80, 70, 1, 1, 1, 1]])
     assert eigenvalue_cfar_order(eigenvalues, 1e-3).tolist() == [1]
@@ -288,8 +299,8 @@ def test_the_paper_as_printed():
     suite = load_suite("printed")
     printed = build_estimator(suite.estimators[0])
     assert (printed.name, printed.detector) == ("music2d", OscaCfar(threshold="paper"))
-    choices = printed.integration, printed.model_order, printed.largest_direction_error
-    assert choices == ("element", "eigenvalue_cfar", None)
+    choices = printed.pairing, printed.integration, printed.model_order, printed.largest_direction_error
+    assert choices == ("product", "element", "eigenvalue_cfar", None)
     assert {printed.range_window, printed.doppler_window, printed.detection_window} == {"rect"}
     for document in ("errata", "estimators"):
         text = (DOCS / f"{document}.md").read_text(encoding="utf-8")

@@ -1,17 +1,20 @@
 """Detected cells: one element or all, what is reachable, and the two floors."""
 
 from dataclasses import dataclass
+from math import comb
 from typing import ClassVar
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from isacbench_algorithms.detectors import CaCfar
 from scipy.stats import chi2
 
 from isacbench.dsp.cell_detection import (
     CLEAR_BINS,
     PEAK_CELLS,
+    BinaryIntegration,
     detect_cells,
     detect_listed,
     power_map,
@@ -19,6 +22,7 @@ from isacbench.dsp.cell_detection import (
     white_noise,
 )
 from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.errors import InputError
 from isacbench.model.gate import Gate
 from isacbench.model.kernels import dirichlet
 from isacbench.plugins.contracts import Detection
@@ -230,3 +234,39 @@ def test_where_clear_bins_give_the_floor_the_map_is_not_tested_beyond_what_may_b
     assert np.array_equal(picked.bins, full.bins)
     assert picked.bins[0].size
     assert full.detection.mask.shape == GATE.shape
+
+
+@pytest.mark.parametrize("m", [1, 2, 12])
+def test_binary_integration_detects_where_m_elements_do(m):
+    cells = noise_cells(GATE)
+    cells[10, 12] += 9
+    cells[15, 10, 1, :2] += 9
+    found = detect_cells(GatedMap(cells, GATE), CaCfar(pfa=0.03), "binary", 30.0, m)
+    expected = np.zeros(GATE.shape, dtype=int)
+    for p in range(4):
+        for q in range(3):
+            expected += CaCfar(pfa=0.03).detect(abs(cells[:, :, p, q]) ** 2).mask
+    np.testing.assert_array_equal(found.detection.mask, expected >= m)
+    kept = [*zip(found.bins[0] - GATE.range_bins[0], found.bins[1] - GATE.doppler_bins[0], strict=True)]
+    floor = [
+        (r, d) for r in range(6, 24) for d in range(8, 17) if np.max(abs(cells[r, d])) ** 2 > found.floor
+    ]
+    assert kept == [(r, d) for r, d in floor if expected[r, d] >= m]
+    assert (10, 12) in kept
+    assert ((15, 10) in kept) == (m <= 2)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_binary_integration_has_the_binomial_probability_of_false_alarm(m):
+    gate = Gate(np.arange(300), np.arange(200), slice(0), slice(0))
+    powers = np.abs(noise_cells(gate).reshape(300, 200, 12)) ** 2
+    united = BinaryIntegration(CaCfar(pfa=0.05), powers, m)
+    closed = sum(comb(12, k) * 0.05**k * 0.95 ** (12 - k) for k in range(m, 13))
+    assert united.pfa == pytest.approx(closed)
+    assert united.detect(powers[..., 0]).mask.mean() == pytest.approx(closed, rel=0.06)
+
+
+@pytest.mark.parametrize("m", [0, 13])
+def test_binary_integration_needs_as_many_elements_as_there_are(m):
+    with pytest.raises(InputError, match=f"m_of_n = {m}: .*12 elements"):
+        detect_cells(GatedMap(noise_cells(GATE), GATE), CaCfar(), "binary", 30.0, m)

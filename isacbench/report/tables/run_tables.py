@@ -26,10 +26,12 @@ SHOWN = {
     "gospa_m": "GOSPA [m]",
     "precision": "precision",
     "recall": "recall",
+    "spatial": "spatial",
+    "velocity_nmse": "kinematic",
 }
-"""Scores that a table shows after the deviation, with their headings."""
+"""Scores that a table shows after the deviation, with their headings; the last two are its parts."""
 
-SPARE = ("gospa_m",), ("precision", "recall")
+SPARE = ("gospa_m",), ("precision", "recall"), ("spatial", "velocity_nmse")
 """Scores that a terminal shows where there is room; the last ones are left out first."""
 
 DEVIATION_SPREAD = SPREAD_COLUMNS["deviation"]
@@ -186,7 +188,12 @@ def _estimators_over_snr(
     summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], times_s: Mapping[Variant, float]
 ) -> list[Grid]:
     """Tables of one scenario, or of a mean over scenarios, a few estimators in each."""
-    scores = summary[[f"{score}_mean" for score in SHOWN]].map(lambda mean: written(mean, "{:.2f}"))
+    summary = summary.assign(spatial_mean=summary["hausdorff_sum_m_mean"] + summary["density_mean"])
+    forms = {score: "{:.1e}" if score == "velocity_nmse" else "{:.2f}" for score in SHOWN}
+    scores = pd.DataFrame(
+        {score: [written(mean, form) for mean in summary[f"{score}_mean"]] for score, form in forms.items()},
+        index=summary.index,
+    )
     scores.insert(0, "deviation", [deviation_text(entry) for _, entry in summary.iterrows()])
     names = list(scores)
     texts = pd.concat([summary[["snr_db", *VARIANT]], scores], axis=1)

@@ -136,6 +136,8 @@ def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_
     assert max(map(len, printed(two))) <= 100
     row = dict(zip(one.header, one.rows[1], strict=True))
     mean = summarise_scores(records).query("estimator == 'blob' and snr_db == 0").iloc[1]
+    spatial = mean["deviation_mean"] - mean["velocity_nmse_mean"]
+    assert (row["spatial"], row["kinematic"]) == (f"{spatial:.2f}", f"{mean['velocity_nmse_mean']:.1e}")
     assert (row["GOSPA [m]"], row["recall"]) == (f"{mean['gospa_m_mean']:.2f}", f"{mean['recall_mean']:.2f}")
 
 
