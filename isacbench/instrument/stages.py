@@ -60,7 +60,7 @@ class StageClock:
     Parameters
     ----------
     now : callable, optional
-        Time in s.
+        Time in s; by default that of the process's processors.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class StageClock:
     ({'peaks': 2.0, 'spectrum': 3.0}, 10.0)
     """
 
-    def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, now: Callable[[], float] = time.process_time) -> None:
         self.seconds: dict[Stage, float] = {}
         self.total_s = 0.0
         self._now = now

@@ -30,6 +30,10 @@ PAPER_ORDER = ("-u", "-w")
 """Directions towards which elements ascend whose phases are exp(-jπ(p u + q w))."""
 
 
+MOST_LEAKAGE_DB = 200.0
+"""Largest power, of either sign, of the direct path over that of all echoes."""
+
+
 def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.int64]:
     """Element positions of a rectangular array in half wavelengths.
 
@@ -71,6 +75,9 @@ class VirtualArray:
         How the transmitters are told apart. "ideal": every one has all resource
         elements to itself. "comb" and "tdm": they take turns on successive
         subcarriers, and on successive symbols.
+    leakage_db : float or None
+        Power of the direct path from the transmitters to a receiver, over that
+        of all echoes, in dB; None for no leakage.
 
     Raises
     ------
@@ -95,6 +102,7 @@ class VirtualArray:
     rx_spacing: int = 1
     ascending: tuple[str, str] = added_field(PAPER_ORDER, before=PAPER_ORDER)
     mimo: Mimo = added_field("ideal", before="ideal")  # noqa: RUF009, a field
+    leakage_db: float | None = added_field(None, before=None)
 
     def __post_init__(self) -> None:
         for name in ("tx_shape", "rx_shape"):
@@ -105,6 +113,9 @@ class VirtualArray:
         known = [(u, w) for u in ("-u", "+u") for w in ("-w", "+w")]
         require(self.ascending in known, "array.ascending", self.ascending, "-u or +u, and -w or +w")
         require(self.mimo in get_args(Mimo), "array.mimo", self.mimo, "ideal, comb and tdm")
+        if self.leakage_db is not None:
+            limits = f"numbers from -{MOST_LEAKAGE_DB:g} to {MOST_LEAKAGE_DB:g}"
+            require(abs(self.leakage_db) <= MOST_LEAKAGE_DB, "array.leakage_db", self.leakage_db, limits)
         n_p, n_q = self.shape
         if len(self.positions) != n_p * n_q:
             raise InputError(

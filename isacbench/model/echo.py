@@ -13,7 +13,7 @@ kernel, so that only the gate is ever computed.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from numbers import Real
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ from isacbench.model.kernels import dirichlet
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
+from isacbench.model.scenes.raw_uniforms import raw_uniforms
 
 if TYPE_CHECKING:
     from isacbench.model.array import VirtualArray
@@ -44,6 +45,10 @@ DUST = 16.0
 
 MOST_PRODUCTS = 2**24
 """Products of one echo and one cell held at a time: 256 MB."""
+
+
+LEAKAGE_BIN = 0.5
+"""Range of the transmitters' direct path in bins: between two, where its sidelobes are highest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +133,8 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     -------
     ndarray of complex128, shape (n_range, n_doppler, P, Q)
     """
-    echo = echo_parameters(scenario)
     system, array = scenario.system, scenario.array
-    directions = element_responses(scenario, echo, array.positions)
+    echo, directions = echo_responses(scenario, array.positions)
     parts = []
     for n, m, own in array.shares:
         along_range = dirichlet(gate.range_bins, echo.range_bin, system.n_subcarriers, n.step, n.start)
@@ -168,15 +172,13 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     ndarray of complex128, shape (n_subcarriers, n_symbols, e)
         0 where the transmitter of an element is silent.
     """
-    echo = echo_parameters(scenario)
     system, array = scenario.system, scenario.array
+    echo, directions = echo_responses(scenario, elements)
     n = np.arange(system.n_subcarriers)[subcarriers, None]
     m = np.arange(system.n_symbols)[:, None]
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
     doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
-    grid = _superposed(
-        delay * echo.gain, doppler, element_responses(scenario, echo, elements), echo.doppler_bin
-    )
+    grid = _superposed(delay * echo.gain, doppler, directions, echo.doppler_bin)
     if is_dust(grid, echo, 1.0):
         grid[:] = 0
     if array.n_turns > 1:
@@ -229,6 +231,40 @@ def element_responses(scenario: Scenario, echo: EchoParameters, elements: ArrayL
             scenario.name, scenario.gain_error_db, scenario.phase_error_deg, np.asarray(elements)
         )
     return directions
+
+
+def echo_responses(scenario: Scenario, elements: ArrayLike) -> tuple[EchoParameters, Complex]:
+    """Compute every echo and the responses of elements to it; the transmitters' leakage, if any, is the last.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    elements : array_like of int, shape (e, 2)
+        Places (p, q) in the virtual array.
+
+    Returns
+    -------
+    echo : EchoParameters
+        Of K echoes. Leakage has no speed and no direction, and half a range bin.
+    responses : ndarray of complex128, shape (K, e)
+        The phases of leakage differ from element to element.
+    """
+    echo, leakage_db = echo_parameters(scenario), scenario.array.leakage_db
+    responses = element_responses(scenario, echo, elements)
+    if leakage_db is None:
+        return echo, responses
+    gain = 10 ** (leakage_db / 20) * (scenario.scatterers.total_amplitude or 1.0)
+    leakage = gain, LEAKAGE_BIN, 0.0, 0.0, 0.0
+    echo = EchoParameters(
+        *(
+            np.append(getattr(echo, field.name), last)
+            for field, last in zip(fields(echo), leakage, strict=True)
+        )
+    )
+    places = np.asarray(elements).tolist()
+    turns = [raw_uniforms(f"leakage {p} {q} of {scenario.name}", 1) for p, q in places]
+    phases = np.exp(2j * np.pi * np.reshape(turns, (1, -1)))
+    return echo, np.concatenate([responses, phases])
 
 
 def _superposed(
@@ -288,8 +324,9 @@ def transmitted_noise(scenario: Scenario, trial: int, seed: int) -> Complex:
 
 def _echoed_noise(scenario: Scenario, gate: Gate, noise: Complex) -> Complex:
     """Cells (n_range, n_doppler, P, Q) of noise (n_subcarriers, n_symbols) that is a factor on every echo."""
-    echo, array = echo_parameters(scenario), scenario.array
-    directions = echo.gain[:, None] * element_responses(scenario, echo, array.positions)
+    array = scenario.array
+    echo, directions = echo_responses(scenario, array.positions)
+    directions = echo.gain[:, None] * directions
     parts = []
     for n, m, own in array.shares:
         sent = np.zeros_like(noise)

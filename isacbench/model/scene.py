@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
 
-PLAIN_RADIO = {"noise": ("system", "receiver"), "mimo": ("array", "ideal")}
+PLAIN_RADIO = {"noise": ("system", "receiver"), "mimo": ("array", "ideal"), "leakage_db": ("array", None)}
 """Options of the radio that not every task models: their tables and defaults."""
 
 ERRORS = "gain_error_db", "phase_error_deg"
@@ -214,7 +214,7 @@ class Scenario(Displayed):
         ----------
         task : str
             What does not model them.
-        *options : {"noise", "mimo"}
+        *options : {"noise", "mimo", "leakage_db"}
 
         Raises
         ------

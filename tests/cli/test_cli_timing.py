@@ -13,7 +13,7 @@ def test_a_folder_goes_on_timed_is_compared_and_goes_on_without(cli):
     assert cli(*RUN, "-o", "out").exit_code == 0
     timed = cli(*RUN, "--timing", "--repeats", 2, "-o", "out")
     assert timed.exit_code == 0, timed.output
-    assert "tiny: median time of an estimate and its stages [ms], peak memory [MiB]" in timed.stdout
+    assert "tiny: median processor time of an estimate and its stages [ms], peak memory [MiB]" in timed.stdout
     assert "out: summary.csv, summary.md, stages.csv, stages.md, " in timed.stdout
     assert pd.read_parquet("out/results.parquet")["timing"].all()
 

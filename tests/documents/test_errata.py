@@ -190,6 +190,21 @@ def test_snr_of_the_published_program():
         assert 0.25 < score(scenario.truth, street, region=scenario.region)["recall"] < 0.55
 
 
+def test_snr_of_the_three_clouds():
+    scenario, estimator = load_scenario("street"), build_estimator("music2d")
+    simulator = Simulator(scenario)
+
+    def recall(snr_db):
+        cloud = estimator.estimate(simulator.observe(snr_db))
+        return score(scenario.truth, cloud, region=scenario.region)["recall"]
+
+    plateau = [recall(snr_db) for snr_db in (-20.0, -5.0, 10.0)]
+    shifted = [recall(snr_db - 25.0) for snr_db in (-20.0, -5.0, 10.0)]
+    assert max(plateau) - min(plateau) < 0.1
+    assert shifted[0] < 0.5 * plateau[0]
+    assert shifted[0] + 0.2 < shifted[1] < shifted[2] - 0.1
+
+
 def test_prs_symbols_and_comb_offsets():
     of_slot = prs_elements(System())[:, :14]
     symbols = np.flatnonzero(of_slot.any(axis=0))

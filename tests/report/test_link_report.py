@@ -94,7 +94,7 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     assert [row[0] for row in imaged_grid.rows] == ["0", "40"]
     assert imaged_grid.title.startswith(
         "tiny, blob: mean imaging deviation by what is sensed with, 2 trials, "
-        "no confidence interval below 5; median time "
+        "no confidence interval below 5; median processor time "
     )
     assert not any("±" in cell for row in imaged_grid.rows for cell in row[1:])
     assert known.title.startswith("awgn, channel known: bit error rate")

@@ -65,6 +65,25 @@ def gain_db(scenario: Scenario) -> float:
     return float(10 * np.log10(gain * n_p * n_q / echo_power))
 
 
+def median_gain_db(scenario: Scenario) -> float:
+    """Gain in dB from the SNR of the scene at one element to that of its median scatterer after all sums.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    float
+        -inf where half of the amplitudes are 0.
+    """
+    amplitude = scenario.scatterers.amplitude
+    if scenario.system.noise == "transmitter" or not amplitude.size:
+        return gain_db(scenario)
+    with np.errstate(divide="ignore"):
+        return gain_db(scenario) + float(20 * np.log10(np.median(np.abs(amplitude))))
+
+
 def radio_places(scenario: Scenario, points: PointCloud | Scatterers) -> Floats:
     """Places of points as the radio sees them.
 

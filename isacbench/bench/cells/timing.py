@@ -58,7 +58,7 @@ class Repeats(NamedTuple):
         Of all timed repeats, and last that of the repeat whose memory was
         watched.
     time_s : float
-        Median wall time of a repeat.
+        Median processor time of a repeat.
     columns : dict of str to float
         Values of `isacbench.bench.cells.record.TIMING_COLUMNS`: the median of
         each stage, 0 if it did not occur; half the distance between the

@@ -14,6 +14,22 @@ if TYPE_CHECKING:
 TIME = "time_estimate_s"
 
 
+def time_words(records: pd.DataFrame) -> str:
+    """Say what the times of a run are: those of cells that ran beside others mislead.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run.
+
+    Returns
+    -------
+    str
+    """
+    is_alone = records["timing"].astype(bool)[~failed(records)].all()
+    return "median processor time" + ("" if is_alone else " (not measured alone)")
+
+
 def median_times(records: pd.DataFrame, by: Sequence[str], columns: Sequence[str] = (TIME,)) -> pd.DataFrame:
     """Take the median over the cells of each group, whatever their SNR and trial.
 

@@ -176,8 +176,9 @@ class SharedObservation(ABC):
         """Row of an entry without a cloud: its work timed, the number that it found, and further columns."""
         start = time.perf_counter()
         try:
+            started_s = time.process_time()
             result = work()
-            time_s = time.perf_counter() - start
+            time_s = time.process_time() - started_s
         except KeyboardInterrupt:
             raise
         except BaseException as error:

@@ -53,6 +53,7 @@ def _describe_family(family: Family) -> dict[str, Any]:
 
 def _describe_parameter(schema: dict[str, Any]) -> dict[str, Any]:
     """Type, allowed values and default of a parameter from its JSON schema."""
+    schema = {**schema.get("anyOf", [{}])[0], **schema}
     described = {"type": schema["type"]}
     if "enum" in schema:
         described["allowed"] = " or ".join(schema["enum"])

@@ -40,6 +40,17 @@ STAGES = Tables(
 """Times of stages, which every kind of suite has."""
 
 
+OF_TIMED_IMAGES = {
+    "stages": STAGES,
+    "pareto": Tables("isacbench.report.tables.pareto:summarise_times"),
+    "budgets": Tables(
+        "isacbench.report.tables.budgets:summarise_budgets",
+        "isacbench.report.tables.budgets:budget_grids",
+    ),
+}
+"""Tables of timed runs whose images are scored."""
+
+
 @dataclass(frozen=True)
 class Kind:
     """Kind of suite.

@@ -123,7 +123,7 @@ def received_waveform(
     InputWarning
         If echoes arrive when the cyclic prefix has passed.
     """
-    scenario.require_default("a waveform", "noise", "mimo")
+    scenario.require_default("a waveform", "noise", "mimo", "leakage_db")
     amplitude = Simulator(scenario).noise_amplitude(snr_db)
     paths = echo_paths(scenario, elements)
     _warn_of_interference(scenario)
@@ -180,7 +180,7 @@ def observe_waveform(
     InputWarning
         If echoes arrive when the cyclic prefix has passed.
     """
-    scenario.require_default("an observation through the waveform", "noise", "mimo")
+    scenario.require_default("an observation through the waveform", "noise", "mimo", "leakage_db")
     simulator, system = Simulator(scenario), scenario.system
     amplitude = simulator.noise_amplitude(snr_db)
     signal = Signal(modulation, sensing, division, n_id)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft
-from isacbench.model.echo import echo_parameters, element_responses, is_dust
+from isacbench.model.echo import echo_responses, is_dust
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,8 +49,9 @@ def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -
     -------
     ndarray of complex128, shape (n_range, n_doppler, P, Q)
     """
-    echo, system = echo_parameters(scenario), scenario.system
-    coordinates, basis = _dimensions(element_responses(scenario, echo, scenario.array.positions))
+    system = scenario.system
+    echo, responses = echo_responses(scenario, scenario.array.positions)
+    coordinates, basis = _dimensions(responses)
     at_dimensions = _cells(echo, gate, weight, coordinates)
     # Explicit sizes, because -1 cannot be resolved where a scene is empty.
     n_cells, (n_dimensions, n_elements) = gate.shape[0] * gate.shape[1], basis.shape

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         DensityParameters,
         FamilyParameters,
         SparseParameters,
+        WeakParameters,
     )
 
 Content = dict[str, Any]
@@ -110,12 +111,12 @@ def draw_town(parameters: DensityParameters, key: str) -> Content:
     return _content(parameters, _mixed(draws, _ground(), parameters.density))
 
 
-def draw_weak(parameters: DensityParameters, key: str) -> Content:
-    """Draw a town whose objects have amplitudes from 0.01 to 1, uniform in dB.
+def draw_weak(parameters: WeakParameters, key: str) -> Content:
+    """Draw a town whose objects have amplitudes up to 1, uniform in dB over the dynamic range.
 
     Parameters
     ----------
-    parameters : DensityParameters
+    parameters : WeakParameters
     key : str
 
     Returns
@@ -125,7 +126,7 @@ def draw_weak(parameters: DensityParameters, key: str) -> Content:
     draws = Draws(key)
     objects = _mixed(draws, _ground(), parameters.density)
     for entry in objects:
-        entry["amplitude"] = round(10 ** (-2 * draws.uniform()), 4)
+        entry["amplitude"] = round(10 ** (-parameters.dynamic_range_db / 20 * draws.uniform()), 4)
     return _content(parameters, objects)
 
 
@@ -314,7 +315,7 @@ def _rayleigh_coordinates(place: list[float], speed_mps: float) -> np.ndarray:
 
 def _content(parameters: FamilyParameters, objects: list[Content]) -> Content:
     """Content of a scenario file."""
-    of_array = {"gain_error_db", "phase_error_deg", "mimo"}
+    of_array = {"gain_error_db", "phase_error_deg", "mimo", "leakage_db"}
     return {
         **({"visible": "seen"} if parameters.visible == "seen" else {}),
         "system": {"coherent_phase": parameters.coherent_phase},

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, StrictBool
 from isacbench.choices import Mimo, NoiseSource
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, read_toml
-from isacbench.model.array import VirtualArray
+from isacbench.model.array import MOST_LEAKAGE_DB, VirtualArray
 from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
@@ -102,6 +102,7 @@ Ratio = Annotated[Finite, Field(ge=0, le=1)]
 Count = Annotated[int, Field(strict=True, ge=1)]
 GainError = Annotated[Finite, Field(ge=0, le=MOST_ERRORS[0])]
 PhaseError = Annotated[Finite, Field(ge=0, le=MOST_ERRORS[1])]
+Leakage = Annotated[Finite, Field(ge=-MOST_LEAKAGE_DB, le=MOST_LEAKAGE_DB)]
 Limits = Annotated[tuple[Finite, Finite], AfterValidator(_ascending)]
 
 
@@ -126,6 +127,7 @@ class _ArrayTable(FileTable):
     rx_spacing: Count = VirtualArray.rx_spacing
     ascending: tuple[Literal["-u", "+u"], Literal["-w", "+w"]] = ("-u", "-w")
     mimo: Mimo = VirtualArray.mimo
+    leakage_db: Leakage | None = VirtualArray.leakage_db
     gain_error_db: GainError = Scenario.gain_error_db
     phase_error_deg: PhaseError = Scenario.phase_error_deg
 

@@ -39,6 +39,8 @@ class FamilyParameters(BaseModel):
         Standard deviations of the gain and phase errors of the virtual elements.
     mimo : {"ideal", "comb", "tdm"}
         How the transmitters are told apart.
+    leakage_db : float or None
+        Power of the direct path from the transmitters over that of all echoes.
     visible : {"all", "seen"}
         Scatterers of transparent objects, or those that the base station sees past all surfaces.
     """
@@ -51,6 +53,7 @@ class FamilyParameters(BaseModel):
     gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
     phase_error_deg: Annotated[float, Field(strict=True, ge=0, le=180, allow_inf_nan=False)] = 0.0
     mimo: Mimo = "ideal"
+    leakage_db: Annotated[float, Field(strict=True, ge=-200, le=200)] | None = None
     visible: Literal["all", "seen"] = "all"
 
 
@@ -64,6 +67,18 @@ class DensityParameters(FamilyParameters):
     """
 
     density: Literal["low", "medium", "high"] = "medium"
+
+
+class WeakParameters(DensityParameters):
+    """Parameters of the family ``weak``.
+
+    Attributes
+    ----------
+    dynamic_range_db : float
+        Range of the powers of objects.
+    """
+
+    dynamic_range_db: Annotated[float, Field(strict=True, ge=0, le=60, allow_inf_nan=False)] = 40.0
 
 
 class CrowdParameters(FamilyParameters):
@@ -145,9 +160,9 @@ FAMILIES: dict[str, Family] = {
         Family(
             "weak",
             1,
-            "a town whose objects differ by 40 dB in echo",
+            "a town whose objects differ by up to 40 dB in echo, or as given",
             f"{_DRAWN}:draw_weak",
-            DensityParameters,
+            WeakParameters,
         ),
         Family(
             "sparse",

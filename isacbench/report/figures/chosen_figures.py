@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.compare.scene_scores import SCENE_KINDS
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, summarise_scores
@@ -111,11 +112,12 @@ def _figures(results: Results, choice: FigureChoice) -> Iterator[NamedFigure]:
     summary = summarise_scores(records)
     for scenario, stem in file_stems(records["scenario"].unique()).items():
         scene, own = results.scenarios[scenario], records[records["scenario"] == scenario]
+        gain_db = median_gain_db(scene)
         if choice.metric is not None:
-            figure = draw_score(summary, scenario, choice.metric, looks, scene.radius_m)
+            figure = draw_score(summary, scenario, choice.metric, looks, scene.radius_m, gain_db)
             yield f"{choice.metric}-{stem}", figure
         elif not is_of_images:
-            yield f"curves-{stem}", draw_scores(summary, scenario, looks, scene.radius_m)
+            yield f"curves-{stem}", draw_scores(summary, scenario, looks, scene.radius_m, gain_db)
         if choice.metric is not None and not is_of_images:
             continue
         trial = int(own["trial"].min()) if choice.trial is None else choice.trial

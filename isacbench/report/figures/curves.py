@@ -149,6 +149,7 @@ def draw_scores(
     scenario: str,
     looks: Mapping[Variant, LineLook],
     radius_m: float,
+    gain_db: float | None = None,
 ) -> Figure:
     """Draw the deviation of one scenario, its components, and the other scores.
 
@@ -161,12 +162,14 @@ def draw_scores(
     looks : mapping of (str, str) to LineLook
     radius_m : float
         Radius of precision and recall in m.
+    gain_db : float, optional
+        From the SNR to that of a median scatterer after all gains.
 
     Returns
     -------
     Figure
     """
-    return _draw_panels(summary, scenario, PANELS, looks, radius_m)
+    return _draw_panels(summary, scenario, PANELS, looks, radius_m, gain_db)
 
 
 def draw_score(
@@ -175,6 +178,7 @@ def draw_score(
     column: str,
     looks: Mapping[Variant, LineLook],
     radius_m: float,
+    gain_db: float | None = None,
 ) -> Figure:
     """Draw one score of one scenario.
 
@@ -187,13 +191,15 @@ def draw_score(
     looks : mapping of (str, str) to LineLook
     radius_m : float
         Radius of precision and recall in m.
+    gain_db : float, optional
+        From the SNR to that of a median scatterer after all gains.
 
     Returns
     -------
     Figure
     """
     panels = [panel for panel in PANELS if panel.column == column]
-    return _draw_panels(summary, scenario, panels, looks, radius_m)
+    return _draw_panels(summary, scenario, panels, looks, radius_m, gain_db)
 
 
 def _draw_panels(
@@ -202,11 +208,14 @@ def _draw_panels(
     chosen: Sequence[_Panel],
     looks: Mapping[Variant, LineLook],
     radius_m: float,
+    gain_db: float | None,
 ) -> Figure:
     """Draw some scores of one scenario."""
     part = summary[summary["scenario"] == scenario]
     looks = looks_over(part["snr_db"], looks)
     title = f"{drawable(scenario)}: {mean_of_trials(int(part['n_cells'].max()))}"
+    if gain_db is not None:
+        title += f"\na median scatterer after all gains: SNR {gain_db:+.1f} dB"
     figure, panels = panel_grid(len(chosen), _legend(looks, part), title)
     for axes, panel in zip(panels, chosen, strict=True):
         _draw_panel(axes, panel, looks, part)

@@ -133,7 +133,7 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
     at_snr = {snr_db: part[part["snr_db"] == snr_db] for snr_db in snrs_db}
     for axes, (snr_db, rows) in zip(panels, at_snr.items(), strict=True):
         axes.set_title(f"{snr_db:g} dB")
-        axes.set(xlabel="median run time of an image [ms]", ylabel="imaging deviation")
+        axes.set(xlabel="median processor time of an image [ms]", ylabel="imaging deviation")
         axes.grid(True)
         _draw_points(axes, rows, looks)
     # Numbers and the end of the frontier take their places from the layout, which stays as it is.
@@ -172,7 +172,7 @@ def draw_stages(rows: pd.DataFrame, points: pd.DataFrame, scenario: str) -> Figu
     if shares is None:
         return None
     legend = [Patch(color=STAGE_COLOURS[stage], label=stage) for stage in map(str, shares)]
-    title = f"{drawable(scenario)}: share of the stages in the run time"
+    title = f"{drawable(scenario)}: share of the stages in the processor time"
     n_bars = part.groupby("snr_db").size().to_numpy()
     size_in = (
         BARS_IN + NOTE_IN + LETTER_IN * part["label"].str.len().max(),
@@ -183,7 +183,7 @@ def draw_stages(rows: pd.DataFrame, points: pd.DataFrame, scenario: str) -> Figu
     for axes, (snr_db, group) in zip(panels, part.groupby("snr_db"), strict=True):
         axes.set_title(f"{snr_db:g} dB")
         _draw_bars(axes, group.sort_values("time_s"), shares)
-    panels[-1].set_xlabel("share of the run time [%]")
+    panels[-1].set_xlabel("share of the processor time [%]")
     return figure
 
 
@@ -192,7 +192,7 @@ def _average(part: pd.DataFrame) -> str:
     n_trials = int(part["n_trials"].max())
     if n_trials == 1:
         return "one trial"
-    return f"mean deviation over median run time of {trials_and_band(n_trials, 'interval')}"
+    return f"mean deviation over median processor time of {trials_and_band(n_trials, 'interval')}"
 
 
 def _legend(part: pd.DataFrame, looks: Mapping[Variant, LineLook], is_numbered: bool) -> list[Line2D]:

@@ -25,6 +25,7 @@ from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lin
 from isacbench.report.drawing.style import drawable, file_stems, looks_over, new_figure
 from isacbench.report.figures.cloud_figures import Image, draw_comparison
 from isacbench.report.figures.curves import nearest_values, variant_looks, write_plain_numbers
+from isacbench.report.figures.run_figures import tradeoffs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -109,6 +110,7 @@ def population_figures(results: Results) -> Iterator[NamedFigure]:
     lone = summary.loc[summary["n_false_mean"].notna(), "family"].unique()
     for family, stem in file_stems(lone).items():
         yield f"targets-{stem}", draw_targets(summary, family, looks)
+    yield from tradeoffs(results, looks)
     yield from _worst_images(results, cells, looks)
 
 

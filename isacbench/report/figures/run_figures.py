@@ -7,6 +7,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import (
     MANY_SCENARIOS,
@@ -106,7 +107,7 @@ def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = 
 def imaging_figures(results: Results) -> Iterator[NamedFigure]:
     """Draw scores over SNR, run time against error where the time counts, and clouds.
 
-    Of more than 12 scenarios only their mean deviation is drawn.
+    Of more than 12 scenarios only their mean deviation and times are drawn.
 
     Parameters
     ----------
@@ -121,9 +122,10 @@ def imaging_figures(results: Results) -> Iterator[NamedFigure]:
     looks = variant_looks(results.records)
     if _is_crowded(results):
         yield "deviation", _mean_deviation(results, looks)
+        yield from tradeoffs(results, looks)
         return
     yield from _curves(results, looks)
-    yield from _tradeoffs(results, looks)
+    yield from tradeoffs(results, looks)
     yield from _clouds(results, looks)
 
 
@@ -144,8 +146,20 @@ def _mean_deviation(results: Results, looks: dict[Variant, LineLook]) -> Figure:
     return draw_deviations(average_scenarios(results.records), looks, mean_of_scenarios(n_scenarios))
 
 
-def _tradeoffs(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Run time against error of every scenario, where the time counts."""
+def tradeoffs(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
+    """Draw time against error of every scenario, or of many together, where the time counts.
+
+    Parameters
+    ----------
+    results : Results
+    looks : mapping of (str, str) to LineLook
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
     rows = timed_rows(results.records)
     if rows.empty:
         return
@@ -162,8 +176,11 @@ def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedF
     summary = summarise_scores(results.records)
     yield "deviation", draw_deviations(summary, looks)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
-        radius_m = results.scenarios[scenario].radius_m
-        yield f"curves-{stem}", draw_scores(summary, scenario, looks, radius_m)
+        scene = results.scenarios[scenario]
+        yield (
+            f"curves-{stem}",
+            draw_scores(summary, scenario, looks, scene.radius_m, median_gain_db(scene)),
+        )
 
 
 def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:

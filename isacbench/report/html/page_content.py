@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.matching import code_version
@@ -55,7 +56,7 @@ DASHES = {"-": "solid", "-.": "dashdot", ":": "dot", "--": "dash", "": "solid"}
 FURTHER_METRICS = {
     "ratio": "Hausdorff sum over that of the oracle, mean (summary.md has the median)",
     "n_estimated": "estimated points",
-    TIME: "median time of an estimate [s]",
+    TIME: "median processor time of an estimate [s]",
 }
 
 HIDDEN = ("seed", "suite", "environment", "scenario_content", "timing", "n_stored", RUN)
@@ -199,6 +200,7 @@ def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]
                 "frame": run.manifest["scenarios"].get(template.name, {}).get("frame", {}).get("name", ""),
                 "coherent_phase": template.system.coherent_phase,
                 "radius_m": template.radius_m,
+                "gain_db": numbers([median_gain_db(drawn[0])])[0],
                 "station_m": numbers(template.base_station_m),
                 "region_m": [list(template.region.x_m), list(template.region.y_m), list(template.region.z_m)],
                 "speed_mps": max(map(abs, template.region.speed_mps)),
@@ -336,4 +338,4 @@ def _times(joined: JoinedRuns) -> dict[str, Any]:
     points = summarise_points(rows, find_limits(rows))
     variants = zip(points["estimator"], points["params"], strict=True)
     points["label"] = [joined.labels[variant] for variant in variants]
-    return {"points": json_rows(points), "stages": json_rows(summarise_stages(records))}
+    return {"points": json_rows(points), "stages": json_rows(summarise_stages(rows))}

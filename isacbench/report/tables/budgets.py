@@ -11,7 +11,6 @@ import pandas as pd
 
 from isacbench.bench.compare.statistics import best_p_values, smallest_p_value, trials_needed
 from isacbench.bench.plan.labels import find_limits
-from isacbench.bench.studies.imaging_study import MANY_SCENARIOS
 from isacbench.report.tables.pareto import summarise_points, timed_rows
 from isacbench.report.tables.run_tables import Grid
 
@@ -105,13 +104,12 @@ def budget_grids(records: pd.DataFrame) -> list[Grid]:
     Returns
     -------
     list of Grid
-        Empty where nothing was timed. Of more than 12 scenarios all are details.
+        Empty where nothing was timed.
     """
     summary = summarise_budgets(records)
     if summary.empty:
         return []
-    is_detail = summary["scenario"].nunique() > MANY_SCENARIOS
-    return [_grid(part)._replace(is_detail=is_detail) for _, part in summary.groupby(PANEL, sort=False)]
+    return [_grid(part) for _, part in summary.groupby(PANEL, sort=False)]
 
 
 def _rows(points: pd.DataFrame, deviations: Floats) -> Iterator[dict[str, object]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.plan.labels import Variant, estimator_labels, variants_in
 from isacbench.bench.studies.link_study import outside_interval, summarise_link
-from isacbench.bench.studies.medians import TIME, median_times
+from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.files.escaping import counted
 from isacbench.report.tables.run_tables import (
     Grid,
@@ -52,7 +52,7 @@ def link_grids(records: pd.DataFrame) -> list[Grid]:
     summary = summarise_link(records)
     of_user = summary["channel"] != ""
     times_s = median_times(records, IMAGED)[f"{TIME}_median"]
-    return _sensed(summary[~of_user], times_s) + _received(summary[of_user])
+    return _sensed(summary[~of_user], times_s, time_words(records)) + _received(summary[of_user])
 
 
 def signals_of_part(part: pd.DataFrame) -> list[Signal]:
@@ -115,7 +115,7 @@ def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     }
 
 
-def _sensed(summary: pd.DataFrame, times_s: pd.Series[float]) -> list[Grid]:
+def _sensed(summary: pd.DataFrame, times_s: pd.Series[float], words: str) -> list[Grid]:
     """Deviations, signals over SNR, with the median time of a scenario's images."""
     labels = estimator_labels(variants_in(summary))
     found = []
@@ -125,7 +125,7 @@ def _sensed(summary: pd.DataFrame, times_s: pd.Series[float]) -> list[Grid]:
             f"{template}, {labels[variant[0], variant[1]]}: mean imaging deviation by what is sensed with, "
             f"{trials_and_band(int(part['n_cells'].max()), 'interval')}"
         )
-        title += written(1e3 * times_s.get(key, math.nan), "; median time {:.1f} ms")
+        title += written(1e3 * times_s.get(key, math.nan), f"; {words} {{:.1f}} ms")
         texts = text_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL, deviation_text)
         for signals in batched(signals_of_part(part), SIGNALS_A_TABLE):
             found.append(_over_snr(title, texts[signals], map(signal_label, signals)))

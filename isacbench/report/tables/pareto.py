@@ -1,6 +1,7 @@
 """Run time against error: the points of a timed run, and which of them are worth their time.
 
-What a point is: one estimator with its parameters, on one scenario at one SNR.
+What a point is: one estimator with its parameters, on one scenario at one SNR; of
+more than 12 scenarios, on all of them, each of which counts as a trial.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import pandas as pd
 
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.plan.labels import estimator_labels, find_limits
-from isacbench.bench.studies.imaging_study import summarise_scores
+from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, summarise_scores
 from isacbench.bench.studies.intervals import median_interval
 
 if TYPE_CHECKING:
@@ -83,10 +84,27 @@ def timed_rows(records: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        None where nothing was timed.
+        None where nothing was timed. Of more than 12 scenarios means over the trials of each, as
+        trials of one scenario.
     """
     is_timed = records["timing"].astype(bool)
-    return records[is_timed | (failed(records) & bool(is_timed.any()))]
+    return _pooled(records[is_timed | (failed(records) & bool(is_timed.any()))])
+
+
+def _pooled(rows: pd.DataFrame) -> pd.DataFrame:
+    """Many scenarios as trials of one; one that failed in any trial has failed."""
+    n_scenarios = rows["scenario"].nunique()
+    if n_scenarios <= MANY_SCENARIOS:
+        return rows
+    groups = rows.assign(failed=failed(rows)).groupby(POINT, sort=False)
+    table, has_failed = groups.first(), groups["failed"].any()
+    numbers = rows.select_dtypes(np.float64).columns.drop("snr_db", errors="ignore").tolist()
+    table[numbers] = groups[numbers].mean()[~has_failed]
+    table["status"] = table["status"].mask(has_failed, "error")
+    table = table.reset_index()
+    return table.assign(
+        trial=pd.factorize(table["scenario"])[0], scenario=f"{n_scenarios} scenarios as trials"
+    )
 
 
 def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataFrame:

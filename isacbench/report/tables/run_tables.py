@@ -10,7 +10,7 @@ import pandas as pd
 from isacbench.bench.plan.labels import estimator_labels, variants_in
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, average_scenarios, summarise_scores
 from isacbench.bench.studies.intervals import MIN_TRIALS
-from isacbench.bench.studies.medians import TIME, median_times
+from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.files.escaping import in_markdown, visible
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 
@@ -169,13 +169,13 @@ def score_grids(records: pd.DataFrame) -> list[Grid]:
     n_scenarios, found = records["scenario"].nunique(), []
     is_detail = n_scenarios > MANY_SCENARIOS
     if is_detail:
-        title = f"{mean_of_scenarios(n_scenarios)}; median time of an image"
+        title = f"{mean_of_scenarios(n_scenarios)}; {time_words(records)} of an image"
         of_all_s = median_times(records, VARIANT)[f"{TIME}_median"]
         all_s = {variant: of_all_s.get(variant, math.nan) for variant in labels}
         found += _estimators_over_snr(average_scenarios(records), title, labels, all_s)
-    times_s = median_times(records, ["scenario", *VARIANT])[f"{TIME}_median"]
+    times_s, words = median_times(records, ["scenario", *VARIANT])[f"{TIME}_median"], time_words(records)
     for scenario, part in summarise_scores(records).groupby("scenario", sort=False):
-        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; median time of an image"
+        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; {words} of an image"
         if DEVIATION_SPREAD in records and records[DEVIATION_SPREAD].notna().any():
             title += "; ± of references: spread over realisations"
         own_s = {variant: times_s.get((scenario, *variant), math.nan) for variant in labels}

@@ -89,7 +89,7 @@ def stage_grids(records: pd.DataFrame) -> list[Grid]:
 
 def _stage_grid(name: str, table: pd.DataFrame, labels: Mapping[Variant, str]) -> Grid:
     """Times of some scenarios, a row an estimator."""
-    title = f"{name}: median time of an estimate and its stages [ms], peak memory [MiB]"
+    title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"
     header = ["estimator", "cells", "time", "spread", *STAGES, "memory"]
     rows = [_row(labels[entry["estimator"], entry["params"]], entry) for _, entry in table.iterrows()]
     return Grid(title, header, rows)

@@ -9,7 +9,7 @@ from isacbench.bench.cells.radio_coordinates import DIMENSIONS
 from isacbench.bench.plan.labels import estimator_labels, variants_in
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
-from isacbench.bench.studies.medians import TIME, median_times
+from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.bench.studies.power_maps import MAPS
 from isacbench.bench.studies.resolution_study import summarise_resolution
 from isacbench.report.tables.run_tables import (
@@ -58,7 +58,7 @@ def efficiency_grids(records: pd.DataFrame) -> list[Grid]:
         scenario, *variant = map(str, key)
         band = trials_and_band(int(part["n_trials"].max()), "interval")
         title = f"{scenario}, {labels[variant[0], variant[1]]}: error over Cramér-Rao bound, {band}"
-        title += written(1e3 * times_s.get(key, math.nan), "; median time {:.1f} ms")
+        title += written(1e3 * times_s.get(key, math.nan), f"; {time_words(records)} {{:.1f}} ms")
         rows = [
             [
                 f"{entry['snr_gain_db']:.4g}",

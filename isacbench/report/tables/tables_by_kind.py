@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.store.csv_table import without_formulas
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
-from isacbench.bench.store.run_store import recover_manifest
+from isacbench.bench.store.run_store import read_scenes, recover_manifest
+from isacbench.bench.studies.imaging_study import MANY_SCENARIOS
 from isacbench.bench.suites.suite_kinds import KINDS
+from isacbench.errors import InputError
+from isacbench.model.scene import warned_before
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.run_tables import Grid, markdown
 from isacbench.report.tables.stage_tables import is_timed
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from isacbench.bench.suites.kind import Tables
@@ -67,11 +72,28 @@ def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging")
         if stem in made:
             summary, grids = resolve_name(made[stem].summary)(records), _grids(made[stem], records)
         if stem == "summary":
-            grids += failure_grids(records, manifest)
+            grids += _gain_grids(folder, manifest) + failure_grids(records, manifest)
         csv = "" if summary.empty else without_formulas(summary).to_csv(index=False)
         written += _write(folder / f"{stem}.csv", csv)
         written += _write(folder / f"{stem}.md", "\n".join(map(markdown, grids)))
     return written
+
+
+def _gain_grids(folder: Path, manifest: Mapping[str, Any]) -> list[Grid]:
+    """SNR of a median scatterer after all gains; nothing where no scenario is stored, or trials draw."""
+    try:
+        with warned_before():
+            _, scenarios, draws = read_scenes(folder, manifest)
+    except InputError:
+        return []
+    gains_db = {name: median_gain_db(scenario) for name, scenario in scenarios.items()}
+    if len(gains_db) > MANY_SCENARIOS:
+        low, high = min(gains_db.values()), max(gains_db.values())
+        rows = [[f"{len(gains_db)} scenarios", f"{low:+.1f} to {high:+.1f}"]]
+    else:
+        rows = [[name, f"{gain_db:+.1f}"] for name, gain_db in gains_db.items()]
+    title = "SNR of a median scatterer after all gains, over the SNR of a resource element"
+    return [Grid(title, ["scenario", "dB"], rows, is_detail=True)] if draws.empty else []
 
 
 def _by_stem(records: pd.DataFrame, kind: str) -> dict[str, Tables]:

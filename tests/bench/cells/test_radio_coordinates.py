@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from isacbench.bench.cells.radio_coordinates import (
     draw_place,
     gain_db,
+    median_gain_db,
     radio_places,
     rayleigh_cells,
     space_places,
@@ -31,6 +32,10 @@ def test_the_gain_sums_all_resource_and_array_elements_for_one_unit_scatterer(ro
     assert gain_db(one) == pytest.approx(all_elements)
     # The SNR of a scene counts all of its power, which three scatterers share.
     assert gain_db(three) == pytest.approx(all_elements - 10 * math.log10(3))
+    scatterers = dataclasses.replace(three.scatterers, amplitude=np.array([0.1, 2.0, 3.0]))
+    unequal = dataclasses.replace(three, scatterers=scatterers)
+    assert median_gain_db(three) == gain_db(three)
+    assert median_gain_db(unequal) == pytest.approx(all_elements + 10 * math.log10(4 / 13.01))
 
 
 @given(

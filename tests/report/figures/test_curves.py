@@ -116,3 +116,8 @@ def test_long_labels_do_not_overlap_in_the_legend(monkeypatch):
     legend = figure.legends[0].get_window_extent()
     assert 0 <= legend.x0 < legend.x1 <= figure.bbox.width
     assert legend.y1 < min(axes.get_tightbbox().y0 for axes in figure.axes)
+
+
+def test_the_title_tells_the_snr_after_all_gains():
+    figure = draw_scores(summary_of(a=0.1, limit=0.2), "street", LOOKS, radius_m=1.0, gain_db=54.03)
+    assert figure.get_suptitle().endswith("\na median scatterer after all gains: SNR +54.0 dB")

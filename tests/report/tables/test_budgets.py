@@ -124,6 +124,8 @@ def test_tables_of_budgets_are_written_where_times_count_and_go_where_they_do_no
 def test_what_is_printed_has_the_budgets_after_the_summary_in_lines_that_fit(timed):
     rows = timed(a=(0.01, 1.0), b=(0.3, 0.5))
     summary, *_, budgets = grids_of(rows)
-    assert summary.title == "street: mean of 8 trials, 95 % confidence band; median time of an image"
+    assert (
+        summary.title == "street: mean of 8 trials, 95 % confidence band; median processor time of an image"
+    )
     assert "least mean deviation within a time" in budgets.title
     assert max(map(len, printed(budgets))) <= 100

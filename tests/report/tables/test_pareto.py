@@ -125,3 +125,19 @@ def test_memory_is_told_where_it_was_measured(timed):
 def test_limits_are_found_by_name_and_what_is_not_installed_is_none(plugins, timed):
     rows = timed(seer=(0.1, 1.0), blob=(0.1, 1.0), gone=(0.1, 1.0))
     assert find_limits(rows) == {"seer"}
+
+
+def test_many_scenarios_are_trials_of_one_and_each_counts_once(timed):
+    parts = [
+        timed(2, scenario=f"scene {k}", a=([0.01 * k, 0.03 * k], [k, k + 2.0]), b=(1.0, 50.0))
+        for k in range(1, 14)
+    ]
+    rows = pd.concat(parts, ignore_index=True)
+    failing = rows["estimator"].eq("b") & rows["scenario"].eq("scene 5") & rows["trial"].eq(0)
+    rows.loc[failing, "status"] = "error"
+    a, b = summarise_times(rows).to_dict("records")
+    assert {a["scenario"], b["scenario"]} == {"13 scenarios as trials"}
+    assert (a["n_trials"], a["n_failed"], b["n_failed"]) == (13, 0, 1)
+    assert a["deviation_mean"] == pytest.approx(8.0)
+    assert a["time_s"] == pytest.approx(0.14)
+    assert (a["is_on_frontier"], b["is_complete"]) == (True, False)

@@ -81,7 +81,8 @@ def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(re
     assert summary["deviation_mean"].notna().all()
     assert summary["deviation_band"].isna().all()
     (grid,) = score_grids(few)
-    assert grid.title == "tiny: mean of 4 trials, no confidence band below 5; median time of an image"
+    times = "median processor time (not measured alone) of an image"
+    assert grid.title == f"tiny: mean of 4 trials, no confidence band below 5; {times}"
     assert not any("±" in cell for row in grid.rows for cell in row)
 
 

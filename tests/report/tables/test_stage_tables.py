@@ -28,7 +28,9 @@ def records(made_run):
 
 def test_a_row_has_the_median_times_of_an_estimator_and_leaves_stages_without_time_empty(records):
     street, yard = stage_grids(records)
-    assert street.title == "street: median time of an estimate and its stages [ms], peak memory [MiB]"
+    assert (
+        street.title == "street: median processor time of an estimate and its stages [ms], peak memory [MiB]"
+    )
     assert yard.title.startswith("yard: ")
     row = dict(zip(street.header, street.rows[0], strict=True))
     assert row == {
@@ -90,7 +92,7 @@ def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_wa
     assert [path.name for path in paths][:4] == ["summary.csv", "summary.md", "stages.csv", "stages.md"]
     written = pd.read_csv(tmp_path / "stages.csv")
     pd.testing.assert_frame_equal(written, summarise_stages(records).reset_index(drop=True))
-    assert (tmp_path / "stages.md").read_text().count("**street: median time of an estimate") == 1
+    assert (tmp_path / "stages.md").read_text().count("**street: median processor time of an estimate") == 1
     shown = score_grids(records) + stage_grids(records)
     assert grids_of(records)[: len(shown)] == shown
 
@@ -105,6 +107,6 @@ def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tmp_path):
 def test_of_many_scenarios_all_together_are_printed_and_each_is_a_detail(records):
     parts = [records.assign(scenario=f"town[seed={seed}]") for seed in range(13)]
     first, *others = stage_grids(pd.concat(parts, ignore_index=True))
-    assert first.title.startswith("13 scenarios: median time")
+    assert first.title.startswith("13 scenarios: median processor time")
     assert first.rows[0][:3] == ["blob", str(13 * 18), "12.00"]
     assert [grid.is_detail for grid in (first, *others)] == [False, *[True] * 13]

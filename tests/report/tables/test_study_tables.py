@@ -75,8 +75,8 @@ def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
     records["time_estimate_s"] = np.where(records["status"] == "error", 1e6, times_s)
     wanted = records[records["estimator"] == "seer"]["time_estimate_s"].median()
     first = grids_of(records, kind)[0]
-    text = first.title if kind == "efficiency" else f"median time {first.rows[-1][2]} ms"
-    assert text.endswith(f"median time {1e3 * wanted:.1f} ms")
+    text = first.title if kind == "efficiency" else f"time {first.rows[-1][2]} ms"
+    assert text.replace(" (not measured alone)", "").endswith(f"time {1e3 * wanted:.1f} ms")
 
 
 @pytest.mark.parametrize("kind", STUDIES)

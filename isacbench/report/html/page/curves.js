@@ -21,6 +21,12 @@ const curveOf = (scene, estimator, metric) => {
   };
 };
 
+/* The SNR of a median scatterer, which the axis of a single scene tells. */
+const afterGains = (name) => {
+  const gain = data.scenes.find((scene) => scene.name === name)?.gain_db;
+  return Number.isFinite(gain) ? `; ${told(gain, 3)} dB more after all gains, for a median scatterer` : "";
+};
+
 const buildCurves = (root) => {
   const chosen = h("div"),
     charts = h("div", { class: "grid wide" });
@@ -71,7 +77,7 @@ const buildCurves = (root) => {
       figure.draw(
         series.flatMap((one, place) => lineWithBand(one, data.estimators[shown[place]], metric.log)),
         {
-          xaxis: axis({ title: { text: "SNR [dB]" } }),
+          xaxis: axis({ title: { text: `SNR [dB]${afterGains(scene)}` } }),
           yaxis: axis({ ...axisNote(metric.axis, metric.log), rangemode: metric.log ? "normal" : "tozero" }),
           hovermode: "closest",
           showlegend: !isEvery || i === 0,

@@ -138,7 +138,7 @@ const buildTime = (root) => {
       })),
       {
         barmode: "stack",
-        xaxis: axis({ title: { text: "median time [ms]" } }),
+        xaxis: axis({ title: { text: "median processor time [ms]" } }),
         yaxis: axis({
           autorange: "reversed",
           tickvals: shown.map((_, i) => i),
