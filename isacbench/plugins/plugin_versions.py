@@ -49,7 +49,7 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
     >>> from isacbench.plugins.registry import get_estimator
     >>> found = plugin_version(get_estimator("oracle"))
     >>> list(found), found["isacbench"]["version"], len(found["isacbench"]["digest"])
-    (['isacbench'], '0.1.0', 64)
+    (['isacbench'], '0.2.0', 64)
     """
     local = {file.module_name: file for file in local_plugins()}
     found: dict[str, dict[str, str | None]] = {}
