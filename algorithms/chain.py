@@ -73,10 +73,6 @@ LAST_DIGITS_LOST = 4
 LEAST_NOISE = 1e-10
 """Least noise amplitude relative to the strongest cell: 200 dB below it, fits need not be more exact."""
 
-OWN_CELL_EXCESS = (3.0, 1.0)
-"""Largest amplitude in the next cell over that in its own: along range, where lines of scatterers have no
-local maximum, and along Doppler."""
-
 SIDELOBE_EXCESS = 1.1
 """Least amplitude over that of the response to a stronger scatterer of another cell; above 1 for what is
 wrong about its place. Images hardly change from 1.05 to 1.5."""
@@ -360,20 +356,21 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
         )
 
 
-def own_cell_test(located: ScatterersInCells) -> ScatterersInCells:
+def own_cell_test(located: ScatterersInCells, estimator: CellwiseEstimator) -> ScatterersInCells:
     """Keep the scatterers that are not much stronger in a neighbouring cell than in their own.
 
     Parameters
     ----------
     located : ScatterersInCells
+    estimator : CellwiseEstimator
+        Its `range_excess` and `doppler_excess` are used.
 
     Returns
     -------
     ScatterersInCells
-        Those whose amplitude next door is at most `OWN_CELL_EXCESS` times their own.
     """
     with stage("peaks"):
-        return located.at_home(*OWN_CELL_EXCESS)
+        return located.at_home(estimator.range_excess, estimator.doppler_excess)
 
 
 def sidelobe_test(
@@ -628,7 +625,8 @@ class CellwiseEstimator(MapEstimator):
     detection           argument `detector`
     plane waves         `plane_waves`; of subspace methods, the number of
                         sources: argument `model_order`, or `signal_order`
-    own-cell test       `own_cell_test`
+    own-cell test       arguments `range_excess` and `doppler_excess`, or
+                        `own_cell_test`
     sidelobe test       `sidelobe_test`
     cloud               `to_cloud`
     ==================  ===================================================
@@ -643,6 +641,10 @@ class CellwiseEstimator(MapEstimator):
         Rayleigh cells by which the direction of one of several plane waves of a
         cell may be wrong, given what they leave unexplained of it; None for any, as
         beamformers have it: their directions are off for reasons of their own.
+    range_excess, doppler_excess : float
+        Largest amplitude of a plane wave in the next cell over that in its own,
+        along range, where lines of scatterers have no local maximum, and along
+        Doppler.
     separable, single_stages, detector, pfa, integration, angle_pfa, dynamic_range_db
         See `MapEstimator`.
     local_dynamic_range_db, precision, detection_window
@@ -658,14 +660,29 @@ class CellwiseEstimator(MapEstimator):
     doppler_window: Window = "soft"
     max_sources: int = 6
     largest_direction_error: float | None = 0.33
-
-    own_cell_test = staticmethod(own_cell_test)
+    range_excess: float = 3.0
+    doppler_excess: float = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
         error = self.largest_direction_error
         require(error is None or error > 0, "largest_direction_error", error, "above 0, or none")
+        for name in ("range_excess", "doppler_excess"):
+            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
+
+    def own_cell_test(self, located: ScatterersInCells) -> ScatterersInCells:
+        """Keep the scatterers that are not much stronger in a neighbouring cell than in their own.
+
+        Parameters
+        ----------
+        located : ScatterersInCells
+
+        Returns
+        -------
+        ScatterersInCells
+        """
+        return own_cell_test(located, self)
 
     def sidelobe_test(self, located: ScatterersInCells, rdm: ReadMap, levels: Levels) -> LocatedScatterers:
         """Keep the scatterers that stand out of the sidelobes of stronger ones.

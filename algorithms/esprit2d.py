@@ -60,7 +60,8 @@ class Esprit2d(JointSubspaceEstimator):
         See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
+    range_excess, doppler_excess
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises
@@ -79,6 +80,7 @@ class Esprit2d(JointSubspaceEstimator):
     name: ClassVar[str] = "esprit2d"
 
     local_dynamic_range_db: float = 14.0
+    largest_direction_error: float | None = None
     subarray_fraction: float = 0.625
 
     def estimate(self, observation: Observation) -> PointCloud:

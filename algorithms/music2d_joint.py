@@ -77,7 +77,8 @@ class Music2dJoint(JointSubspaceEstimator):
         See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
-    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
+    range_excess, doppler_excess
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises

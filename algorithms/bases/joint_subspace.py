@@ -109,7 +109,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`. `max_sources` is
         also the largest dimension of a signal subspace.
-    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error
+    dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
+    range_excess, doppler_excess
         See `isacbench_algorithms.chain.CellwiseEstimator`.
 
     Raises

@@ -132,6 +132,7 @@ def test_every_choice_finds_well_separated_scatterers(estimator):
         ({"angle_pfa": float("nan")}, r"angle_pfa = nan"),
         ({"dynamic_range_db": 0.0}, r"dynamic_range_db = 0\.0: allowed is above 0"),
         ({"local_dynamic_range_db": -1.0}, r"local_dynamic_range_db = -1\.0: allowed is above 0"),
+        ({"doppler_excess": 0.9}, r"doppler_excess = 0\.9: allowed is 1 and more"),
         ({"largest_direction_error": 0.0}, r"largest_direction_error = 0\.0: allowed is above 0, or none"),
         ({"pfa": 2.0}, r"pfa = 2\.0"),
     ],
