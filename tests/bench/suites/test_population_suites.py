@@ -26,8 +26,8 @@ def specs(name):
 @pytest.mark.parametrize(
     ("name", "counts", "seeds", "errors"),
     [
-        ("population", COUNTS, range(1300, 1400), (0.0, 0.0)),
-        ("population-errors", COUNTS, range(1300, 1400), (0.5, 5.0)),
+        ("population", COUNTS, range(1400, 1500), (0.0, 0.0)),
+        ("population-errors", COUNTS, range(1400, 1500), (0.5, 5.0)),
         ("population-quick", dict.fromkeys(COUNTS, 4), range(500, 532), (0.0, 0.0)),
     ],
 )
