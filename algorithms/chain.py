@@ -74,8 +74,11 @@ LEAST_NOISE = 1e-10
 """Least noise amplitude relative to the strongest cell: 200 dB below it, fits need not be more exact."""
 
 SIDELOBE_EXCESS = 1.1
-"""Least amplitude over that of the response to a stronger scatterer of another cell; above 1 for what is
-wrong about its place. Images hardly change from 1.05 to 1.5."""
+"""Least amplitude over what a stronger scatterer of another cell shows there; above 1 for what is wrong
+about its place. Images hardly change from 1.05 to 1.5."""
+
+LEAST_LEFT = 0.33
+"""Least share of an amplitude that is left without what all stronger scatterers show there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,14 +396,15 @@ def sidelobe_test(
     Returns
     -------
     LocatedScatterers
-        Those whose amplitude is more than `SIDELOBE_EXCESS` times the response to each stronger one.
+        Those that stronger ones explain neither one by one, up to `SIDELOBE_EXCESS`, nor together, up to
+        `LEAST_LEFT`.
     """
     system, gated, limit_db = rdm.observation.system, rdm.selection, estimator.local_dynamic_range_db
     if gated.sees_lobes:
         with stage("refinement"):
             return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
     with stage("peaks"):
-        return located.clear_of_sidelobes(SIDELOBE_EXCESS, system).scatterers
+        return located.clear_of_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
 
 
 def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:

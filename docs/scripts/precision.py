@@ -61,7 +61,8 @@ def estimator_in(setting: str, name: str) -> Estimator | None:
     kind = type(get_estimator(bare))
     if not hasattr(kind, "single_stages"):
         return kind(**given) if not SETTINGS[setting] else None
-    if bare == "fft4d" and "subspace" in SETTINGS[setting]:
+    added = setting.removeprefix("+ ")
+    if added in {"music2d": ("selection",), "fft4d": ("selection", "subspace")}.get(bare, ()):
         return None
     partly = type(kind.__name__, (kind,), {"single_stages": SETTINGS[setting]})
     return partly(**given, precision="single" if SETTINGS[setting] else "double")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,9 @@ DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 
 TIE_DIGITS = 6
 """Digits to which powers and amplitudes are compared: the rest is rounding; of equal ones the first stays."""
+
+FAINT = 0.05
+"""Share of an amplitude below which the echo of another scatterer is not counted in it."""
 
 ONE_ECHO = 0.95
 """Least share of the energy in three bins that a single echo must explain."""
@@ -120,6 +124,8 @@ class ScatterersInCells:
     along_doppler : ndarray of float64, shape (n, 3)
         Amplitude in the next slower Doppler cell, in their own, and in the next
         faster one.
+    amplitudes : ndarray of complex128, shape (n,)
+        In their own cells, with phases.
     tapered : GatedMap
         Map of these cells.
     windows : (Window, Window)
@@ -130,6 +136,7 @@ class ScatterersInCells:
     cells: Integers
     along_range: Floats
     along_doppler: Floats
+    amplitudes: Complex
     tapered: GatedMap
     windows: tuple[Window, Window]
 
@@ -156,6 +163,7 @@ class ScatterersInCells:
             cells=self.cells[keep],
             along_range=self.along_range[keep],
             along_doppler=self.along_doppler[keep],
+            amplitudes=self.amplitudes[keep],
         )
 
     def at_home(self, range_excess: float, doppler_excess: float) -> ScatterersInCells:
@@ -180,18 +188,20 @@ class ScatterersInCells:
         home &= np.maximum(faster, slower) <= doppler_excess * level
         return self.select(home)
 
-    def clear_of_sidelobes(self, excess: float, system: System) -> ScatterersInCells:
-        """Select the scatterers that stand out of the responses to stronger ones, found in other cells.
+    def clear_of_sidelobes(self, excess: float, least_left: float, system: System) -> ScatterersInCells:
+        """Select the scatterers that the echoes of stronger ones, found in other cells, do not explain.
 
-        A stronger scatterer shows in the cell and in the direction of a weaker
-        one by the tapered kernels of range and Doppler and the beam of the
-        array: as a neighbour, a sidelobe or a grating lobe. The strongest
-        decide first, so that a sidelobe never hides a scatterer.
+        An echo shows in all cells and directions, by the tapered kernels of
+        range and Doppler and the beam of the array. The strongest decide
+        first, and what they drop explains nothing.
 
         Parameters
         ----------
         excess : float
-            Least amplitude over that of the response to each stronger one.
+            Least amplitude over what each stronger one shows there.
+        least_left : float
+            Least share of the amplitude that is left when what all stronger ones
+            show there, with its phases, is subtracted.
         system : System
 
         Returns
@@ -200,32 +210,37 @@ class ScatterersInCells:
             The strongest first.
         """
         ranked = self.select(np.argsort(-rounded(self.scatterers.power, TIE_DIGITS), kind="stable"))
-        found, own = ranked.scatterers, ranked.along_range[:, 1]
-        response = ranked._response(system) * np.sqrt(found.power)[:, None]
+        found, own = ranked.scatterers, ranked.amplitudes
+        shown = ranked._shown(system)
         elsewhere = (ranked.cells[:, None] != ranked.cells).any(axis=2)
-        stronger, weaker = np.nonzero(np.triu(elsewhere & (own <= excess * response), 1))
-        u, w = (np.stack([cosine[stronger], cosine[weaker]], axis=1) for cosine in (found.u, found.w))
-        beam = np.abs(ranked.tapered.aperture.towards(u, w).gram()[:, 0, 1])
-        hidden = own[weaker] <= excess * response[stronger, weaker] * beam
-        return ranked.select(_thinned(np.column_stack([stronger, weaker])[hidden], len(own)))
+        weaker, stronger = np.nonzero(np.tril(elsewhere & (np.abs(shown) > FAINT * np.abs(own)[:, None]), -1))
+        u, w = (np.stack([cosine[weaker], cosine[stronger]], axis=1) for cosine in (found.u, found.w))
+        echoes = shown[weaker, stronger] * ranked.tapered.aperture.towards(u, w).gram()[:, 0, 1]
+        kept = np.ones(len(own), dtype=np.bool_)
+        for k, pairs in enumerate(pairwise(np.searchsorted(weaker, np.arange(len(own) + 1)))):
+            seen = echoes[slice(*pairs)] * kept[stronger[slice(*pairs)]]
+            level, left = np.abs(own[k]), np.abs(own[k] - seen.sum())
+            kept[k] = level > excess * np.abs(seen).max(initial=0) and left > least_left * level
+        return ranked.select(kept)
 
-    def _response(self, system: System) -> Floats:
-        """Amplitudes (n, n) of unit echoes, each in the cells of all of them, as if in one direction."""
+    def _shown(self, system: System) -> Complex:
+        """Amplitudes (n, n) in the cell of each scatterer of all their echoes, as if in one direction."""
         tapered, (range_window, doppler_window) = self.tapered, self.windows
         rows, columns = tapered.index((self.cells[:, 0], self.cells[:, 1]))
         along_range = partial(dirichlet, n=system.n_subcarriers)
         along_doppler = tapered.doppler_kernel(system.n_symbols).response
         gate, found = tapered.gate, self.scatterers
-        range_kernel = _kernel(gate.range_bins, found.range_bin, range_window, along_range)
-        doppler_kernel = _kernel(gate.doppler_bins, found.doppler_bin, doppler_window, along_doppler)
-        return range_kernel[rows].T * doppler_kernel[columns].T
+        shown = _kernel(gate.range_bins, found.range_bin, range_window, along_range)[rows]
+        shown *= _kernel(gate.doppler_bins, found.doppler_bin, doppler_window, along_doppler)[columns]
+        shown *= self.amplitudes / np.diag(shown)
+        return shown
 
 
-def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[..., Complex]) -> Floats:
-    """Amplitudes (bins, places) of unit echoes in tapered bins."""
+def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[..., Complex]) -> Complex:
+    """Amplitudes (bins, places) of echoes of one amplitude in tapered bins."""
     n_side = reach(window)
     untapered = response(np.arange(bins[0] - n_side, bins[-1] + n_side + 1), places)
-    return np.abs(taper(untapered, window, axis=0)) / np.abs(response(np.zeros(1), np.zeros(1)))
+    return taper(untapered, window, axis=0)
 
 
 def _surroundings(tapered: GatedMap, bins: Bins) -> Complex:
@@ -248,8 +263,7 @@ def locate_waves(
 
     The amplitudes in two neighbouring bins locate a scatterer between them.
     Along range, where streets are crowded, these amplitudes often belong to
-    several scatterers. The scatterer then stays in the middle of its bin, and
-    the joint refinement moves it.
+    several scatterers. The scatterer then stays in the middle of its bin.
 
     Parameters
     ----------
@@ -300,7 +314,9 @@ def locate_waves(
     )
     along_range, along_doppler = levels[[1, 0, 2]][:, kept].T, levels[[3, 0, 4]][:, kept].T
     cells = np.column_stack(bins)[cell]
-    return ScatterersInCells(scatterers, cells, along_range, along_doppler, tapered, windows)
+    return ScatterersInCells(
+        scatterers, cells, along_range, along_doppler, amplitudes[0][kept], tapered, windows
+    )
 
 
 def _offset(

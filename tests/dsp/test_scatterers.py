@@ -106,12 +106,12 @@ def test_a_weak_wave_beyond_the_5_x_5_cells_of_a_strong_one_is_kept():
     assert found.range_bin.tolist() == [33, 36]
 
 
-def clear(gated, cells, u, w):
+def clear(gated, cells, u, w, excess=1.1, least_left=0.33):
     """Range bins of the scatterers that are left of one wave a cell, the weakest of them 60 dB down."""
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered("rect", "soft")
     found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", "soft"), 60.0)
-    return np.sort(found.clear_of_sidelobes(1.1, SYSTEM).scatterers.range_bin)
+    return np.sort(found.clear_of_sidelobes(excess, least_left, SYSTEM).scatterers.range_bin)
 
 
 @given(range_bin=st.floats(33.0, 36.0), doppler_bin=st.floats(-1.0, 1.0), w=st.floats(0.1, 0.2))
@@ -123,25 +123,38 @@ def test_of_a_lone_scatterer_that_all_cells_see_one_is_left(range_bin, doppler_b
 
 
 @pytest.mark.parametrize("beside", [0.0, 0.06])
-def test_a_weak_scatterer_stays_if_its_amplitude_exceeds_what_a_strong_one_leaves_there(beside):
+@pytest.mark.parametrize("together", [False, True])
+def test_a_weak_scatterer_stays_if_a_strong_one_explains_too_little_of_its_amplitude(beside, together):
     u, w = np.array([0.05, 0.05 + beside]), np.array([0.15, 0.15])
 
     def amplitude_there(gated):
         cell = gated.tapered("rect", "soft")
         row, column = cell.index((np.array([37]), np.array([0])))
         response = np.exp(-1j * np.pi * (np.arange(8)[:, None] * u[1] + np.arange(8) * w[1]))
-        return abs(np.mean(cell.cells[row[0], column[0]] * response.conj()))
+        return np.mean(cell.cells[row[0], column[0]] * response.conj())
 
     leak = amplitude_there(gated_map([34.4], [0], u[:1], w[:1], [1.0]))
     kept = set()
     for share in (0.2, 0.5, 1.0, 1.5, 2.0, 3.0):
-        gated = gated_map([34.4, 37.0], [0, 0], u, w, [1.0, share * leak / np.sqrt(SYSTEM.processing_gain)])
-        excess = amplitude_there(gated) / leak
-        if abs(excess - 1.1) > 0.1:
-            is_kept = 37 in np.rint(clear(gated, ([34, 37], [0, 0]), u, 0.15))
-            assert is_kept == (excess > 1.1)
+        weak = share * abs(leak) / np.sqrt(SYSTEM.processing_gain)
+        gated = gated_map([34.4, 37.0], [0, 0], u, w, [1.0, weak])
+        own = amplitude_there(gated)
+        level, limits = (
+            (abs(own - leak) / abs(own), (0.0, 0.5)) if together else (abs(own / leak), (1.1, 0.0))
+        )
+        if abs(level - max(limits)) > 0.1:
+            is_kept = 37 in np.rint(clear(gated, ([34, 37], [0, 0]), u, 0.15, *limits))
+            assert is_kept == (level > max(limits))
             kept.add(is_kept)
     assert kept == {True, False}
+
+
+def test_sidelobes_of_two_scatterers_that_add_up_are_no_third():
+    u, w = np.array([0.05, 0.05]), np.array([0.15, 0.15])
+    # Each alone explains half of the amplitude midway between them.
+    gated = gated_map([32.5, 35.5], [0, 0], u, w, [1.0, -1.0])
+    kept = clear(gated, ([32, 34, 35], [0, 0, 0]), 0.05, 0.15)
+    assert kept == pytest.approx([32.5, 35.5], abs=0.1)
 
 
 def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
@@ -150,7 +163,7 @@ def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
     bins = np.array([33]), np.array([0])
     waves = PlaneWaves(u, w, np.ones((1, 2), dtype=bool))
     found = locate_waves(waves, gated.tapered("rect", "soft"), bins, ("rect", "soft"), 60.0)
-    assert len(found.clear_of_sidelobes(1.1, SYSTEM)) == 2
+    assert len(found.clear_of_sidelobes(1.1, 0.33, SYSTEM)) == 2
 
 
 def test_what_is_no_plane_wave_is_no_scatterer():

@@ -2,6 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.bench.studies.study import build_estimators
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.suite import parse_snr, suite_names
@@ -38,6 +39,11 @@ def test_the_paper_suite_is_both_estimators_and_the_oracle_on_both_frames_over_t
 def test_every_built_in_suite_loads_under_its_own_name():
     assert {"paper", "quick"} <= set(suite_names())
     assert all(load_suite(name).name == name for name in suite_names())
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_no_built_in_suite_has_an_estimator_twice(name):
+    assert build_estimators(load_suite(name))
 
 
 def test_scenario_paths_are_relative_to_the_suite_file(suite_file):
