@@ -63,7 +63,7 @@ from .detectors import OscaCfar
 PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
 """Computations on cells, each with its own precision. detection: the map and its test. directions:
 snapshots, their Fourier spectra and amplitudes. subspace: covariances, their eigenvectors and null
-spectra. selection: the joint explanation."""
+spectra. selection: the joint selection and fit."""
 
 CellPrecision = Literal["double", "single"]
 
@@ -91,7 +91,7 @@ class ReadMap:
         The observation that was read.
     detection, directions, selection : GatedMap
         Cells for the detection, for the directions of plane waves, and for the
-        joint explanation, without tapers, shape (n_range, n_doppler, *elements).
+        joint selection and fit, without tapers, shape (n_range, n_doppler, *elements).
         Stages of equal precision share one map.
     unit : float
         Amplitude in the observation that is 1 in these maps; a power of two.

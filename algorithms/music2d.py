@@ -58,7 +58,6 @@ from isacbench.dsp.angles.peaks import Peaks, line_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import detect_listed
-from isacbench.dsp.cfar import check_pfa
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -220,7 +219,7 @@ class Music2d(CellwiseEstimator):
         pairings = get_args(Pairing) if self.search == "grid" else ("joint",)
         allowed = f"{' or '.join(pairings)} with search = {self.search}"
         require(self.pairing in pairings, "pairing", self.pairing, allowed)
-        check_pfa(self.product_pfa)
+        require(0 < self.product_pfa < 1, "product_pfa", self.product_pfa, "above 0, below 1")
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation.

@@ -19,7 +19,7 @@ In crowds, plane waves stay only where their cell determines their direction.
 If scatterers selected from all three readings explain the map down to the
 noise, they are moved together in range, velocity, u and w to the least-squares
 fit, which brings them to the Cramér-Rao bound. Otherwise there is a crowd, and
-the scatterers of all readings are points.
+the selected scatterers and those of the last reading are points.
 """
 
 from __future__ import annotations

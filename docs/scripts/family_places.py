@@ -1,4 +1,4 @@
-"""Rank sets and mean places of the estimators of a population run at one SNR, by family: a table of docs/estimators.md.
+"""Rank sets and mean places of estimators of a population run at one SNR, for a table of docs/estimators.md.
 
     python docs/scripts/family_places.py results/population 10
 
@@ -23,7 +23,9 @@ def places(folder: str, snr_db: float | None = None) -> str:
     place = found.scores.rank(axis=1)
     table = place.groupby(place.index.str.partition("[").get_level_values(0)).mean().T
     table.insert(0, "all", place.mean())
-    ranks = found.ranks[found.ranks["group"] == found.ranks["group"].iloc[0]].set_index(["estimator", "params"])
+    ranks = found.ranks[found.ranks["group"] == found.ranks["group"].iloc[0]].set_index(
+        ["estimator", "params"]
+    )
     lines = [["", "rank", *table.columns], ["---"] * (table.shape[1] + 2)]
     for variant, row in table.sort_values("all").iterrows():
         rank = rank_text(*ranks.loc[variant, ["rank_low", "rank_high"]])

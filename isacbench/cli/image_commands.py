@@ -254,10 +254,10 @@ def score_command(
 
 
 def _timed(take: Callable[[], PointCloud]) -> tuple[PointCloud, float]:
-    """Take an image and measure the time in s."""
-    start = time.perf_counter()
+    """Take an image and measure the processor time in s."""
+    start = time.process_time()
     cloud = take()
-    return cloud, time.perf_counter() - start
+    return cloud, time.process_time() - start
 
 
 def _told_time(first_s: float, again_s: float | None, is_read: bool) -> str:

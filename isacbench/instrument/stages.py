@@ -50,7 +50,7 @@ _current: ContextVar[StageClock | None] = ContextVar("current", default=None)
 
 
 class StageClock:
-    """Clock of the wall time within it, as a whole and by stage; a context manager, entered once.
+    """Clock of the processor time within it, as a whole and by stage; a context manager, entered once.
 
     Times of stages are exclusive: an inner stage stops the outer one. Threads
     that an estimator starts have no clock: their time counts for the stage

@@ -243,5 +243,5 @@ def test_the_street_is_imaged_at_full_size(estimator):
     cloud = estimator().estimate(observe_echo(scenario, 10.0))
     found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < 9
-    # Nearest to some scatterers of a car is a point of the static street.
-    assert found.velocity_nmse < 0.05
+    # With music2d_joint, nearest to some scatterers of a car is a point of the static street.
+    assert found.velocity_nmse < (0.05 if estimator is Music2dJoint else 2e-3)

@@ -75,8 +75,8 @@ class Record(Cell):
     hausdorff_xy_m, ..., recall : float
         Scores of the metric ``paper``, NaN for a failure.
     time_estimate_s : float
-        Wall time of the estimate, or until it failed; of a timed row the
-        median over its repeats; of a reference that of all its realisations.
+        Processor time of the estimate, of a failure the wall time until then; of a
+        timed row the median over its repeats; of a reference that of all its realisations.
     time_score_s : float
         Wall time of the scoring, NaN for a failure.
     timing : bool

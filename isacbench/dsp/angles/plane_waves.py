@@ -149,7 +149,12 @@ class PlaneWaves:
         n_free = aperture.n_elements - 2 * found.sum(axis=1)
         beyond_noise = np.maximum(misfit - noise * n_free / aperture.n_elements, 0)
         by_noise = NOISE_DEVIATIONS**2 * noise / (2 * aperture.n_elements)
-        return np.where(found, np.sqrt(spread * (beyond_noise[:, None] + by_noise)), 0)
+        # Of waves that coincide, rounding may leave a variance below 0: nothing is known about them.
+        spread = np.where(spread > 0, spread, np.inf)
+        unexplained = np.broadcast_to(beyond_noise[:, None] + by_noise, spread.shape)
+        errors: Floats = np.zeros_like(spread)
+        np.multiply(spread, unexplained, out=errors, where=found & (unexplained > 0))
+        return np.sqrt(errors, out=errors)
 
     def determined(
         self, snapshots: Complex, aperture: Aperture, noise: float, largest_error: float

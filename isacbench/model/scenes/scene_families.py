@@ -7,7 +7,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from isacbench.choices import Mimo
 from isacbench.errors import InputError, did_you_mean
@@ -53,7 +53,10 @@ class FamilyParameters(BaseModel):
     gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
     phase_error_deg: Annotated[float, Field(strict=True, ge=0, le=180, allow_inf_nan=False)] = 0.0
     mimo: Mimo = "ideal"
-    leakage_db: Annotated[float, Field(strict=True, ge=-200, le=200)] | None = None
+    leakage_db: Annotated[
+        Annotated[float, Field(strict=True, ge=-200, le=200)] | None,
+        BeforeValidator(lambda value: None if value == "none" else value),
+    ] = None
     visible: Literal["all", "seen"] = "all"
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
 from isacbench.bench.studies.intervals import MIN_TRIALS
+from isacbench.bench.studies.medians import time_words
 from isacbench.bench.studies.population_study import ALL, PART, PHASES, TARGETS, summarise_population
 from isacbench.report.tables.run_tables import Grid, milliseconds, with_failures, written
 
@@ -124,7 +125,9 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     snrs_db = sorted(summary["snr_db"].dropna().unique())
     over_snrs = f"{', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
     over_snrs = f"mean over {over_snrs}" if len(snrs_db) > 1 else f"at {over_snrs}"
-    found = [_score_grid(_part(summary), labels, f"All scenes, {over_snrs}")]
+    # A heading of all tables of scores: times of cells that ran beside others mislead.
+    words = "time [ms]" + time_words(records).removeprefix("median processor time")
+    found = [_score_grid(_part(summary), labels, f"All scenes, {over_snrs}", words)]
     families = [name for name in summary["family"].unique() if name != ALL]
     lone = [name for name in families if _part(summary, name)[f"{TARGETS[0]}_mean"].notna().any()]
     scattered = {name: _part(summary, name) for name in families if name not in lone}
@@ -142,7 +145,7 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
         heading = over_snrs if math.isnan(snr_db) else f"{snr_db:g} dB"
         title = f"{'All scenes' if name == ALL else name}, {heading}"
         if (name, heading) != (ALL, over_snrs):
-            found.append(_score_grid(part, labels, title)._replace(is_detail=True))
+            found.append(_score_grid(part, labels, title, words)._replace(is_detail=True))
         if name in lone and heading != over_snrs:
             found.append(_target_grid(part, labels, title)._replace(is_detail=True))
     return found
@@ -175,12 +178,12 @@ def _row_labels(summary: pd.DataFrame) -> dict[Variant, str]:
     return {one: f"{labels[one]} (ref.)" if one in references else labels[one] for one in ordered}
 
 
-def _score_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Grid:
+def _score_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Grid:
     """Scores of some scenes, a row an estimator."""
     # Where all cells failed, an empty column has their number.
     shown = [one for one in SHOWN if part[one.column].notna().any()] or [HAUSDORFF]
     marked = _marked(part)
-    header = ["estimator", *(one.heading + _mark(one, marked) for one in shown), "time [ms]"]
+    header = ["estimator", *(one.heading + _mark(one, marked) for one in shown), words]
     rows = []
     for variant, entry in _entries(part, labels).items():
         cells = [_number(entry, one) for one in shown]

@@ -93,7 +93,7 @@ def resolution_grids(records: pd.DataFrame) -> list[Grid]:
     for key, part in summary.groupby(place, sort=False):
         title = (
             f"{key[0]}, {key[1]:.4g} dB after gain: share of pairs found, over all relative phases / "
-            "at the worst one"
+            f"at the worst one; {time_words(records)}"
         )
         texts = text_rows(part, ["dimension", "separation_cells"], VARIANT, _shares)
         # A dimension is named where its rows start.

@@ -80,7 +80,10 @@ def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging")
 
 
 def _gain_grids(folder: Path, manifest: Mapping[str, Any]) -> list[Grid]:
-    """SNR of a median scatterer after all gains; nothing where no scenario is stored, or trials draw."""
+    """SNR of a median scatterer after all gains.
+
+    Nothing where no scenario is stored, trials draw, or some images sense with a part of the frame.
+    """
     try:
         with warned_before():
             _, scenarios, draws = read_scenes(folder, manifest)
@@ -93,7 +96,8 @@ def _gain_grids(folder: Path, manifest: Mapping[str, Any]) -> list[Grid]:
     else:
         rows = [[name, f"{gain_db:+.1f}"] for name, gain_db in gains_db.items()]
     title = "SNR of a median scatterer after all gains, over the SNR of a resource element"
-    return [Grid(title, ["scenario", "dB"], rows, is_detail=True)] if draws.empty else []
+    is_shown = draws.empty and manifest["suite"].get("sensing", ["all"]) == ["all"]
+    return [Grid(title, ["scenario", "dB"], rows, is_detail=True)] if is_shown else []
 
 
 def _by_stem(records: pd.DataFrame, kind: str) -> dict[str, Tables]:

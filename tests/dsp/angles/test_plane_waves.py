@@ -110,6 +110,18 @@ def test_the_error_of_a_direction_knows_no_scale(scene, exponent):
     np.testing.assert_allclose(scaled, errors, rtol=1e-9)
 
 
+@pytest.mark.parametrize("aperture", [Plane(2, 2), Cross(2, 2)])
+def test_the_error_of_a_direction_is_a_number_however_near_another_one_is(aperture):
+    n = 200
+    distance = np.geomspace(1e-9, 1, n)
+    waves = PlaneWaves(
+        np.column_stack([0.1 * distance, -0.2 * distance]), np.zeros((n, 2)), np.ones((n, 2), dtype=bool)
+    )
+    cells = noise(n, *((2, 2) if isinstance(aperture, Plane) else (3,)), seed=2)
+    errors = waves.direction_errors(cells, aperture, 1e-3)
+    assert not np.isnan(errors).any()
+
+
 @given(scene=separate_sources())
 def test_waves_that_explain_their_cell_stay_however_small_the_error_allowed(scene):
     u, w, gain = scene
