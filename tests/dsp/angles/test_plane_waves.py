@@ -112,14 +112,12 @@ def test_the_error_of_a_direction_knows_no_scale(scene, exponent):
 
 @pytest.mark.parametrize("aperture", [Plane(2, 2), Cross(2, 2)])
 def test_the_error_of_a_direction_is_a_number_however_near_another_one_is(aperture):
-    n = 200
-    distance = np.geomspace(1e-9, 1, n)
-    waves = PlaneWaves(
-        np.column_stack([0.1 * distance, -0.2 * distance]), np.zeros((n, 2)), np.ones((n, 2), dtype=bool)
-    )
-    cells = noise(n, *((2, 2) if isinstance(aperture, Plane) else (3,)), seed=2)
-    errors = waves.direction_errors(cells, aperture, 1e-3)
-    assert not np.isnan(errors).any()
+    rng = np.random.default_rng(0)
+    distance = np.geomspace(1e-9, 1, 200)[:, None]
+    u, w = (np.clip(0.1 + distance * rng.standard_normal((200, 4)), -1, 1) for _ in range(2))
+    waves = PlaneWaves(u, w, np.ones((200, 4), dtype=bool))
+    cells = noise(200, *((2, 2) if isinstance(aperture, Plane) else (3,)), seed=2)
+    assert not np.isnan(waves.direction_errors(cells, aperture, 1e-3)).any()
 
 
 @given(scene=separate_sources())
