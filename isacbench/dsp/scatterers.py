@@ -295,13 +295,16 @@ def locate_waves(
     np.maximum.at(strongest, index, own.max(axis=1, initial=0))
     weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
     kept = waves.found & (own**2 > min_power) & (own >= weakest)
-    range_offset = _offset(own, farther, nearer, windows[0])
-    range_offset[~_is_one_echo(amplitudes[[1, 0, 2]], range_offset, windows[0])] = 0
+    in_ranges, range_offset = amplitudes[[1, 0, 2]], _offset(own, farther, nearer, windows[0])
+    # Near the middle of a bin both neighbours are as strong, and only their phases tell the side.
+    shares = [_one_echo_share(in_ranges, side * range_offset, windows[0]) for side in (1, -1)]
+    range_offset = np.where(shares[1] > shares[0], -range_offset, range_offset)
+    range_offset[np.maximum(*shares) < ONE_ECHO] = 0
     bursts = tapered.bursts if tapered.sees_lobes else None
     doppler_offset = _offset(own, faster, slower, windows[1], bursts)
     loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
     if one_doppler:
-        kept &= _is_one_echo(amplitudes[[3, 0, 4]], doppler_offset, windows[1])
+        kept &= _one_echo_share(amplitudes[[3, 0, 4]], doppler_offset, windows[1]) >= ONE_ECHO
     resolved = np.zeros(len(kept), dtype=np.bool_) if waves.resolved is None else waves.resolved
     cell = np.nonzero(kept)[0]
     scatterers = LocatedScatterers(
@@ -342,13 +345,13 @@ def _own_share(offset: Floats, window: Window, bursts: SymbolBursts | None = Non
     return np.abs(bursts.slopes(offset)[0])
 
 
-def _is_one_echo(amplitudes: Complex, offset: Floats, window: Window) -> Mask:
-    """Tell where the amplitudes (3, ...) in a bin and its neighbours fit one echo at an offset."""
+def _one_echo_share(amplitudes: Complex, offset: Floats, window: Window) -> Floats:
+    """Share of the energy of amplitudes (3, ...), in a bin and its neighbours, that one echo explains."""
     model = np.moveaxis(bin_profile(offset, window), -1, 0)
     explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
-    one: Mask = explained >= ONE_ECHO * energy
-    return one
+    share: Floats = np.divide(explained, energy, out=np.zeros_like(energy), where=energy > 0)
+    return share
 
 
 def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:

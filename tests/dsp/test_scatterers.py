@@ -93,6 +93,17 @@ def test_among_others_a_scatterer_is_left_in_the_middle_of_its_range_bin():
     assert located(gated, ([35], [0])).range_bin.tolist() == [35]
 
 
+@pytest.mark.parametrize("offset", [0.03, -0.03])
+def test_the_side_of_a_scatterer_near_the_middle_of_its_bin_is_told_by_phases(offset):
+    gated = gated_map([35 + offset], [0], [0.05], [0.15], [1.0])
+    rows, columns = gated.index((np.array([35 + np.sign(offset).astype(int)]), np.array([0])))
+    cells = gated.cells.copy()
+    # Noise makes the neighbour on the other side the stronger one.
+    cells[rows, columns] *= 0.9
+    found = located(replace(gated, cells=cells), ([35], [0]), [0.05], [0.15])
+    assert found.range_bin == pytest.approx([35 + offset], abs=0.01)
+
+
 def test_a_wave_far_below_another_nearby_is_dropped():
     gated = gated_map([33, 35], [0, 0], [0.05, -0.12], [0.15, 0.2], [1.0, 0.1])
     cells, u, w = ([33, 35], [0, 0]), [0.05, -0.12], [0.15, 0.2]
