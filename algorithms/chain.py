@@ -77,6 +77,9 @@ SIDELOBE_EXCESS = 1.1
 """Least amplitude over what a stronger scatterer of another cell shows there; above 1 for what is wrong
 about its place. Images hardly change from 1.05 to 1.5."""
 
+LEAST_LEFT = 0.33
+"""Least share of an amplitude that is left without what all stronger scatterers show there."""
+
 
 @dataclass(frozen=True, eq=False)
 class ReadMap:
@@ -388,19 +391,20 @@ def sidelobe_test(
         The map of their cells.
     levels : Levels
     estimator : CellwiseEstimator
-        Its `local_dynamic_range_db` and `least_left` are used.
+        Its `local_dynamic_range_db` is used.
 
     Returns
     -------
     LocatedScatterers
-        Those that stronger ones explain neither one by one, up to `SIDELOBE_EXCESS`, nor together.
+        Those that stronger ones explain neither one by one, up to `SIDELOBE_EXCESS`, nor together, up to
+        `LEAST_LEFT`.
     """
     system, gated, limit_db = rdm.observation.system, rdm.selection, estimator.local_dynamic_range_db
     if gated.sees_lobes:
         with stage("refinement"):
             return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
     with stage("peaks"):
-        return located.clear_of_sidelobes(SIDELOBE_EXCESS, estimator.least_left, system).scatterers
+        return located.clear_of_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
 
 
 def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
@@ -660,8 +664,6 @@ class CellwiseEstimator(MapEstimator):
     doppler_window: Window = "soft"
     max_sources: int = 6
     largest_direction_error: float | None = 0.33
-    # Share of an amplitude that is left at least without what all stronger scatterers show there.
-    least_left: ClassVar[float] = 0.33
     range_excess: float = 3.0
     doppler_excess: float = 1.0
 

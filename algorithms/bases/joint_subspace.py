@@ -27,7 +27,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -118,10 +118,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
     InputError
         If a parameter is out of range.
     """
-
-    # Scatterers of neighbouring cells, less than a Rayleigh cell apart, show in each other's direction. The
-    # joint selection, which subtracts the stronger one, tells them from sums of sidelobes.
-    least_left: ClassVar[float] = 0.0
 
     local_dynamic_range_db: float = 18.0
     subarray_fraction: float = 0.5
