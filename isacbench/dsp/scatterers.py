@@ -193,7 +193,7 @@ class ScatterersInCells:
 
         An echo shows in all cells and directions, by the tapered kernels of
         range and Doppler and the beam of the array. The strongest decide
-        first, and what they drop explains nothing.
+        first, those of a family together, and what they drop explains nothing.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class ScatterersInCells:
         ScatterersInCells
             The strongest first.
         """
-        ranked = self.select(np.argsort(-rounded(self.scatterers.power, TIE_DIGITS), kind="stable"))
+        ranked = self.select(_strongest_first(self.scatterers))
         found, own = ranked.scatterers, ranked.amplitudes
         shown = ranked._shown(system)
         elsewhere = (ranked.cells[:, None] != ranked.cells).any(axis=2)
@@ -374,8 +374,7 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     points = np.column_stack([scatterers.range_bin, scatterers.doppler_bin, u, w])
     tree = cKDTree(points / DUPLICATE_CELL, boxsize=np.array([0, 0, PERIOD, PERIOD]) / DUPLICATE_CELL)
     pairs = tree.query_pairs(1.0, p=np.inf, output_type="ndarray")
-    keys = scatterers.power, _family_power(scatterers)
-    strongest_first = np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])
+    strongest_first = _strongest_first(scatterers)
     rank = np.argsort(strongest_first)
     return scatterers.select(np.sort(strongest_first[_thinned(np.sort(rank[pairs], axis=1), len(rank))]))
 
@@ -387,6 +386,12 @@ def _thinned(pairs: Integers, n: int) -> Mask:
         if alive[stronger]:
             alive[weaker] = False
     return alive
+
+
+def _strongest_first(scatterers: LocatedScatterers) -> Integers:
+    """Order of scatterers by power, those of a family together."""
+    keys = scatterers.power, _family_power(scatterers)
+    return np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])
 
 
 def _family_power(scatterers: LocatedScatterers) -> Floats:

@@ -177,6 +177,22 @@ def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
     assert len(found.clear_of_sidelobes(1.1, 0.33, SYSTEM)) == 2
 
 
+def test_of_a_close_pair_that_two_cells_resolve_one_cell_keeps_both():
+    u, w = np.array([0.01, 0.1]), np.array([0.15, 0.15])
+    gated = gated_map([33.5, 33.5], [0, 0], u, w, [1.0, 0.9])
+    bins = np.array([33, 34]), np.array([0, 0])
+    waves = PlaneWaves(
+        np.stack([u, u]), np.stack([w, w]), np.ones((2, 2), dtype=bool), np.ones(2, dtype=bool)
+    )
+    found = locate_waves(waves, gated.tapered("rect", "soft"), bins, ("rect", "soft"), 60.0)
+    # The same pair seen twice: by power alone, the order of its halves would be left to rounding.
+    for power in ([4.0, 3.0, 3.9, 3.1], [4.0, 3.1, 3.9, 3.0], [3.9, 3.1, 4.0, 3.0]):
+        seen = replace(found, scatterers=replace(found.scatterers, power=np.array(power)))
+        kept = seen.clear_of_sidelobes(1.1, 0.33, SYSTEM)
+        assert len({*kept.scatterers.family.tolist()}) == 1
+        assert np.sort(kept.scatterers.u) == pytest.approx(u)
+
+
 def test_what_is_no_plane_wave_is_no_scatterer():
     gated = gated_map([33], [0], [0.05], [0.15], [1.0])
     bins = (np.array([33]), np.array([0]))
