@@ -227,7 +227,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             gated, system, chosen = rdm.selection, rdm.observation.system, LocatedScatterers.empty()
             for candidates in seen:
                 chosen = select_jointly(
-                    chosen.join(candidates),
+                    chosen.join(merge_scatterers(candidates)),
                     gated,
                     system,
                     levels.min_power,

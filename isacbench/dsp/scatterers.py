@@ -358,7 +358,7 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     """Keep the strongest of scatterers within 0.3 bins in range and Doppler and 0.01 in u and w.
 
     Stronger scatterers decide first, so that a chain of neighbours is thinned
-    out, not merged into one. A family is as strong as its strongest member:
+    out, not merged into one. A family is as strong as all its members together:
     where two cells have resolved the same scatterers, those of one cell are kept.
 
     Parameters
@@ -390,13 +390,12 @@ def _thinned(pairs: Integers, n: int) -> Mask:
 
 def _strongest_first(scatterers: LocatedScatterers) -> Integers:
     """Order of scatterers by power, those of a family together."""
-    keys = scatterers.power, _family_power(scatterers)
-    return np.lexsort([-rounded(power, TIE_DIGITS) for power in keys])
+    power, family_power = (-rounded(p, TIE_DIGITS) for p in (scatterers.power, _family_power(scatterers)))
+    return np.lexsort([power, scatterers.family, family_power])
 
 
 def _family_power(scatterers: LocatedScatterers) -> Floats:
-    """Power (n,) of the strongest of each scatterer's family, its own without a family."""
+    """Power (n,) of each scatterer's family together, its own without a family."""
     power, family = scatterers.power, scatterers.family
-    strongest = np.zeros(family.max(initial=-1) + 1)
-    np.maximum.at(strongest, family[family >= 0], power[family >= 0])
-    return np.where(family >= 0, np.append(strongest, 0)[family], power)
+    of_family = np.bincount(family[family >= 0], power[family >= 0])
+    return np.where(family >= 0, np.append(of_family, 0)[family], power)

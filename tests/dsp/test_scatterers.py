@@ -285,7 +285,7 @@ def test_of_two_cells_that_resolve_the_same_pair_one_is_heard():
     # The cell that holds the strongest wave has the weaker estimate of the second.
     twice = scatterers(
         (30, 1, 0.100, 0.2, 9.0),
-        (30, 1, 0.130, 0.2, 4.0),
+        (30, 1, 0.130, 0.2, 4.5),
         (30.1, 1, 0.105, 0.2, 8.0),
         (30.1, 1, 0.127, 0.2, 5.0),
     )
@@ -295,8 +295,14 @@ def test_of_two_cells_that_resolve_the_same_pair_one_is_heard():
     assert merge_duplicates(twice).power.tolist() == [9.0, 5.0]
 
 
-def test_what_the_stronger_cell_has_not_seen_is_kept():
+def test_a_cell_that_resolves_a_pair_is_heard_before_one_that_sees_half_of_it():
     rows = scatterers((30, 1, 0.1, 0.2, 9.0), (30.1, 1, 0.105, 0.2, 8.0), (30.1, 1, 0.127, 0.2, 5.0))
+    merged = merge_duplicates(replace(rows, family=np.array([3, 8, 8])))
+    assert merged.family.tolist() == [8, 8]
+
+
+def test_what_the_stronger_cell_has_not_seen_is_kept():
+    rows = scatterers((30, 1, 0.1, 0.2, 9.0), (30.1, 1, 0.105, 0.2, 3.0), (30.1, 1, 0.127, 0.2, 5.0))
     merged = merge_duplicates(replace(rows, family=np.array([3, 8, 8])))
     assert merged.power.tolist() == [9.0, 5.0]
     assert merged.family.tolist() == [3, 8]
