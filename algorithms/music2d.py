@@ -23,8 +23,8 @@ data, up to `max_order` along each axis and `max_sources` in all.
 Cost of n cells on P x Q elements, subarrays of L, g grid points and k sources:
 n (P Q L² + L³ + L k g) for the spectra and n (k⁴ + k P Q) for the pairs.
 
-Fails where sources of one cell are closer than about half a Rayleigh cell and
-comparable in power: they merge into one between them.
+Fails where sources of one cell are closer than a third to a half of a Rayleigh
+cell and comparable in power: they merge into one between them.
 
 References
 ----------
