@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from isacbench.display import brief
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.windows import reach, taper
 from isacbench.errors import require
+from isacbench.instrument.stages import stage
 from isacbench.model.gate import Gate
 
 Integration = Literal["element", "noncoherent", "binary"]
@@ -122,11 +124,17 @@ def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> floa
         mover beyond the region's speeds does not count as noise; None if the
         gate has no such bins.
     """
-    axis = 0 if sees_lobes else 1
-    reach = gate.reachable_range if sees_lobes else gate.reachable_doppler
-    outside = np.r_[0 : max(reach.start - CLEAR_BINS, 0), reach.stop + CLEAR_BINS : power.shape[axis]]
-    clear = power[outside] if sees_lobes else power[:, outside]
+    axis, outside = _clear_bins(gate, sees_lobes)
+    clear = power.take(outside, axis=axis)
     return float(np.median(clear.mean(axis=1 - axis))) if outside.size else None
+
+
+def _clear_bins(gate: Gate, sees_lobes: bool) -> tuple[int, Integers]:
+    """Axis of `reference_noise`, and the indices of its bins."""
+    axis = 0 if sees_lobes else 1
+    reachable = gate.reachable_range if sees_lobes else gate.reachable_doppler
+    outside = np.r_[0 : max(reachable.start - CLEAR_BINS, 0), reachable.stop + CLEAR_BINS : gate.shape[axis]]
+    return axis, outside
 
 
 def white_noise(gated: GatedMap) -> float:
@@ -143,10 +151,13 @@ def white_noise(gated: GatedMap) -> float:
         Doppler, which keeps the sidelobes of strong echoes out of them. Without
         such bins, the median power of the map.
     """
-    seen = gated.tapered("hann" if gated.sees_lobes else "rect", gated.doppler_taper("hann"))
-    power = power_map(seen.cells, "noncoherent")[0]
-    noise = reference_noise(power, seen.gate, seen.sees_lobes)
-    return float(np.median(power)) if noise is None else noise
+    reaches = (reach("hann"), 0) if gated.sees_lobes else (0, reach("hann"))
+    with stage("rdm"):
+        wrapped = gated.wrapped(reaches)
+        axis, clear = _clear_bins(wrapped.gate.trim(*reaches), gated.sees_lobes)
+        seen = taper(wrapped.cells, "hann", axis, clear if clear.size else None)
+    power = power_map(seen, "noncoherent")[0]
+    return float(np.median(power.mean(axis=1 - axis) if clear.size else power))
 
 
 def detect_listed(

@@ -175,12 +175,24 @@ class GatedMap:
         """
         reaches = reach(range_window), reach(doppler_window)
         with stage("rdm"):
-            wrapped = self._wrapped(reaches, neighbours)
+            wrapped = self.wrapped(reaches, neighbours)
             cells = taper(taper(wrapped.cells, range_window, axis=0), doppler_window, axis=1)
         return replace(self, cells=cells, gate=wrapped.gate.trim(*reaches))
 
-    def _wrapped(self, reaches: tuple[int, int], neighbours: int) -> GatedMap:
-        """Map with bins repeated from the other end of axes that wrap."""
+    def wrapped(self, reaches: tuple[int, int], neighbours: int = 0) -> GatedMap:
+        """Repeat bins from the other end of axes whose last bin is next to their first.
+
+        Parameters
+        ----------
+        reaches : (int, int)
+            Neighbours to either side that a taper mixes in, along range and Doppler.
+        neighbours : int
+            Bins to repeat beyond these.
+
+        Returns
+        -------
+        GatedMap
+        """
         cells, added = self.cells, [0, 0]
         for axis, n_side in enumerate(reaches):
             n_bins = self.gate.shape[axis]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.errors import InputError
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
@@ -74,7 +74,7 @@ def taps(window: Window) -> tuple[float, ...]:
     return tuple(float(tap) for tap in kernel / np.linalg.norm(kernel))
 
 
-def taper(cells: Complex, window: Window, axis: int) -> Complex:
+def taper(cells: Complex, window: Window, axis: int, bins: Integers | None = None) -> Complex:
     """Apply a window along one axis of a gated range-Doppler map.
 
     Parameters
@@ -83,6 +83,8 @@ def taper(cells: Complex, window: Window, axis: int) -> Complex:
     window : {"rect", "soft", "hamming", "hann", "blackman"}
     axis : int
         Range or Doppler axis, consecutive bins.
+    bins : ndarray of int64, shape (b,), optional
+        Which bins of the result to compute; all by default.
 
     Returns
     -------
@@ -97,7 +99,7 @@ def taper(cells: Complex, window: Window, axis: int) -> Complex:
     """
     n_side = reach(window)
     if n_side == 0:
-        return cells
+        return cells if bins is None else cells.take(bins, axis=axis)
     n_kept = cells.shape[axis] - 2 * n_side
     if n_kept < 1:
         raise InputError(
@@ -105,7 +107,8 @@ def taper(cells: Complex, window: Window, axis: int) -> Complex:
             f"the gate has {cells.shape[axis]}"
         )
     before = (slice(None),) * (axis % cells.ndim)
-    shifted = [cells[(*before, slice(start, start + n_kept))] for start in range(2 * n_side + 1)]
+    kept = slice(n_kept) if bins is None else bins
+    shifted = [cells[(*before, slice(k, k + n_kept))][(*before, kept)] for k in range(2 * n_side + 1)]
     kernel = taps(window)
     tapered: Complex = kernel[n_side] * shifted[n_side]
     for k in range(n_side):
