@@ -37,14 +37,14 @@ def beside_the_bins(xyz, offset):
     return BASE_M + offset_m * ((np.rint(range_bin) + offset) / range_bin)[:, None]
 
 
-def assert_imaged(cloud, truth, position_m=0.3):
+def assert_imaged(cloud, truth, position_m=0.3, velocity_bins=0.15):
     """One point a scatterer, each near it in space, velocity and power."""
     assert len(cloud) == len(truth)
     distance_m = np.linalg.norm(truth.xyz[:, None] - cloud.xyz[None], axis=2)
     nearest = distance_m.argmin(axis=1)
     assert sorted(nearest) == list(range(len(truth)))
     assert distance_m.min(axis=1).max() < position_m
-    assert np.abs(cloud.velocity[nearest] - truth.velocity).max() < 0.15 * SYSTEM.velocity_bin_mps
+    assert np.abs(cloud.velocity[nearest] - truth.velocity).max() < velocity_bins * SYSTEM.velocity_bin_mps
     assert np.abs(10 * np.log10(cloud.power[nearest] / truth.power)).max() < 1
 
 
@@ -55,9 +55,12 @@ def assert_imaged(cloud, truth, position_m=0.3):
 )
 def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, frame, offset):
     scene = simulator(beside_the_bins(XYZ, offset), frame=frame)
-    # The paper's frame turns the bias of an angle between FFT samples into more metres along x.
-    position_m = 1.0 if (estimator, frame) == (Fft4d, "paper") else 0.3
-    assert_imaged(estimator().estimate(scene.observe(30.0)), scene.scenario.truth, position_m)
+    # The paper's frame turns the bias of an angle between FFT samples into more metres along x. All lie in
+    # one beam there, so that sidelobes of one change the amplitudes from which the others' bins are told.
+    paper = (1.0 if estimator is Fft4d else 0.4, 0.3)
+    position_m, velocity_bins = paper if frame == "paper" else (0.3, 0.15)
+    cloud = estimator().estimate(scene.observe(30.0))
+    assert_imaged(cloud, scene.scenario.truth, position_m, velocity_bins)
 
 
 @BOTH

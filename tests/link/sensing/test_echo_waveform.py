@@ -231,9 +231,9 @@ def test_elements_of_no_array_are_refused(elements):
 def test_the_street_through_its_waveform_is_imaged_as_in_closed_form():
     street = load_scenario("street")
     estimator = get_estimator("music2d")
-    for snr_db in (np.inf, 10.0):
+    # Measured 6.587 both without noise; at 10 dB, with draws of their own, 5.8 to 6.6: single points differ.
+    for snr_db, tolerance in ((np.inf, 0.02), (10.0, 1.0)):
         observations = observe_waveform(street, snr_db), observe(street, snr_db)
         scores = [score(street.truth, estimator.estimate(observation)) for observation in observations]
         through_waveform, in_closed_form = (values["deviation"] for values in scores)
-        # Measured 7.321 and 7.191 without noise, 7.467 and 7.372 at 10 dB: single points differ.
-        assert through_waveform == pytest.approx(in_closed_form, abs=0.2)
+        assert through_waveform == pytest.approx(in_closed_form, abs=tolerance)
