@@ -45,6 +45,14 @@ def test_tapering_along_an_axis_trims_it_by_the_reach_and_leaves_the_others(wind
     np.testing.assert_allclose(taper(cells, window, axis), expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("axis", [0, 1, -1])
+@pytest.mark.parametrize("window", WINDOWS)
+def test_chosen_bins_are_tapered_as_they_are_in_the_whole(window, axis):
+    cells, bins = random_cells(9, 8, 7), np.array([0, 2])
+    expected = taper(cells, window, axis).take(bins, axis=axis)
+    np.testing.assert_allclose(taper(cells, window, axis, bins), expected, atol=1e-14)
+
+
 def test_no_window_copies_nothing():
     cells = random_cells(4, 4)
     assert taper(cells, "rect", 0) is cells
