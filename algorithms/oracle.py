@@ -15,6 +15,7 @@ import numpy as np
 from isacbench.added_fields import added_field
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 
 from .bases.references import N_REALISATIONS, Reference
 
@@ -84,19 +85,11 @@ class Oracle(Reference):
         list of PointCloud
             Centroids in x, y, z and v; the powers of a cell are summed.
         """
-        places, points = self._in_cells(radio, truth), truth.to_array()
+        places = radio_places(radio, truth) / (self.cell * rayleigh_cells(radio))
+        points = truth.to_array()
         return [
             PointCloud.from_array(_merged(points, np.floor(places + offset))) for offset in lattice_offsets()
         ]
-
-    def _in_cells(self, radio: Radio, truth: PointCloud) -> Floats:
-        """Range, velocity, u and w of the truth in cells."""
-        offset_m = truth.xyz - radio.base_station_m
-        u, w = radio.frame.direction_cosines(offset_m)
-        places = np.column_stack([np.linalg.norm(offset_m, axis=1), truth.velocity, u, w])
-        n_p, n_q = radio.array.shape
-        rayleigh = np.array([radio.system.range_bin_m, radio.system.velocity_bin_mps, 2 / n_p, 2 / n_q])
-        return places / (self.cell * rayleigh)
 
 
 def _merged(points: Floats, cells: Floats) -> Floats:

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.errors import InputError
     from isacbench.link.sensing.observing import observe
-    from isacbench.metrics.score import score
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
     from isacbench.model.scenes.scenario import load_scenario
-    from isacbench.plugins.registry import get_detector, get_estimator
+    from isacbench.plugins.registry import get_detector, get_estimator, get_metric
+    from isacbench.plugins.scoring import score
     from isacbench.report.figures.plotting import plot_clouds
 
 __version__ = "0.2.0"
@@ -51,6 +51,7 @@ __all__ = [
     "compare",
     "get_detector",
     "get_estimator",
+    "get_metric",
     "load_run",
     "load_scenario",
     "observe",
@@ -74,6 +75,7 @@ _HOMES = {
     "check": "isacbench.checking.contract",
     "get_detector": "isacbench.plugins.registry",
     "get_estimator": "isacbench.plugins.registry",
+    "get_metric": "isacbench.plugins.registry",
     "load_run": "isacbench.bench.store.stored_run",
     "load_scenario": "isacbench.model.scenes.scenario",
     "observe": "isacbench.link.sensing.observing",
@@ -81,7 +83,7 @@ _HOMES = {
     "plot_clouds": "isacbench.report.figures.plotting",
     "rank": "isacbench.bench.compare.ranking",
     "run": "isacbench.bench.run.runner",
-    "score": "isacbench.metrics.score",
+    "score": "isacbench.plugins.scoring",
 }
 
 # First in the list: other finders would confuse former packages with present ones of the same name.

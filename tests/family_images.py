@@ -13,12 +13,12 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
 from isacbench.errors import InputWarning
-from isacbench.metrics.score import score
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import build_estimator, estimator_names
+from isacbench.plugins.scoring import score
 
 PATH = Path(__file__).parents[1] / "results" / "reference" / "families.csv"
 FAMILIES = "street", "town", "facade", "crowd", "weak", "traffic", "crossing", "sparse"

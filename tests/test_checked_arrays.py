@@ -24,7 +24,6 @@ from isacbench.errors import InputError
 from isacbench.link.waveform.figures_of_merit import hard_decision_capacity, papr_ccdf
 from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.qam import awgn_ber, modulate_bits
-from isacbench.metrics.score import score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
@@ -33,6 +32,7 @@ from isacbench.model.kernels import dirichlet, steering
 from isacbench.model.numerology import System
 from isacbench.model.scene import Scatterers
 from isacbench.plugins.registry import get_detector
+from isacbench.plugins.scoring import score
 from tests.algorithms.scenes import EMPTY, simulator
 from tests.dsp.plane_wave_data import noise
 

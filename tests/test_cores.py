@@ -22,10 +22,10 @@ from isacbench.cores import one_blas_thread
 from isacbench.cubes.frame_observation import observe_cube
 from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.link.sensing.observing import observe
-from isacbench.metrics.score import score
 from isacbench.model.echo import resource_grid
 from isacbench.model.observation import Observation
 from isacbench.plugins.registry import estimator_names, get_estimator
+from isacbench.plugins.scoring import score
 
 SHOT = observed(RESOLVED, 20.0)
 SCENE = SHOT.scenario

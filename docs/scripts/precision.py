@@ -22,9 +22,9 @@ from time import perf_counter, process_time
 import numpy as np
 
 from isacbench import get_estimator, load_scenario
-from isacbench.metrics.score import score
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.scoring import score
 
 PAGE = Path(__file__).resolve().parents[1] / "precision.md"
 START, END = "<!-- precision: written by docs/scripts/precision.py -->", "<!-- end -->"

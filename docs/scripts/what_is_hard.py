@@ -19,13 +19,13 @@ import numpy as np
 import pandas as pd
 
 from isacbench import load_scenario, score
-from isacbench.bench.cells.radio_coordinates import draw_place
 from isacbench.bench.studies.intervals import student_band
 from isacbench.bench.studies.resolution_study import pair
 from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.echo import Simulator
 from isacbench.model.observation import Observation
+from isacbench.model.radio_coordinates import draw_place
 from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import build_estimator
 from isacbench.report.drawing.style import LINES, new_figure, save, styled

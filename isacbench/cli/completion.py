@@ -78,10 +78,9 @@ def curves_like(incomplete: str) -> list[str]:
     -------
     list of str
     """
-    from isacbench.metrics.score import METRICS
+    from isacbench.metrics.paper import Paper
 
-    better = [name for name, score in METRICS["paper"].items() if score.better != "neither"]
-    return _like([*better, "hausdorff_sum_m"], incomplete)
+    return _like([column.name for column in Paper.columns if column.better != "neither"], incomplete)
 
 
 def _like(names: list[str], incomplete: str) -> list[str]:

@@ -103,7 +103,7 @@ def image_command(
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     register(plugin)
     require_names([scenario], [estimator])
-    from isacbench.bench.cells.cell import estimate_cloud, score_image
+    from isacbench.bench.cells.cell import PAPER_ALONE, estimate_cloud
     from isacbench.bench.cells.scored_images import image_reference
     from isacbench.cores import one_blas_thread
     from isacbench.cubes.frame_observation import observe_cube
@@ -160,11 +160,13 @@ def image_command(
     if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
         return
     if is_reference(imager):
-        image = image_reference(imager, scene)
+        image = image_reference(imager, scene, PAPER_ALONE)
         say("scores: mean ± spread over its realisations; the cloud is the one nearest to the mean")
         print_scores(image.scores, image.spreads)
     else:
-        print_scores(score_image(scene, cloud))
+        from isacbench.plugins.scoring import score
+
+        print_scores(score(scene, cloud))
 
 
 @app.command("simulate")
@@ -291,14 +293,13 @@ def _one_snr(text: str) -> float:
 
 def _scorer(name_or_path: str) -> Callable[..., dict[str, Any]]:
     """Choose the function that scores against a cloud file, or against a scenario in its region."""
-    from isacbench.bench.cells.cell import score_image
-    from isacbench.metrics.score import score
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.model.scenes.scene_families import is_family_spec
+    from isacbench.plugins.scoring import score
 
     if is_family_spec(name_or_path) or Path(name_or_path).suffix in ("", ".toml"):
         scenario = load_scenario(name_or_path)
-        truth, scorer = scenario.truth, partial(score_image, scenario)
+        truth, scorer = scenario.truth, partial(score, scenario)
     else:
         from isacbench.model.cloud import PointCloud
 

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.checked_arrays import checked_array
-from isacbench.errors import require
-from isacbench.metrics.geometry import LARGEST, CloudPair, projected_hausdorff_m
+from isacbench.metrics.geometry import CloudPair, projected_hausdorff_m
 from isacbench.model.numerology import System
 
 if TYPE_CHECKING:
@@ -120,40 +118,32 @@ def paper_deviation(
     >>> paper_deviation(truth, estimate)
     Deviation(hausdorff_xy_m=5.0, hausdorff_xz_m=3.0, hausdorff_yz_m=4.0, density=0.0, velocity_nmse=0.25)
     """
-    return pair_deviation(CloudPair(truth, estimate), region, velocity_bin_mps)
+    bin_mps = System().velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps
+    return pair_deviation(CloudPair(truth, estimate, region, bin_mps))
 
 
-def pair_deviation(
-    pair: CloudPair, region: Region | None = None, velocity_bin_mps: float | None = None
-) -> Deviation:
+def pair_deviation(pair: CloudPair) -> Deviation:
     """Score a pair as `paper_deviation` does, with searches that other metrics share.
 
     Parameters
     ----------
     pair : CloudPair
-    region : Region or None
-    velocity_bin_mps : float or None
-        Velocity bin in m/s.
 
     Returns
     -------
     Deviation
     """
-    bin_mps = System().velocity_bin_mps
-    if velocity_bin_mps is not None:
-        bin_mps = checked_array("velocity_bin_mps", velocity_bin_mps).item()
-    require(1 / LARGEST <= bin_mps <= LARGEST, "velocity_bin_mps", bin_mps, "a positive number of m/s")
     n_true = len(pair.truth)
     return Deviation(
-        hausdorff_xy_m=projected_hausdorff_m(pair, (0, 1), region),
-        hausdorff_xz_m=projected_hausdorff_m(pair, (0, 2), region),
-        hausdorff_yz_m=projected_hausdorff_m(pair, (1, 2), region),
+        hausdorff_xy_m=projected_hausdorff_m(pair, (0, 1)),
+        hausdorff_xz_m=projected_hausdorff_m(pair, (0, 2)),
+        hausdorff_yz_m=projected_hausdorff_m(pair, (1, 2)),
         density=abs(len(pair.estimate) - n_true) / n_true,
-        velocity_nmse=_velocity_nmse(pair, bin_mps),
+        velocity_nmse=_velocity_nmse(pair),
     )
 
 
-def _velocity_nmse(pair: CloudPair, bin_mps: float) -> float:
+def _velocity_nmse(pair: CloudPair) -> float:
     """Energy of velocity errors over that of the true velocities; in a static scene, over one bin each."""
     if not pair.has_velocities:
         return math.nan
@@ -161,8 +151,8 @@ def _velocity_nmse(pair: CloudPair, bin_mps: float) -> float:
         return 1.0
     n_true = len(pair.truth)
     energy = float(np.square(pair.truth.velocity).sum())
-    if energy <= n_true * (STATIC_BINS * bin_mps) ** 2:
-        energy = n_true * bin_mps**2
+    if energy <= n_true * (STATIC_BINS * pair.velocity_bin_mps) ** 2:
+        energy = n_true * pair.velocity_bin_mps**2
     return float(np.square(_velocity_errors_mps(pair)).sum()) / energy
 
 

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from isacbench.errors import InputError
+from isacbench.checked_arrays import checked_array
+from isacbench.errors import InputError, require
 from isacbench.model.numerology import System
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
+    from isacbench.model.scene import Scenario
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 LARGEST = 1e50
 """Largest coordinate (m) and speed (m/s) that is scored: squares and their ratios stay finite."""
@@ -27,13 +30,17 @@ LARGEST = 1e50
 SMALLEST_DIAGONAL_M = 1.0
 """Estimators report points up to half a metre outside a region, also of one without extent."""
 
+RADIUS_M = 1.0
+"""Distance, where no scenario says another: up to it a point counts as right for precision and recall; from
+it a true scatterer counts as missed and an estimated point as false in GOSPA, whose cut-off c it is."""
+
 MANY_POINTS = 10_000
 """From here on, sorting points is a small part of searching them."""
 
 
 @dataclass(frozen=True, eq=False)
 class CloudPair:
-    """A truth and an estimate, with nearest-neighbour searches made once and shared by all metrics.
+    """A truth and an estimate with what scores depend on besides; searches are made once for all metrics.
 
     Attributes
     ----------
@@ -41,15 +48,44 @@ class CloudPair:
         True scatterers, at least one.
     estimate : PointCloud
         Estimated points, possibly none.
+    region : Region or None
+        Where scatterers can be; None takes the reach of the paper's Table I.
+    velocity_bin_mps : float
+        Velocity bin in m/s; by default that of Table I.
+    radius_m : float
+        Distance in m within which a point counts as one of a scatterer.
+    scenario : Scenario or None
+        Scenario of the truth, if it is known: its radio and the objects of its scatterers.
 
     Raises
     ------
     InputError
-        If the truth is empty or a coordinate or velocity is beyond 1e50.
+        If the truth is empty, a coordinate or velocity is beyond 1e50, or the radius or the velocity bin
+        is no positive number.
     """
 
     truth: PointCloud
     estimate: PointCloud
+    region: Region | None = None
+    velocity_bin_mps: float = System().velocity_bin_mps
+    radius_m: float = RADIUS_M
+    scenario: Scenario | None = None
+
+    @classmethod
+    def of(cls, scenario: Scenario, estimate: PointCloud) -> CloudPair:
+        """Pair an image of a scenario with its truth.
+
+        Parameters
+        ----------
+        scenario : Scenario
+        estimate : PointCloud
+
+        Returns
+        -------
+        CloudPair
+        """
+        bin_mps = scenario.system.velocity_bin_mps
+        return cls(scenario.truth, estimate, scenario.region, bin_mps, scenario.radius_m, scenario)
 
     @property
     def has_velocities(self) -> bool:
@@ -59,10 +95,34 @@ class CloudPair:
     def __post_init__(self) -> None:
         if not len(self.truth):
             raise InputError("truth: the cloud is empty; a score takes at least one true scatterer")
+        for name, unit in (("velocity_bin_mps", "m/s"), ("radius_m", "m")):
+            number = checked_array(name, getattr(self, name)).item()
+            require(1 / LARGEST <= number <= LARGEST, name, number, f"a positive number of {unit}")
+            object.__setattr__(self, name, number)
         for name, cloud in (("truth", self.truth), ("estimate", self.estimate)):
             # Unknown velocities, NaN, are beyond nothing.
             if (np.abs(cloud.xyz) > LARGEST).any() or (np.abs(cloud.velocity) > LARGEST).any():
                 raise InputError(f"{name}: coordinates and velocities take magnitudes up to {LARGEST:g}")
+
+    def remembered(self, make: Callable[[CloudPair], T]) -> T:
+        """What a function makes of the pair, made once for all metrics.
+
+        Parameters
+        ----------
+        make : callable
+
+        Returns
+        -------
+        object
+        """
+        if make not in self._made:
+            self._made[make] = make(self)
+        found: T = self._made[make]
+        return found
+
+    @cached_property
+    def _made(self) -> dict[Callable[[CloudPair], Any], Any]:
+        return {}
 
     @cached_property
     def truth_tree(self) -> cKDTree:
@@ -157,7 +217,7 @@ def box_diagonal_m(xyz: Floats, region: Region | None, axes: Sequence[int] = (0,
     return max(float(np.sqrt(np.square(size_m[list(axes)]).sum())), SMALLEST_DIAGONAL_M)
 
 
-def projected_hausdorff_m(pair: CloudPair, axes: Sequence[int], region: Region | None) -> float:
+def projected_hausdorff_m(pair: CloudPair, axes: Sequence[int]) -> float:
     """Symmetric Hausdorff distance of the clouds projected on some axes.
 
     Parameters
@@ -166,15 +226,13 @@ def projected_hausdorff_m(pair: CloudPair, axes: Sequence[int], region: Region |
         Truth and estimate.
     axes : sequence of int
         Axes of the projection.
-    region : Region or None
-        Sets the score of an empty estimate, see `box_diagonal_m`.
 
     Returns
     -------
     float
-        Distance in metres, finite.
+        Distance in metres, finite; of an empty estimate `box_diagonal_m`.
     """
     truth, estimate = pair.truth.xyz, pair.estimate.xyz
     if not len(estimate):
-        return box_diagonal_m(truth, region, axes)
+        return box_diagonal_m(truth, pair.region, axes)
     return hausdorff_m(truth[:, list(axes)], estimate[:, list(axes)])

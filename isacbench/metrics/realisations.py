@@ -6,13 +6,12 @@ import math
 from statistics import mean, pstdev
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isacbench.metrics.cloud_scores import RADIUS_M
 from isacbench.metrics.deviation import HAUSDORFF_COLUMNS, pair_deviation
 from isacbench.metrics.geometry import CloudPair
-from isacbench.metrics.score import METRICS, score
+from isacbench.metrics.paper import Paper
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from isacbench.model.cloud import PointCloud
     from isacbench.model.region import Region
@@ -20,7 +19,8 @@ if TYPE_CHECKING:
 COUNTS = ("n_true", "n_estimated")
 
 SPREAD_COLUMNS = {
-    name: f"{name}_spread" for name in ("hausdorff_sum_m", *METRICS["paper"]) if name != "n_true"
+    name: f"{name}_spread"
+    for name in ("hausdorff_sum_m", "n_estimated", *(column.name for column in Paper.columns))
 }
 """Columns with the spreads of the scores of the metric ``paper``, by score."""
 
@@ -31,9 +31,10 @@ class RealisationScores(NamedTuple):
     Attributes
     ----------
     means : dict of str to float
-        Columns of the metric; ``n_estimated`` is rounded.
+        Columns of the metrics; ``n_estimated`` is rounded. A column of ``paper`` needs a value in every
+        realisation; others are averaged over those that have one, such as errors of detected objects.
     spreads : dict of str to float
-        Standard deviations over the realisations, by score.
+        Standard deviations over the realisations, by score of `SPREAD_COLUMNS`.
     nearest : int
         Realisation whose deviation is nearest to the mean.
     """
@@ -44,46 +45,33 @@ class RealisationScores(NamedTuple):
 
 
 def score_realisations(
-    truth: PointCloud,
-    clouds: Sequence[PointCloud],
-    metric: str = "paper",
-    *,
-    region: Region | None = None,
-    velocity_bin_mps: float | None = None,
-    radius_m: float = RADIUS_M,
+    pairs: Sequence[CloudPair], score: Callable[[CloudPair], Mapping[str, float]]
 ) -> RealisationScores:
     """Score several clouds of one truth, and average.
 
     Parameters
     ----------
-    truth : PointCloud
-    clouds : sequence of PointCloud
-        At least one.
-    metric : {"paper", "repository"}
-    region : Region or None
-    velocity_bin_mps : float or None
-    radius_m : float
-        All four as in `isacbench.metrics.score.score`.
+    pairs : sequence of CloudPair
+        At least one, of one truth.
+    score : callable
+        Gives counts and the columns of the metrics, those of ``paper`` included.
 
     Returns
     -------
     RealisationScores
-        The metric ``paper`` has also the spread of ``hausdorff_sum_m``.
     """
-    rows = [
-        score(truth, cloud, metric, region=region, velocity_bin_mps=velocity_bin_mps, radius_m=radius_m)
-        for cloud in clouds
-    ]
-    columns = {name: [row[name] for row in rows] for name in METRICS[metric]}
-    # Exact arithmetic: equal values have their own mean and no spread, on every machine.
-    means: dict[str, Any] = {name: mean(values) for name, values in columns.items()}
-    means |= {name: round(means[name]) for name in COUNTS}
-    if metric == "paper":
-        columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_COLUMNS) for row in rows]
-    spreads = {
-        name: math.nan if math.isnan(sum(values)) else pstdev(values)  # which takes no NaN
+    rows = [score(pair) for pair in pairs]
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    means: dict[str, Any] = {
+        # Exact arithmetic: equal values have their own mean and no spread, on every machine.
+        name: mean(values) if name in (*COUNTS, *SPREAD_COLUMNS) else _mean_of_known(values)
         for name, values in columns.items()
-        if name != "n_true"
+    }
+    means |= {name: round(means[name]) for name in COUNTS}
+    columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_COLUMNS) for row in rows]
+    spreads = {
+        name: math.nan if math.isnan(sum(columns[name])) else pstdev(columns[name])  # which takes no NaN
+        for name in SPREAD_COLUMNS
     }
     return RealisationScores(means, spreads, _nearest(columns["deviation"]))
 
@@ -105,8 +93,13 @@ def nearest_to_mean(
     int
         Index of the cloud; the first one of several.
     """
-    pairs = (CloudPair(truth, cloud) for cloud in clouds)
-    return _nearest([pair_deviation(pair, region, velocity_bin_mps).deviation for pair in pairs])
+    pairs = (CloudPair(truth, cloud, region, velocity_bin_mps) for cloud in clouds)
+    return _nearest([pair_deviation(pair).deviation for pair in pairs])
+
+
+def _mean_of_known(values: Sequence[float]) -> float:
+    known = [value for value in values if not math.isnan(value)]
+    return mean(known) if known else math.nan
 
 
 def _nearest(values: Sequence[float]) -> int:

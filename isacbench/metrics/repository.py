@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.metrics.columns import ScoreColumn
 from isacbench.metrics.geometry import CloudPair, projected_hausdorff_m
 from isacbench.model.numerology import System
 
@@ -95,15 +96,29 @@ def repository_deviation(
     >>> repository_deviation(truth, estimate)
     RepositoryDeviation(position=10.0, velocity=0.5, density=0.0)
     """
-    pair = CloudPair(truth, estimate)
+    return pair_repository(CloudPair(truth, estimate, region))
+
+
+def pair_repository(pair: CloudPair) -> RepositoryDeviation:
+    """Score a pair as `repository_deviation` does.
+
+    Parameters
+    ----------
+    pair : CloudPair
+
+    Returns
+    -------
+    RepositoryDeviation
+    """
+    truth, estimate = pair.truth, pair.estimate
     if not pair.has_velocities:
         velocity = math.nan
     elif len(estimate):
         velocity = _velocity_deviation(truth.velocity, estimate.velocity)
     else:
-        velocity = _worst_velocity(truth.velocity, region)
+        velocity = _worst_velocity(truth.velocity, pair.region)
     return RepositoryDeviation(
-        position=sum(projected_hausdorff_m(pair, axes, region) for axes in ((0,), (1,), (0, 2))),
+        position=sum(projected_hausdorff_m(pair, axes) for axes in ((0,), (1,), (0, 2))),
         velocity=velocity,
         density=abs(len(estimate) - len(truth)) / len(truth),
     )
@@ -123,3 +138,31 @@ def _worst_velocity(true_mps: Floats, region: Region | None) -> float:
     radio = System()
     speeds = np.array([-1, 1]) * radio.unambiguous_speed_mps if region is None else region.speed_mps
     return max(float(np.ptp([true_mps.min(), true_mps.max(), *speeds, 0.0])), radio.velocity_bin_mps) / 2
+
+
+@dataclass(frozen=True)
+class Repository:
+    """The deviation that the code published with the paper computes."""
+
+    name: ClassVar[str] = "repository"
+    version: ClassVar[int] = 1
+    columns: ClassVar[tuple[ScoreColumn, ...]] = (
+        ScoreColumn("position", "Hausdorff distances of x, of y and of the xz projections, summed", "m"),
+        ScoreColumn("velocity", "mean standard deviation of the paired distinct velocities", "m/s"),
+        ScoreColumn("density", "relative error of the number of points", "", "lower", 1.0),
+        ScoreColumn("deviation", "deviation of the published code: sum of position, velocity and density"),
+    )
+
+    def score(self, pair: CloudPair) -> dict[str, float]:
+        """Score a pair.
+
+        Parameters
+        ----------
+        pair : CloudPair
+
+        Returns
+        -------
+        dict of str to float
+        """
+        found = pair_repository(pair)
+        return {column.name: float(getattr(found, column.name)) for column in self.columns}

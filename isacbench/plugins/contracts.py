@@ -18,20 +18,19 @@ from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
 from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
+from isacbench.metrics.columns import ScoreColumn as ScoreColumn
+from isacbench.model.radio_coordinates import Radio as Radio
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
 
-    from isacbench.model.array import VirtualArray
+    from isacbench.metrics.geometry import CloudPair
     from isacbench.model.cloud import PointCloud
-    from isacbench.model.frame import Frame
-    from isacbench.model.numerology import System
     from isacbench.model.observation import Observation
-    from isacbench.model.region import Region
 
 
 @dataclass(frozen=True)
@@ -114,30 +113,6 @@ class TruthEstimator(Estimator, Protocol):
         """
 
 
-class Radio(Protocol):
-    """Radio of a scenario or of an observation."""
-
-    @property
-    def system(self) -> System:
-        """Numerology."""
-
-    @property
-    def array(self) -> VirtualArray:
-        """Virtual array."""
-
-    @property
-    def frame(self) -> Frame:
-        """Map between directions and direction cosines."""
-
-    @property
-    def base_station_m(self) -> NDArray[np.float64]:
-        """Position (3,) of the base station in m."""
-
-    @property
-    def region(self) -> Region:
-        """Box and speeds in which scatterers may be."""
-
-
 @runtime_checkable
 class ReferenceEstimator(TruthEstimator, Protocol):
     """An estimator that sees the truth and gives many clouds, over which scores are averaged.
@@ -158,6 +133,35 @@ class ReferenceEstimator(TruthEstimator, Protocol):
         -------
         sequence of PointCloud
             At least one.
+        """
+
+
+@runtime_checkable
+class Metric(Protocol):
+    """A measure of images: a frozen dataclass of its parameters, and the columns that it fills.
+
+    It may have a class attribute ``version``, a whole number, which is counted up when the same image
+    gets other scores than before; without one the version is 1.
+    """
+
+    name: ClassVar[str]
+    columns: ClassVar[tuple[ScoreColumn, ...]]
+
+    def score(self, pair: CloudPair) -> Mapping[str, float]:
+        """Score an image against its truth.
+
+        The order of points must not matter. An image without points is scored like any other.
+
+        Parameters
+        ----------
+        pair : CloudPair
+            Truth, estimate, region, radius, and the scenario if it is known.
+
+        Returns
+        -------
+        mapping of str to float
+            A number for each column; NaN where it has no value. A column ``detected_*`` stands for one of
+            each kind of object that the scenario has.
         """
 
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
 from isacbench.errors import InputError
 from isacbench.plugins.local_files import PluginFile, forget_module, import_plugins
 
-PluginKind = Literal["estimator", "detector"]
+PluginKind = Literal["estimator", "detector", "metric"]
 
-GROUPS: dict[PluginKind, str] = {"estimator": "isacbench.estimators", "detector": "isacbench.detectors"}
+GROUPS: dict[PluginKind, str] = {kind: f"isacbench.{kind}s" for kind in get_args(PluginKind)}
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class RegisteredPlugin:
 
     Attributes
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name : str
     target : str
         Module, or file, and class.
@@ -70,7 +70,7 @@ def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
 
     Returns
     -------
@@ -87,7 +87,7 @@ def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
 
 
 def load_plugin_file(path: str | Path) -> list[str]:
-    """Register the estimators and detectors that a Python file defines.
+    """Register the estimators, detectors and metrics that a Python file defines.
 
     Parameters
     ----------

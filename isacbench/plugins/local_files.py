@@ -18,7 +18,7 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import SOURCE_BYTES, read_text, require_file
 from isacbench.process_state import libraries_kept, process_state_kept
 
-METHODS = {"estimator": "estimate", "detector": "detect"}
+METHODS = {"estimator": "estimate", "detector": "detect", "metric": "score"}
 """Method that makes a class with a name a plugin of a kind."""
 
 DIGEST_SHOWN = 8
@@ -119,7 +119,8 @@ def import_plugins(file: PluginFile) -> list[tuple[str, type[Any]]]:
         forget_module(file)
         raise InputError(
             f"plugin {file.filename}: it defines no class with a class attribute `name` and a method "
-            f"`estimate` or `detect`; its classes are {', '.join(cls.__name__ for cls in defined) or 'none'}"
+            f"`estimate`, `detect` or `score`; its classes are "
+            f"{', '.join(cls.__name__ for cls in defined) or 'none'}"
         )
     return found
 

@@ -1,4 +1,4 @@
-"""Registry of estimators and detectors: builds them by name, with checked parameters."""
+"""Registry of estimators, detectors and metrics: builds them by name, with checked parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from isacbench.added_fields import values_before
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.plugins.contracts import Detector, Estimator
+from isacbench.metrics.columns import ScoreColumn
+from isacbench.plugins.contracts import Detector, Estimator, Metric
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.local_files import METHODS
 from isacbench.plugins.parameters import (
@@ -97,6 +98,53 @@ def get_detector(name: str, **params: Any) -> Detector:
     return cast("Detector", _build("detector", name, params))
 
 
+def metric_names() -> list[str]:
+    """List the names of the registered metrics, sorted."""
+    return sorted(entries("metric"))
+
+
+def get_metric(name: str, **params: Any) -> Metric:
+    """Build a registered metric.
+
+    Parameters
+    ----------
+    name : str
+        A name that `metric_names` lists.
+    **params
+        Fields of the metric's dataclass.
+
+    Returns
+    -------
+    Metric
+
+    Raises
+    ------
+    InputError
+        If the name or a parameter is unknown, or a value is not allowed.
+
+    Examples
+    --------
+    >>> get_metric("objects", gate_m=3.0).gate_m
+    3.0
+    """
+    return cast("Metric", _build("metric", name, params))
+
+
+def build_metric(spec: str) -> Metric:
+    """Build the one metric that ``name[param=value,...]`` describes.
+
+    Parameters
+    ----------
+    spec : str
+
+    Returns
+    -------
+    Metric
+    """
+    name, params = parse_spec(spec)
+    return get_metric(name, **params)
+
+
 def sees_truth(name: str) -> bool:
     """Tell whether a registered estimator sees the truth; such a one does not compete.
 
@@ -128,7 +176,7 @@ def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     specs : iterable of str
         Grids included, see `isacbench.specifications.spec_variants`.
 
@@ -170,7 +218,7 @@ def build_variants(kind: PluginKind, spec: str) -> list[tuple[str, Any]]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     spec : str
         As `isacbench.specifications.spec_variants` takes it.
 
@@ -197,7 +245,7 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name : str
 
     Returns
@@ -231,7 +279,7 @@ def distribution(kind: PluginKind, name: str) -> str:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name : str
 
     Returns
@@ -246,7 +294,7 @@ def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
 
     Returns
     -------
@@ -334,14 +382,27 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
         raise InputError(f"{where} must have the class attribute name = {entry.name!r}, not {name!r}")
     if not is_word(name):
         raise InputError(f'{where}: its name must be a word without any of []()=," and spaces, and no number')
+    if entry.kind == "metric":
+        _require_columns(where, getattr(plugin, "columns", None))
     return cast("type[Any]", plugin)
+
+
+def _require_columns(where: str, columns: object) -> None:
+    """Refuse a metric that does not describe its columns."""
+    described = isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)
+    names = [one.name for one in columns] if described and isinstance(columns, tuple) else []
+    if not names or len({*names}) < len(names):
+        raise InputError(
+            f"{where} must have the class attribute columns, a tuple of one or more "
+            "isacbench.plugins.contracts.ScoreColumn of different names"
+        )
 
 
 def _imported(entry: RegisteredPlugin) -> Any:
     """Import a plugin; the package of somebody else leaves this process as it was."""
     if (
         entry.module in sys.modules
-        or entry.module.startswith("isacbench_algorithms.")
+        or entry.module.startswith(("isacbench_algorithms.", "isacbench.metrics."))
         or entry.version is None
     ):
         return entry.load()

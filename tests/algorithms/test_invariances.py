@@ -12,13 +12,13 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.oracle import Oracle
 from threadpoolctl import threadpool_limits
 
-from isacbench.bench.cells.radio_coordinates import rayleigh_cells, space_places
 from isacbench.checking.promises.drift import cloud_drift
 from isacbench.checking.promises.image_promises import ELEMENT_ORDER, Imaging
 from isacbench.checking.promises.small_scenes import RESOLVED, Echo, Layout, observed, scenario_of
 from isacbench.checking.stress.cases.crowds import Spread
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
+from isacbench.model.radio_coordinates import rayleigh_cells, space_places
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
 from isacbench.plugins.registry import estimator_names, get_estimator

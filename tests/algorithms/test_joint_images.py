@@ -11,7 +11,6 @@ from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, gain_db, space_places
 from isacbench.bench.studies.efficiency_study import BOUNDS, ERRORS
 from isacbench.bench.studies.efficiency_study import measure_efficiency as measure_error
 from isacbench.bench.studies.resolution_study import measure_resolution as measure_pair
@@ -19,6 +18,7 @@ from isacbench.bench.studies.resolution_study import pair
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.kernels import steering
+from isacbench.model.radio_coordinates import DIMENSIONS, draw_place, gain_db, space_places
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms.scenes import NOTHING, simulator

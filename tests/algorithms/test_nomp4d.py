@@ -9,13 +9,6 @@ from hypothesis import strategies as st
 from isacbench_algorithms.nomp4d import Nomp4d
 
 from isacbench import load_scenario, score
-from isacbench.bench.cells.radio_coordinates import (
-    DIMENSIONS,
-    gain_db,
-    radio_places,
-    rayleigh_cells,
-    space_places,
-)
 from isacbench.bench.studies.resolution_study import pair
 from isacbench.dsp.bounds import single_bound
 from isacbench.errors import InputError
@@ -23,6 +16,13 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
+from isacbench.model.radio_coordinates import (
+    DIMENSIONS,
+    gain_db,
+    radio_places,
+    rayleigh_cells,
+    space_places,
+)
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
 from tests.algorithms.scenes import EMPTY

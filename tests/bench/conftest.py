@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.cells.radio_coordinates import space_places
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import System
+from isacbench.model.radio_coordinates import space_places
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.plugins.discovery import load_plugin_file

@@ -12,8 +12,9 @@ from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.omp4d import Omp4d
 from isacbench_algorithms.oracle import Oracle
 
-from isacbench.metrics.cloud_scores import gospa_m
-from isacbench.metrics.score import METRICS, score
+from isacbench.metrics.gospa import gospa_m
+from isacbench.plugins.scoring import score
+from tests.score_tables import METRICS
 
 
 @pytest.mark.parametrize(

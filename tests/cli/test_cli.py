@@ -319,7 +319,7 @@ def test_score_of_a_truth_against_itself_is_zero_in_the_pinned_columns(cli, tmp_
 
 @pytest.mark.filterwarnings("default::isacbench.errors.InputWarning")
 def test_a_score_that_is_left_out_is_null_in_json_and_told(cli, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.metrics.cloud_scores.MOST_PAIRS", 1)
+    monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 1)
     (tmp_path / "cloud.csv").write_text(CLOUD)
     result = cli("score", "cloud.csv", "cloud.csv", "--json")
     assert result.exit_code == 0

@@ -16,7 +16,6 @@ from isacbench.dsp.angles.model_order import eigenvalue_cfar_order, noise_order
 from isacbench.dsp.cfar.factors import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
 from isacbench.link.waveform.ofdm import layout
 from isacbench.metrics.deviation import paper_deviation
-from isacbench.metrics.score import score
 from isacbench.model.array import VirtualArray, rectangular_positions
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator, echo_parameters, resource_grid
@@ -28,6 +27,7 @@ from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import build_estimator
+from isacbench.plugins.scoring import score
 
 DOCS = Path(__file__).parents[2] / "docs"
 BASE_M = np.array([0.0, 100.0, 0.0])

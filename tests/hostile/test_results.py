@@ -21,7 +21,7 @@ from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run_store import read_results
 from isacbench.errors import InputError
-from isacbench.metrics.score import METRIC_VERSION
+from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
 from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.run_tables import rich_table
@@ -265,7 +265,7 @@ def test_a_manifest_without_sessions_or_metric_is_rescored(run_folder, key):
     del manifest[key]
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
     assert rescore(run_folder).n_changed == 0
-    assert manifest_of(run_folder)["metric"] == {"name": "paper", "version": METRIC_VERSION}
+    assert manifest_of(run_folder)["metric"] == {"name": "paper", "version": Paper.version}
 
 
 def test_a_path_that_is_no_text_is_kept(made, run_folder):

@@ -12,11 +12,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics.cloud_scores import cloud_scores, gospa_m
+from isacbench.metrics.cloud_scores import cloud_scores
 from isacbench.metrics.geometry import hausdorff_m
-from isacbench.metrics.score import score
+from isacbench.metrics.gospa import gospa_m
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
+from isacbench.plugins.scoring import score
 
 
 def clouds(min_size=0):
@@ -92,7 +93,7 @@ def test_a_unit_of_any_real_type_is_taken_and_a_text_refused(name):
 
 
 def test_clouds_too_dense_for_a_matching_have_all_other_scores_and_one_warning(monkeypatch):
-    monkeypatch.setattr("isacbench.metrics.cloud_scores.MOST_PAIRS", 1000)
+    monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 1000)
     rng = np.random.default_rng(2)
     truth, estimate = cloud_at(rng.uniform(size=(300, 3))), cloud_at(rng.uniform(size=(200, 3)))
     with pytest.warns(InputWarning, match="GOSPA of 300 true and 200 estimated points is left out") as warned:

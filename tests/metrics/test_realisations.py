@@ -7,11 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, nearest_to_mean, score_realisations
-from isacbench.metrics.score import METRICS, score
+from isacbench.metrics.repository import Repository
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
+from isacbench.plugins.scoring import Metrics, score
 from tests.conftest import few
+from tests.score_tables import METRICS
 
 REGION = Region((0.0, 9.0), (0.0, 9.0), (0.0, 9.0), (-5.0, 5.0))
 
@@ -30,7 +33,8 @@ def test_every_score_has_a_column_for_its_spread_and_the_true_number_has_none():
 def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
     truth = cloud_of(seed, 5)
     clouds = [cloud_of(seed + 1 + place, size) for place, size in enumerate(sizes)]
-    found = score_realisations(truth, clouds, region=REGION, velocity_bin_mps=1.5, radius_m=2.0)
+    pairs = [CloudPair(truth, cloud, REGION, 1.5, 2.0) for cloud in clouds]
+    found = score_realisations(pairs, Metrics().score)
     rows = [score(truth, cloud, region=REGION, velocity_bin_mps=1.5, radius_m=2.0) for cloud in clouds]
     for name in METRICS["paper"]:
         values = np.array([row[name] for row in rows])
@@ -52,7 +56,7 @@ def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
 @given(seed=st.integers(0, 999), n=st.integers(1, 6), copies=st.integers(1, 70))
 def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
     truth, cloud = cloud_of(seed, 4), cloud_of(seed + 1, n)
-    found = score_realisations(truth, [cloud] * copies, region=REGION)
+    found = score_realisations([CloudPair(truth, cloud, REGION)] * copies, Metrics().score)
     assert found.means == score(truth, cloud, region=REGION)
     assert set(found.spreads.values()) == {0.0}
     assert found.nearest == 0
@@ -60,16 +64,21 @@ def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
 
 @pytest.mark.filterwarnings("ignore::isacbench.errors.InputWarning")
 def test_a_score_that_one_realisation_lacks_has_neither_mean_nor_spread(monkeypatch):
-    monkeypatch.setattr("isacbench.metrics.cloud_scores.MOST_PAIRS", 30)
-    found = score_realisations(cloud_of(0, 10), [cloud_of(1, 2), cloud_of(2, 10)], radius_m=30.0)
+    monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 30)
+    truth, clouds = cloud_of(0, 10), (cloud_of(1, 2), cloud_of(2, 10))
+    found = score_realisations([CloudPair(truth, cloud, radius_m=30.0) for cloud in clouds], Metrics().score)
     assert math.isnan(found.means["gospa_m"])
     assert math.isnan(found.spreads["gospa_m"])
     assert math.isfinite(found.spreads["chamfer_m"])
 
 
-def test_the_metric_of_the_repository_is_averaged_too():
+def test_further_metrics_are_averaged_too_and_over_the_realisations_that_have_them():
     truth, clouds = cloud_of(0, 5), [cloud_of(1, 4), cloud_of(2, 5)]
-    found = score_realisations(truth, clouds, "repository", region=REGION)
+    pairs = [CloudPair(truth, cloud, REGION) for cloud in clouds]
+    found = score_realisations(pairs, Metrics((Repository(),)).score)
     positions = [score(truth, cloud, "repository", region=REGION)["position"] for cloud in clouds]
     assert found.means["position"] == pytest.approx(np.mean(positions))
-    assert "hausdorff_sum_m" not in found.spreads
+    assert "position" not in found.spreads
+    values = {pairs[0]: math.nan, pairs[1]: 3.0}
+    partly = score_realisations(pairs, lambda pair: {**Metrics().score(pair), "mine": values[pair]})
+    assert partly.means["mine"] == 3.0

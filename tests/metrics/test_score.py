@@ -10,10 +10,11 @@ from isacbench.errors import InputError
 from isacbench.metrics.cloud_scores import cloud_scores
 from isacbench.metrics.deviation import paper_deviation
 from isacbench.metrics.repository import repository_deviation
-from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
+from isacbench.plugins.scoring import score
+from tests.score_tables import METRICS
 
 REGION = Region(x_m=(-10, 10), y_m=(-10, 10), z_m=(-10, 10), speed_mps=(-5, 5))
 
@@ -128,8 +129,11 @@ def test_arrays_with_and_without_power_and_clouds_score_alike(pair):
 @pytest.mark.parametrize(
     ("metric", "message"),
     [
-        ("papr", "unknown metric 'papr': did you mean 'paper'? allowed are paper, repository"),
-        ("zzz", "unknown metric 'zzz': allowed are paper, repository"),
+        (
+            "papr",
+            "unknown metric 'papr': did you mean 'paper'? allowed are objects, occupancy, paper, points, repository",
+        ),
+        ("zzz", "unknown metric 'zzz': allowed are objects, occupancy, paper, points, repository"),
     ],
 )
 def test_an_unknown_metric_is_refused_with_a_suggestion(metric, message):
@@ -164,7 +168,8 @@ def test_every_column_is_described():
         for name, column in columns.items():
             assert column.name == name
             assert column.description
-            assert ("[m]" in column.description) == (name.endswith("_m") or name == "position")
+            assert (column.unit == "m") == (name.endswith("_m") or name == "position")
+            assert "[" not in column.description
 
 
 WITHOUT = {"paper": {"velocity_nmse", "deviation"}, "repository": {"velocity", "deviation"}}

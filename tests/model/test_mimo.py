@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.studies.link_study import link_scenes
 from isacbench.bench.studies.lone_targets import scene_bound
 from isacbench.bench.suites.scenario_digest import scenario_digest
@@ -20,6 +19,7 @@ from isacbench.link.sensing.noise_colouring import noise_covariance
 from isacbench.link.sensing.observing import observe
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, clean_echo, resource_grid, transmitted_noise
+from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import get_estimator
 

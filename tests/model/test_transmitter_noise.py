@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.studies.efficiency_study import efficiency_scenes
 from isacbench.bench.studies.link_study import link_scenes
 from isacbench.bench.suites.scenario_digest import scenario_digest
@@ -19,6 +18,7 @@ from isacbench.link.sensing.observing import observe
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import Simulator, echo_parameters, transmitted_noise
 from isacbench.model.numerology import System
+from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scenes.scenario import load_scenario
 
 SIGMAS = 5.0

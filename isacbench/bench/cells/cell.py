@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.record import N_STORED, Cell, Outcome, Record
+from isacbench.bench.cells.record import COLUMNS, N_STORED, Cell, Outcome, Record
 from isacbench.bench.cells.scored_images import ScoredImage, image_reference
-from isacbench.metrics.score import score
+from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator, is_reference
 from isacbench.plugins.error_places import error_place
+from isacbench.plugins.scoring import Metrics
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
+
+PAPER_ALONE = Metrics()
 
 MAX_MESSAGE = 1000
 """Characters of an exception's message that a row keeps."""
@@ -59,6 +62,7 @@ def run_cell(
     observation: Observation,
     estimator: Estimator,
     measure: Measure | None = None,
+    metrics: Metrics = PAPER_ALONE,
 ) -> Outcome:
     """Estimate, time and score one cell. An exception of the estimator becomes the reason of the record.
 
@@ -72,6 +76,8 @@ def run_cell(
     estimator : Estimator
     measure : callable, optional
         Derives further columns.
+    metrics : Metrics
+        Score the image.
 
     Returns
     -------
@@ -79,7 +85,7 @@ def run_cell(
     """
     start = time.perf_counter()
     try:
-        image = _imaged(estimator, scenario, observation)
+        image = _imaged(estimator, scenario, observation, metrics)
         scored = time.perf_counter()
         shot = MeasuredImage(scenario, observation, estimator, cell.snr_db, image.cloud)
         extras = {} if measure is None else measure(shot)
@@ -87,51 +93,30 @@ def run_cell(
         raise
     except BaseException as error:
         return failed_by(error, cell, len(scenario.truth), time.perf_counter() - start)
+    further = {name: value for name, value in image.scores.items() if name not in COLUMNS}
     record = Record(
         **vars(cell),
         status="ok" if len(image.cloud) else "no_detection",
         reason="",
-        **image.scores,
+        **{name: image.scores[name] for name in image.scores.keys() - further.keys()},
         time_estimate_s=image.time_estimate_s,
         time_score_s=image.time_score_s + time.perf_counter() - scored,
     )
     stored = {N_STORED: float(len(image.cloud))} if image.spreads else {}
-    return Outcome(record, image.cloud, {**image.spread_columns(), **stored, **extras})
+    return Outcome(record, image.cloud, {**further, **image.spread_columns(), **stored, **extras})
 
 
-def _imaged(estimator: Estimator, scenario: Scenario, observation: Observation) -> ScoredImage:
+def _imaged(
+    estimator: Estimator, scenario: Scenario, observation: Observation, metrics: Metrics
+) -> ScoredImage:
     """Image of an observation with its scores; of a reference, of the scenario."""
     if is_reference(estimator):
-        return image_reference(estimator, scenario)
+        return image_reference(estimator, scenario, metrics)
     start = time.process_time()
     cloud = estimate_cloud(estimator, observation, scenario.truth)
     time_s, estimated = time.process_time() - start, time.perf_counter()
-    scores = score_image(scenario, cloud)
+    scores = metrics.score(CloudPair.of(scenario, cloud))
     return ScoredImage(cloud, scores, time_s, time.perf_counter() - estimated)
-
-
-def score_image(scenario: Scenario, cloud: PointCloud, metric: str = "paper") -> dict[str, Any]:
-    """Score a cloud against the scenario that was observed.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    cloud : PointCloud
-    metric : str
-
-    Returns
-    -------
-    dict of str to float or int
-        As `isacbench.metrics.score.score` returns them.
-    """
-    return score(
-        scenario.truth,
-        cloud,
-        metric,
-        region=scenario.region,
-        velocity_bin_mps=scenario.system.velocity_bin_mps,
-        radius_m=scenario.radius_m,
-    )
 
 
 def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import pandas as pd
 
-from isacbench.added_fields import values_before
+from isacbench.added_fields import added_field, values_before
 from isacbench.display import brief
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
+from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
@@ -72,7 +73,7 @@ class Record(Cell):
     n_true, n_estimated : int
         Points of the truth and of the estimate; 0 estimated for a failure. Of a
         reference the rounded mean over its realisations.
-    hausdorff_xy_m, ..., recall : float
+    hausdorff_xy_m, ..., recall, hausdorff_sum_m : float
         Scores of the metric ``paper``, NaN for a failure.
     time_estimate_s : float
         Processor time of the estimate, of a failure the wall time until then; of a
@@ -105,6 +106,7 @@ class Record(Cell):
     time_score_s: float = math.nan
     timing: bool = False
     environment: str = ""
+    hausdorff_sum_m: float = added_field(math.nan, before=math.nan)
 
 
 PROVENANCE = ["timing", "scenario_content", "environment"]
@@ -243,6 +245,8 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     for name, default in {**ADDED, **columns}.items():
         if name not in records:
             table[name] = default
+    sums_m = table[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False)
+    table["hausdorff_sum_m"] = table["hausdorff_sum_m"].fillna(sums_m)  # of older rows
     return table.astype(kinds)
 
 

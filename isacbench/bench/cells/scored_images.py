@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from isacbench.added_fields import identity_fields
+from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.parameters import canonical_params
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import ReferenceEstimator
+    from isacbench.plugins.scoring import Metrics
 
 KEPT = 32
 """Scored images of references that a process keeps."""
@@ -54,13 +56,14 @@ class ScoredImage:
         return {SPREAD_COLUMNS[name]: spread for name, spread in self.spreads.items()}
 
 
-def image_reference(reference: ReferenceEstimator, scenario: Scenario) -> ScoredImage:
+def image_reference(reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics) -> ScoredImage:
     """Score the realisations of a reference against the scenario that they are made from.
 
     Parameters
     ----------
     reference : ReferenceEstimator
     scenario : Scenario
+    metrics : Metrics
 
     Returns
     -------
@@ -80,8 +83,10 @@ def image_reference(reference: ReferenceEstimator, scenario: Scenario) -> Scored
         scenario.radius_m,
         scenario.base_station_m.tobytes(),
         scenario.truth.to_array().tobytes(),
+        scenario.scatterers.objects,
+        metrics,
     )
-    return _imaged(_Task(content, reference, scenario))
+    return _imaged(_Task(content, reference, scenario, metrics))
 
 
 @dataclass(frozen=True)
@@ -91,23 +96,19 @@ class _Task:
     content: tuple[Hashable, ...]
     reference: ReferenceEstimator = field(compare=False)
     scenario: Scenario = field(compare=False)
+    metrics: Metrics = field(compare=False)
 
 
 @lru_cache(maxsize=KEPT)
 def _imaged(task: _Task) -> ScoredImage:
     start = time.process_time()
-    scenario, truth = task.scenario, task.scenario.truth
-    clouds = list(task.reference.realisations(scenario, truth))
+    scenario = task.scenario
+    clouds = list(task.reference.realisations(scenario, scenario.truth))
     for cloud in clouds:
         if not isinstance(cloud, PointCloud):
             raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
     made_s, made = time.process_time() - start, time.perf_counter()
-    scores = score_realisations(
-        truth,
-        clouds,
-        region=scenario.region,
-        velocity_bin_mps=scenario.system.velocity_bin_mps,
-        radius_m=scenario.radius_m,
-    )
+    pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
+    scores = score_realisations(pairs, task.metrics.score)
     scored = time.perf_counter()
     return ScoredImage(clouds[scores.nearest], scores.means, made_s, scored - made, scores.spreads)

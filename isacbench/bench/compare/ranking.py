@@ -19,7 +19,7 @@ from isacbench.bench.compare.scene_scores import (
     average_scenes,
     scene_families,
     scene_groups,
-    with_sums_and_ratios,
+    with_ratios,
 )
 from isacbench.bench.compare.statistics import (
     CHANGES,
@@ -31,6 +31,7 @@ from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import without_rounding
 from isacbench.bench.compare.worst_scenes import worst_scenes
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
+from isacbench.bench.store.score_columns import stored_columns
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
@@ -204,9 +205,9 @@ def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
             f"{run.label}: the scenarios of a suite of kind {kind!r} are no scenes to rank over; allowed are "
             f"runs of the kinds {', '.join(SCENE_KINDS)}"
         )
-    records = with_sums_and_ratios(run)
+    records = with_ratios(run)
     numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
-    better = direction(metric, run.manifest["metric"]["name"], numbers)
+    better = direction(metric, stored_columns(run.manifest), numbers)
     variants, limits = variants_in(records), find_limits(records)
     ranked = [variant for variant in variants if variant[0] not in limits]
     references = [variant for variant in variants if variant[0] in limits]

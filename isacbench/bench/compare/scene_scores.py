@@ -12,7 +12,6 @@ from isacbench.bench.compare.estimator_pairs import spell_apart
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
 from isacbench.bench.studies.ratios import POINT_FAMILIES, hausdorff_ratios
 from isacbench.files.escaping import counted
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -55,8 +54,8 @@ class SceneScores(NamedTuple):
     notes: list[str]
 
 
-def with_sums_and_ratios(run: RunTable) -> pd.DataFrame:
-    """Add the columns ``hausdorff_sum_m`` and ``ratio``, as far as the rows have what they need.
+def with_ratios(run: RunTable) -> pd.DataFrame:
+    """Add the column ``ratio``.
 
     Counts of lone scatterers become NaN in scenes of other families.
 
@@ -74,13 +73,8 @@ def with_sums_and_ratios(run: RunTable) -> pd.DataFrame:
         # Measured where scatterers are lone; elsewhere 0 stands for nothing.
         is_lone = records["scenario"].astype(object).map(families).isin(POINT_FAMILIES)
         records = records.assign(**{name: records[name].where(is_lone) for name in LONE_COUNTS})
-    if not set(HAUSDORFF_COLUMNS) <= set(records):
-        return records
     without = [name for name, family in families.items() if family in POINT_FAMILIES]
-    return records.assign(
-        hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
-        ratio=hausdorff_ratios(records, without),
-    )
+    return records.assign(ratio=hausdorff_ratios(records, without))
 
 
 def scene_families(manifest: Mapping[str, Any]) -> dict[str, str]:

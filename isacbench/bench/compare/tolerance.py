@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Literal
 from isacbench.bench.cells.record import REFERENCE_COLUMNS
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
-from isacbench.metrics.score import METRICS
+from isacbench.metrics.columns import ScoreColumn
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Collection, Iterable, Mapping
 
     from isacbench.bench.suites.kind import Direction
 
@@ -101,14 +101,16 @@ def merge_tolerances(given: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
     return tuple({one.metric: one for one in (DEFAULT_TOLERANCE, *given)}.values())
 
 
-def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lower", "higher"]:
+def direction(
+    column: str, described: Mapping[str, ScoreColumn], columns: Collection[str]
+) -> Literal["lower", "higher"]:
     """Better direction of a column: lower, where nothing else is known.
 
     Parameters
     ----------
     column : str
-    metric : str
-        Metric that the run was scored by, see `isacbench.metrics.score.METRICS`.
+    described : mapping of str to ScoreColumn
+        Columns of the run's metrics, as `isacbench.bench.store.score_columns.stored_columns` has them.
     columns : collection of str
         Numeric columns that the runs have.
 
@@ -123,11 +125,11 @@ def direction(column: str, metric: str, columns: Collection[str]) -> Literal["lo
 
     Examples
     --------
-    >>> direction("recall", "paper", ["deviation", "recall"])
+    >>> direction("recall", {"recall": ScoreColumn("recall", "", better="higher")}, ["deviation", "recall"])
     'higher'
     """
     known: dict[str, Direction] = dict.fromkeys(NEITHER, "neither")
-    known |= {name: score.better for name, score in METRICS.get(metric, {}).items()}
+    known |= {name: score.better for name, score in described.items()}
     for kind in KINDS.values():
         known |= kind.better
     scores = [name for name in columns if known.get(name, "lower") != "neither"]

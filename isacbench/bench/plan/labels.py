@@ -77,6 +77,22 @@ def find_limits(records: pd.DataFrame) -> set[str]:
     return limits
 
 
+def labelled(records: pd.DataFrame) -> pd.DataFrame:
+    """Add the column ``label``: the readable name of each row's estimator among those of the run.
+
+    Parameters
+    ----------
+    records : DataFrame
+
+    Returns
+    -------
+    DataFrame
+    """
+    variants = list(zip(records["estimator"], records["params"], strict=True))
+    names = estimator_labels(variants)
+    return records.assign(label=[names[variant] for variant in variants])
+
+
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     """Name estimators for tables and figures: the bare name, with parameters where they are needed.
 

@@ -17,15 +17,17 @@ import pandas as pd
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, Results, typed
 from isacbench.bench.plan.job import Job
+from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.manifest_plan import ENTRIES, restore_plan
 from isacbench.bench.store import run_store
 from isacbench.bench.store.resume import differing_versions, has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
+from isacbench.bench.store.score_columns import row_columns
 from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.bench.suites.scenario_digest import canonical_json
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
+from isacbench.bench.suites.suite_kinds import restore_suite
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import local_plugins
 from isacbench.specifications import spec_variants
@@ -148,7 +150,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     suite, scenarios = restore_suite(described["suite"]), _scenarios(parts)
     results = Results(
         suite=suite,
-        records=typed(rows.records, kind_of(suite).columns),
+        records=labelled(typed(rows.records, row_columns(described))),
         clouds=rows.clouds(),
         scenarios={name: scenarios[name] for name in described["scenarios"]},
         draws=_draws(parts, [scene["name"] for scene in described["scenes"]]),
@@ -313,7 +315,7 @@ def _united(rows: Rows, positions: NDArray[np.int64]) -> tuple[Rows, NDArray[np.
 
 def _require_agreement(one: Rows, other: Rows) -> None:
     """Refuse different rows of the same cells, apart from times."""
-    others = {*TIMES, *TIMING_COLUMNS, "timing", "environment"}
+    others = {*TIMES, *TIMING_COLUMNS, "timing", "environment", "label"}
     columns = [name for name in one.records if name not in others]
     left, right = one.records[columns], other.records[columns]
     agree = ((left == right) | (left.isna() & right.isna())).all(axis=1) & (one.n_points == other.n_points)

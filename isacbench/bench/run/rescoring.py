@@ -16,30 +16,35 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import MeasuredImage, score_image
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.record import N_STORED, stored_points
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.store import run_store
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
+from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
+from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.registry import get_estimator
+from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.record import Results
+    from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import ReferenceEstimator
+    from isacbench.plugins.scoring import Metrics
 
 
 class Change(NamedTuple):
@@ -90,19 +95,21 @@ class Rescored:
     changes: list[Change]
 
 
-def rescore(folder: Path) -> Rescored:
+def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
     """Score every stored cloud of a run again, and replace the old scores.
 
     The realisations of references are made again from the stored scenario; the
-    stored cloud stays. It computes anew the scores of the metric ``paper`` and the columns that the
-    studies ``efficiency`` and ``resolution`` derive from a cloud. What needs
-    more than the cloud stays as it is: times, and cells that detectors tested.
+    stored cloud stays. It computes anew the scores of all metrics of the run, those that its kind of suite
+    has by now included, and the columns that the studies ``efficiency`` and ``resolution`` derive from a
+    cloud. What needs more than the cloud stays as it is: times, and cells that detectors tested.
     Failed rows stay, too.
 
     Parameters
     ----------
     folder : Path
         Folder of a run that is not being written to.
+    metrics : iterable of str
+        Further metrics, as ``name[param=value,...]``; one that the run has already takes its place.
 
     Returns
     -------
@@ -118,24 +125,37 @@ def rescore(folder: Path) -> Rescored:
     run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
         manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
-        scored = _scored_again(folder, results)
-        records = results.records.copy()
+        suite = _with_metrics(results.suite, tuple(metrics))
+        used = metrics_of(suite)
+        scored = _scored_again(folder, results, used)
+        scores = describe_scores(used, results.scenarios.values())
+        before = results.records.assign(
+            **{str(name): math.nan for name in scored if name not in results.records}
+        )
+        records = before.copy()
         for name in scored:
             records.loc[scored.index, name] = scored[name].astype(records[name].dtype)
-        found = _compared(results.suite.kind, results.records, records, len(scored))
-        run_store.write_results(dataclasses.replace(results, records=records), folder)
+        found = _compared(results.suite.kind, before, records, len(scored))
+        run_store.write_results(dataclasses.replace(results, suite=suite, records=records), folder)
         entry = run_store.describe_session(
             started, time.perf_counter() - tick, False, {"rescored": len(scored)}
         )
         sessions = [*manifest.get("sessions", ()), entry]
         run_store.save_manifest(
-            folder, {**manifest, "metric": run_store.current_metric(), "sessions": sessions}
+            folder,
+            {
+                **manifest,
+                "suite": {**manifest["suite"], "metrics": suite.metrics},
+                "metric": run_store.current_metric(),
+                SCORES: scores,
+                "sessions": sessions,
+            },
         )
         (folder / run_store.JOURNAL).unlink(missing_ok=True)
     return found
 
 
-def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
+def _scored_again(folder: Path, results: Results, metrics: Metrics) -> pd.DataFrame:
     """New scores, indexed by the position of their row."""
     observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
     records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
@@ -156,9 +176,17 @@ def _scored_again(folder: Path, results: Results) -> pd.DataFrame:
             shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
             measured = _measured(observed.scenes[name], shot, kind_of(results.suite).columns)
             reference = references.get(row)
-            scores = score_image(scenario, cloud) if reference is None else _means(reference, scenario)
+            pair = CloudPair.of(scenario, cloud)
+            scores = metrics.score(pair) if reference is None else _means(reference, scenario, metrics)
             scored[row] = {**scores, **measured}
     return pd.DataFrame(list(scored.values()), index=list(scored))
+
+
+def _with_metrics(suite: Suite, further: Sequence[str]) -> Suite:
+    """Suite with further metrics, each in place of one of the same name."""
+    specs = kind_of(suite).metrics if suite.metrics is None else suite.metrics
+    named = {parse_spec(spec).name: spec for spec in (*specs, *further)}
+    return suite.replace(metrics=tuple(named.values())) if further else suite
 
 
 def _references(
@@ -191,9 +219,9 @@ def _reference(folder: Path, name: str, params: str) -> ReferenceEstimator:
     return plugin
 
 
-def _means(reference: ReferenceEstimator, scenario: Scenario) -> dict[str, Any]:
+def _means(reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics) -> dict[str, Any]:
     """Scores of a reference with their spreads."""
-    image = image_reference(reference, scenario)
+    image = image_reference(reference, scenario, metrics)
     return {**image.scores, **image.spread_columns()}
 
 

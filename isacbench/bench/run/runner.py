@@ -16,6 +16,7 @@ import pandas as pd
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Results, typed
 from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
+from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.progress import Progress, notebook_display, progress_shown
 from isacbench.bench.store import run_store
@@ -23,8 +24,9 @@ from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.resume import Rerun, keep, parse_reruns
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
+from isacbench.bench.store.score_columns import metrics_of, require_same_scores, row_columns
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.suites.suite_kinds import kind_of, load_suite
+from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
 from isacbench.bench.workers.local_workers import work_alone, work_guarded, work_here
 from isacbench.errors import InputError
@@ -266,7 +268,7 @@ def run_suite(
     job = load_job(suite)
     started, tick = datetime.now().astimezone(), time.perf_counter()
     options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
-    columns, plan = kind_of(suite).columns, job.plan
+    columns, plan = row_columns(run_store.describe_run(job)), job.plan
     with open_folder(out) as folder:
         manifest = run_store.recover_manifest(folder)
         stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
@@ -290,7 +292,7 @@ def run_suite(
         wall_time_s = time.perf_counter() - tick
         results = Results(
             suite=suite,
-            records=typed(rows.records, columns),
+            records=labelled(typed(rows.records, columns)),
             clouds=rows.clouds(),
             scenarios=dict(job.scenarios),
             draws=job.draws(),
@@ -311,7 +313,7 @@ def _kept(folder: Path, manifest: Mapping[str, Any], stored: Rows, job: Job, exe
     rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
         if len(stored):
-            run_store.require_metric(manifest)
+            require_same_scores(manifest, metrics_of(job.suite))
         return keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
     except InputError as error:
         raise InputError(f"{folder}: {error}") from error
@@ -332,7 +334,8 @@ def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], i
     """
     journal = folder / run_store.JOURNAL
     if is_less or (journal.exists() and len(kept)):
-        run_store.write_rows(folder, typed(kept.records, kind_of(job.suite).columns), kept.clouds())
+        records = labelled(typed(kept.records, row_columns(run_store.describe_run(job))))
+        run_store.write_rows(folder, records, kept.clouds())
     run_store.write_truth(folder, job.scenarios)
     run_store.write_manifest(folder, run_store.describe_run(job), kept.environments, sessions)
     journal.unlink(missing_ok=True)

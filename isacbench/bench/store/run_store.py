@@ -25,12 +25,14 @@ from isacbench.bench.cells.record import (
     typed,
     with_added,
 )
+from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
 from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import replacing
+from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of, row_columns
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
     digest,
@@ -38,7 +40,7 @@ from isacbench.bench.suites.scenario_digest import (
     scenario_digest,
     truth_table,
 )
-from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
+from isacbench.bench.suites.suite_kinds import restore_suite
 from isacbench.errors import AccessError, InputError, InputWarning
 from isacbench.files.checked_files import (
     MANIFEST_BYTES,
@@ -49,7 +51,7 @@ from isacbench.files.checked_files import (
     require_utf8,
 )
 from isacbench.files.escaping import quoted, visible
-from isacbench.metrics.score import METRIC_VERSION
+from isacbench.metrics.paper import Paper
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.scenes.scene_families import spelled_scenarios
 from isacbench.plugins.plugin_versions import plugin_version
@@ -72,7 +74,7 @@ RUN_TABLES = frozenset({RECORDS, RECORDS_CSV, CLOUDS, TRUTH, MANIFEST, DRAWS, JO
 DIGEST = "digest"
 """Attribute of a table's file that holds the digest of its content."""
 
-RUN_KEYS = ("seed", "suite", "metric", "estimators", "scenarios", "scenes")
+RUN_KEYS = ("seed", "suite", "metric", SCORES, "estimators", "scenarios", "scenes")
 """Keys of a manifest that describe the content of the run, not the calls that worked on it."""
 
 T = TypeVar("T")
@@ -126,6 +128,7 @@ def describe_run(job: Job) -> dict[str, Any]:
         "seed": suite.seed,
         "suite": suite.model_dump(),
         "metric": current_metric(),
+        SCORES: describe_scores(metrics_of(suite), job.scenarios.values()),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
             for one in job.plan.entries
@@ -309,30 +312,9 @@ def recover_manifest(folder: Path) -> dict[str, Any]:
     return _attempt(lambda _: read_manifest(folder), folder / MANIFEST) or {}
 
 
-def require_metric(manifest: Mapping[str, Any]) -> None:
-    """Refuse a run that another version of the metric has scored.
-
-    Parameters
-    ----------
-    manifest : mapping of str to Any
-        One without a metric is accepted.
-
-    Raises
-    ------
-    InputError
-        If the version is not the present one.
-    """
-    version = manifest.get("metric", current_metric()).get("version")
-    if version != METRIC_VERSION:
-        raise InputError(
-            f"its cells were scored by version {version} of the metric, not {METRIC_VERSION}; "
-            "rescore it first (isacbench rescore), or use a new folder"
-        )
-
-
 def current_metric() -> dict[str, Any]:
     """Name and version of the metric that this version of isacbench scores by, as JSON holds them."""
-    return {"name": "paper", "version": METRIC_VERSION}
+    return {"name": "paper", "version": Paper.version}
 
 
 def read_rows(
@@ -447,7 +429,7 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     with _damage_told(folder):
         rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        records = typed(rows.records, kind_of(restore_suite(manifest["suite"])).columns)
+        records = labelled(typed(rows.records, row_columns(manifest)))
         require_sound_records(records)
         require_described_scenarios(records, manifest)
         return dataclasses.replace(rows, records=records)

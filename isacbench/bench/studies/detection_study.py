@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.cells.timing import Trial
 from isacbench.bench.studies.intervals import mean_band, share_band
@@ -40,6 +39,7 @@ from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError
 from isacbench.instrument.stages import stage
 from isacbench.model.numerology import System
+from isacbench.model.radio_coordinates import gain_db
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser
 from isacbench.plugins.registry import get_detector, get_estimator
 from isacbench.specifications import spec_variants

@@ -16,7 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.bench.cells.radio_coordinates import (
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.studies.intervals import rms_interval
+from isacbench.bench.studies.medians import summarise
+from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
+from isacbench.bench.suites.efficiency_kind import BOUNDS, ERRORS
+from isacbench.dsp.bounds import single_bound
+from isacbench.model.radio_coordinates import (
     DIMENSIONS,
     draw_place,
     gain_db,
@@ -24,12 +30,6 @@ from isacbench.bench.cells.radio_coordinates import (
     rayleigh_cells,
     space_places,
 )
-from isacbench.bench.cells.statuses import failed
-from isacbench.bench.studies.intervals import rms_interval
-from isacbench.bench.studies.medians import summarise
-from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
-from isacbench.bench.suites.efficiency_kind import BOUNDS, ERRORS
-from isacbench.dsp.bounds import single_bound
 from isacbench.model.scene import Scatterers
 
 if TYPE_CHECKING:

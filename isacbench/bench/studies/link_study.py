@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 from scipy.special import bdtr, bdtrc
 
-from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.studies.intervals import mean_band, share_band
 from isacbench.bench.studies.link_reception import user_scenes
@@ -33,6 +32,7 @@ from isacbench.bench.studies.study import (
 from isacbench.errors import InputError
 from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.model.radio_coordinates import gain_db
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.dsp.bounds import joint_bound
 from isacbench.model.echo import echo_parameters
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.studies.imaging_study import AVERAGED
+from isacbench.bench.store.score_columns import metrics_of
+from isacbench.bench.studies.imaging_study import averaged_columns
 from isacbench.bench.studies.intervals import median_interval, student_band
 from isacbench.bench.studies.lone_targets import measure_lone_scatterers
 from isacbench.bench.studies.medians import median_times
@@ -20,8 +20,8 @@ from isacbench.bench.studies.study import (
     element_snrs_db,
     require_scatterers,
 )
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.frame import PaperFrame
+from isacbench.model.radio_coordinates import gain_db
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,8 +49,6 @@ MEDIANS = ["ratio", "velocity_nmse"]
 TARGETS = ["n_false", "share_clean", "share_resolved", "share_met"]
 """Numbers of a scene of lone scatterers."""
 
-MEANS = [name for name in AVERAGED if name not in MEDIANS]
-
 
 def population_scenes(suite: PopulationSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
     """Plan one scene a scenario: the scenario as it is, labelled with family, frame and phases.
@@ -70,7 +68,7 @@ def population_scenes(suite: PopulationSuite, scenarios: Mapping[str, Scenario])
     InputError
         If a scenario has no scatterers.
     """
-    entries = build_estimators(suite)
+    entries, metrics = build_estimators(suite), metrics_of(suite)
     require_scatterers(scenarios)
     return [
         ImagedScene(
@@ -79,6 +77,7 @@ def population_scenes(suite: PopulationSuite, scenarios: Mapping[str, Scenario])
             entries,
             element_snrs_db(suite, gain_db(scenario)),
             measure=measure_lone_scatterers if scenario.family in POINT_FAMILIES else None,
+            metrics=metrics,
             labels={
                 "family": scenario.family,
                 "frame": "paper" if isinstance(scenario.frame, PaperFrame) else "panel",
@@ -116,7 +115,8 @@ def summarise_population(records: pd.DataFrame) -> pd.DataFrame:
     """
     cells = spread_levels(scene_cells(records))
     by = [*PART, *VARIANT]
-    scenes = _scenes(cells, by)
+    means = [name for name in averaged_columns(records) if name not in MEDIANS]
+    scenes = _scenes(cells, by, [*MEDIANS, *means, *TARGETS])
     groups = scenes.groupby(by, sort=False, dropna=False)
     counts = ["n_cells", "n_no_detection", "n_failed"]
     found = pd.concat([groups.size().rename("n_scenes"), groups[counts].sum()], axis=1)
@@ -126,7 +126,7 @@ def summarise_population(records: pd.DataFrame) -> pd.DataFrame:
         found[[f"{name}_median", f"{name}_low", f"{name}_high"]] = [
             median_interval(values.dropna().to_numpy(dtype=np.float64)) for _, values in groups[name]
         ]
-    for name in [*MEANS, *TARGETS]:
+    for name in [*means, *TARGETS]:
         found[f"{name}_mean"] = groups[name].mean()
         found[f"{name}_band"] = student_band(groups[name].std(), groups[name].count())
     times = cells.assign(snr_db=cells["snr_db"].fillna(np.inf)).pipe(median_times, by).reset_index()
@@ -145,7 +145,7 @@ def scene_cells(records: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        With the further columns ``phases``, ``hausdorff_sum_m``, ``ratio``, and the targets that
+        With the further columns ``phases``, ``ratio``, and the targets that
         `summarise_population` names, NaN for other families.
     """
     broken, is_lone = failed(records), records["family"].isin(POINT_FAMILIES)
@@ -168,7 +168,6 @@ def scene_cells(records: pd.DataFrame) -> pd.DataFrame:
     return records.assign(
         family=records["family"].replace("", HAND_MADE),
         phases=records["coherent_phase"].map(PHASES),
-        hausdorff_sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False),
         n_estimated=records["n_estimated"].where(~broken),
         ratio=hausdorff_ratios(records, records.loc[is_lone, "scenario"].unique()),
         n_no_detection=records["status"] == "no_detection",
@@ -197,7 +196,7 @@ def spread_levels(cells: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([levels.assign(snr_db=np.nan), levels], ignore_index=True)
 
 
-def _scenes(cells: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+def _scenes(cells: pd.DataFrame, by: list[str], scores: list[str]) -> pd.DataFrame:
     """Average the cells of every scene in each group."""
     groups = cells.groupby([*by, "scenario"], sort=False, dropna=False)
     columns: dict[str, Any] = {
@@ -205,5 +204,4 @@ def _scenes(cells: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         "n_no_detection": groups["n_no_detection"].sum(),
         "n_failed": groups["n_failed"].sum(),
     }
-    means = groups[[*MEDIANS, *MEANS, *TARGETS]].mean()
-    return pd.DataFrame(columns).join(means).reset_index()
+    return pd.DataFrame(columns).join(groups[scores].mean()).reset_index()

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
-
 if TYPE_CHECKING:
     from collections.abc import Collection
 
@@ -36,7 +34,7 @@ def hausdorff_ratios(records: pd.DataFrame, without: Collection[str] = ()) -> pd
         The denominator is at least `SMALLEST_ORACLE_M`.
     """
     keys = ["scenario", "snr_db", "trial"]
-    table = records[keys].assign(sum_m=records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False))
+    table = records[keys].assign(sum_m=records["hausdorff_sum_m"])
     is_oracle = (records["estimator"] == "oracle") & (records["params"].map(_cell) == 1)
     oracle_m = table[is_oracle].groupby(keys)["sum_m"].mean().clip(lower=SMALLEST_ORACLE_M)
     below = pd.Series(oracle_m.reindex(pd.MultiIndex.from_frame(table[keys])).to_numpy(), index=records.index)

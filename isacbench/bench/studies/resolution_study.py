@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.bench.cells.radio_coordinates import (
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.studies.intervals import share_band
+from isacbench.bench.studies.medians import summarise
+from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
+from isacbench.model.echo import central_phase
+from isacbench.model.radio_coordinates import (
     DIMENSIONS,
     draw_place,
     gain_db,
@@ -23,11 +28,6 @@ from isacbench.bench.cells.radio_coordinates import (
     rayleigh_cells,
     space_places,
 )
-from isacbench.bench.cells.statuses import failed
-from isacbench.bench.studies.intervals import share_band
-from isacbench.bench.studies.medians import summarise
-from isacbench.bench.studies.study import ImagedScene, build_estimators, element_snrs_db
-from isacbench.model.echo import central_phase
 from isacbench.model.scene import Scatterers, warned_before
 
 if TYPE_CHECKING:

@@ -18,15 +18,15 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import estimate_cloud, failed_by, failure, run_cell
+from isacbench.bench.cells.cell import PAPER_ALONE, estimate_cloud, failed_by, failure, run_cell
 from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.radio_coordinates import gain_db
 from isacbench.bench.cells.record import DRAW_COLUMNS, Cell, Outcome, Record
 from isacbench.bench.cells.timing import Trial, timed
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
+from isacbench.model.radio_coordinates import gain_db
 from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
+    from isacbench.plugins.scoring import Metrics
 
 SNR_DECIMALS = 6
 """Digits after which an SNR is rounded, so that a gain added and taken away leaves it as it was."""
@@ -282,11 +283,14 @@ class SharedImage(SharedObservation):
     observation : Observation
     measure : callable or None
         Measures further columns of an image.
+    metrics : Metrics
+        Score the images.
     """
 
     scenario: Scenario
     observation: Observation
     measure: Measure | None
+    metrics: Metrics
 
     @property
     def n_true(self) -> int:
@@ -302,7 +306,7 @@ class SharedImage(SharedObservation):
         return digest([repr((bounds, known)), *map(array_digest, arrays)])
 
     def _outcome(self, cell: Cell, plugin: Estimator) -> Outcome:
-        return run_cell(cell, self.scenario, self.observation, plugin, self.measure)
+        return run_cell(cell, self.scenario, self.observation, plugin, self.measure, self.metrics)
 
     def _trial(
         self, plugin: Estimator, met: Outcome, before_each: Callable[[], None]
@@ -346,6 +350,8 @@ class ImagedScene(Scene):
         From a scenario to what observes it; by default with the whole grid.
     measure : callable, optional
         Measures further columns of an image.
+    metrics : Metrics, optional
+        Score the images.
     labels : mapping of str to Any
         Further columns of every row.
 
@@ -353,7 +359,7 @@ class ImagedScene(Scene):
     ----------
     template : Scenario
         The `scenario`.
-    measure, labels
+    measure, metrics, labels
         As given.
     is_drawn : bool
         Whether every trial has scatterers of its own.
@@ -370,9 +376,10 @@ class ImagedScene(Scene):
         draw: Callable[[int], Scenario] | None = None,
         simulator: Callable[[Scenario], Simulator] = Simulator,
         measure: Measure | None = None,
+        metrics: Metrics = PAPER_ALONE,
         labels: Mapping[str, Any] | None = None,
     ) -> None:
-        self.template, self.measure, self.labels = scenario, measure, labels or {}
+        self.template, self.measure, self.metrics, self.labels = scenario, measure, metrics, labels or {}
         self.is_drawn = draw is not None
         self._draw = draw
         name = scenario.name if name is None else name
@@ -402,6 +409,7 @@ class ImagedScene(Scene):
             simulator.scenario,
             simulator.observe(snr_db, trial, self._suite.seed),
             self.measure,
+            self.metrics,
         )
 
     def draws(self, n_trials: int) -> pd.DataFrame:

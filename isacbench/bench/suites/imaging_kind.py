@@ -1,6 +1,6 @@
 """The kind ``imaging``: every scenario as it is, and its image scored."""
 
-from isacbench.bench.suites.kind import OF_TIMED_IMAGES, Kind, Tables
+from isacbench.bench.suites.kind import OF_IMAGES, OF_TIMED_IMAGES, Kind, Tables
 
 IMAGING = Kind(
     name="imaging",
@@ -9,6 +9,7 @@ IMAGING = Kind(
         "isacbench.bench.studies.imaging_study:summarise_scores",
         "isacbench.report.tables.run_tables:score_grids",
     ),
+    metrics=OF_IMAGES,
     timed_tables=OF_TIMED_IMAGES,
     figures="isacbench.report.figures.run_figures:imaging_figures",
 )

@@ -51,6 +51,10 @@ OF_TIMED_IMAGES = {
 """Tables of timed runs whose images are scored."""
 
 
+OF_IMAGES = "points", "occupancy", "objects"
+"""Metrics beside ``paper`` of suites whose images are scored."""
+
+
 @dataclass(frozen=True)
 class Kind:
     """Kind of suite.
@@ -75,6 +79,8 @@ class Kind:
         Columns that the kind adds to the rows, each with its value in the row of a failed cell.
     better : mapping of str to {"lower", "higher", "neither"}
         Better direction of a column; columns that are not listed are better ``"lower"``.
+    metrics : tuple of str
+        Metrics beside ``paper`` that score the images of a suite that names none.
     timed_tables : mapping of str to Tables
         Further tables of a timed run, by the stem of their files.
     """
@@ -86,6 +92,7 @@ class Kind:
     suite: type[Suite] = Suite
     columns: Mapping[str, Any] = field(default_factory=dict)
     better: Mapping[str, Direction] = field(default_factory=dict)
+    metrics: tuple[str, ...] = ()
     timed_tables: Mapping[str, Tables] = field(default_factory=lambda: {"stages": STAGES})
 
     def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> Sequence[Scene]:

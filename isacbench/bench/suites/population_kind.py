@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from isacbench.bench.suites.kind import OF_TIMED_IMAGES, Kind, Tables
+from isacbench.bench.suites.kind import OF_IMAGES, OF_TIMED_IMAGES, Kind, Tables
 from isacbench.bench.suites.suite import Suite
 
 
@@ -39,6 +39,7 @@ POPULATION = Kind(
         "isacbench.report.tables.population_tables:tabulate_population",
         "isacbench.report.tables.population_tables:population_grids",
     ),
+    metrics=OF_IMAGES,
     timed_tables=OF_TIMED_IMAGES,
     figures="isacbench.report.figures.population_figures:population_figures",
 )

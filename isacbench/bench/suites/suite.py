@@ -83,6 +83,9 @@ class Suite(BaseModel):
         Names of built-in scenarios, or paths that end in ``.toml``.
     estimators : tuple of str
         Estimators as ``name[param=value,...]``.
+    metrics : tuple of str or None
+        Metrics that score the images beside ``paper``, as ``name[param=value,...]``; None for those of
+        the kind.
     snr_db : tuple of float or None
         SNRs in dB, per resource element and virtual element. A suite file
         may give a table ``{start, stop, step}``.
@@ -103,6 +106,7 @@ class Suite(BaseModel):
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
     scenarios: Listed[str]
     estimators: Listed[str]
+    metrics: Annotated[tuple[str, ...], AfterValidator(refuse_repeats)] | None = None
     snr_gain_db: Snrs | None = None
     snr_db: Annotated[Snrs | None, Field(validate_default=True)] = None
     trials: Annotated[int, Field(ge=1)]

@@ -60,7 +60,7 @@ def check_plugin(kind: PluginKind, name: str) -> list[Finding]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name : str
         A registered name.
 
@@ -83,7 +83,7 @@ def iterate_checks(kind: PluginKind, name: str) -> Iterator[Finding]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name : str
         A registered name.
 
@@ -107,7 +107,7 @@ def check_names(kind: PluginKind) -> list[str]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
 
     Returns
     -------

@@ -53,7 +53,7 @@ class PluginFindings:
 
     Attributes
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name, package : str
         Its name, and the distribution with its version, the file or the module that it comes from.
     findings : tuple of Finding

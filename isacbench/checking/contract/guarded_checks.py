@@ -31,7 +31,7 @@ def check_guarded(
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     name : str
         A registered name.
     timeout_s : float

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.radio_coordinates import rayleigh_cells
 from isacbench.checking.promises.small_scenes import Shot
+from isacbench.model.radio_coordinates import rayleigh_cells
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.findings import DoubtfulError
 from isacbench.checking.contract.known_mistakes import Mistake, Place, places_of_mistakes
 from isacbench.checking.promises.image_promises import Imaging
@@ -24,6 +23,7 @@ from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import FrameName
 from isacbench.model.observation import Observation
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 
 Floats = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.scene import Scenario
 
 

@@ -65,7 +65,7 @@ class Case(ABC, Generic[Subject]):
     ----------
     name : str
         Class attribute: name of the family.
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
         Class attribute: kind of plugin that the family is meant for.
     fixed : tuple of dict
         Class attribute: fields of the members in the table, without defaults.

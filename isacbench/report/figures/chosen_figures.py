@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.compare.scene_scores import SCENE_KINDS
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, summarise_scores
 from isacbench.errors import InputError, unknown_name
+from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.drawing.style import file_stems
 from isacbench.report.figures.curves import PANELS, draw_score, draw_scores, nearest_values, variant_looks
 from isacbench.report.figures.diagnosed_images import diagnosis_figures

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.bench.plan.labels import estimator_labels, find_limits, rows_of, variants_in
-from isacbench.metrics.score import METRICS
+from isacbench.metrics.paper import Paper
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import assign_looks, drawable, looks_over
 from isacbench.report.tables.run_tables import mean_of_trials
@@ -49,7 +49,7 @@ class _Panel(NamedTuple):
 
 def _described(column: str, axis: str, logarithmic: bool = False) -> _Panel:
     """Panel of a score, titled as the metric describes it."""
-    description, _, _ = METRICS["paper"][column].description.partition(" [")
+    description = next(one.description for one in Paper.columns if one.name == column)
     return _Panel(column, description[0].upper() + description[1:], axis, logarithmic)
 
 

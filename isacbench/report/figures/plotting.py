@@ -12,7 +12,7 @@ import numpy as np
 from isacbench.errors import InputError, require
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted
-from isacbench.metrics.cloud_scores import RADIUS_M
+from isacbench.metrics.geometry import RADIUS_M
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 from isacbench.report.drawing.style import drawable, save, styled

@@ -7,7 +7,6 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import (
     MANY_SCENARIOS,
@@ -21,6 +20,7 @@ from isacbench.files.escaping import counted
 from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
 from isacbench.report.figures.curves import draw_deviations, draw_scores, nearest_values, variant_looks

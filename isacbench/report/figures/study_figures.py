@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
 
-from isacbench.bench.cells.radio_coordinates import DIMENSIONS
 from isacbench.bench.plan.labels import rows_of
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
 from isacbench.bench.studies.power_maps import MAPS
 from isacbench.bench.studies.resolution_study import summarise_resolution
+from isacbench.model.radio_coordinates import DIMENSIONS
 from isacbench.report.drawing.panels import draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import BOUND_COLOUR, assign_looks, drawable, file_stems
 from isacbench.report.figures.curves import nearest_values, share_scale, variant_looks, write_plain_numbers

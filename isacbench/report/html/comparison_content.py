@@ -10,6 +10,7 @@ import pandas as pd
 from isacbench.bench.compare.scene_scores import compared_scenes
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import VERDICTS
+from isacbench.bench.store.score_columns import stored_columns
 from isacbench.report.comparisons.comparison_tables import (
     changed_cells,
     comparison_lines,
@@ -126,7 +127,7 @@ def _worst_cell(
     marked = np.zeros(len(records), dtype=np.bool_)
     if change.empty:
         return None, marked
-    better = direction(metric, joined.table.manifest["metric"]["name"], records.columns)
+    better = direction(metric, stored_columns(joined.table.manifest), records.columns)
     worst = change.index[int(np.argmax(change if better == "lower" else -change))]
     scenario, snr_db, trial = str(worst[0]), float(worst[1]), int(worst[2])
     place = (records["scenario"] == scenario) & (records["snr_db"] == snr_db) & (records["trial"] == trial)

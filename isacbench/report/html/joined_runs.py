@@ -11,7 +11,7 @@ import pandas as pd
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.compare.matching import RunTable, incomparable
-from isacbench.bench.compare.scene_scores import with_sums_and_ratios
+from isacbench.bench.compare.scene_scores import with_ratios
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_store import CLOUDS, TRUTH, read_manifest, read_scenes, read_sound_rows
@@ -191,7 +191,7 @@ def join_runs(runs: Sequence[ReadRun], rename_all: bool = False, only_common: bo
     if not len(joined):
         raise InputError("the runs have no common page: no SNR and trial is in all of them")
     united = RunTable(" and ".join(table.label for table in tables), joined.records, _united(runs))
-    scored = replace(united, records=with_sums_and_ratios(united))
+    scored = replace(united, records=with_ratios(united))
     return JoinedRuns(
         tuple(runs), scored, replace(joined, records=scored.records), labels, specs, tuple(notes)
     )

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.matching import code_version
@@ -17,9 +16,11 @@ from isacbench.bench.compare.ranking import DEFAULT_METRIC, rank_table
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.store.run_store import scenario_texts
+from isacbench.bench.store.score_columns import stored_columns
 from isacbench.bench.studies.intervals import CONFIDENCE, MIN_TRIALS
 from isacbench.bench.studies.medians import TIME
 from isacbench.errors import InputError
+from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.comparisons.comparison_tables import json_rows
 from isacbench.report.drawing.style import ROLES, VELOCITY_COLOURS, assign_looks
 from isacbench.report.figures.curves import PANELS
@@ -264,7 +265,7 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
     """Columns that have a better direction and any value."""
     records = joined.table.records
     columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
-    own = joined.table.manifest["metric"]["name"]
+    described = stored_columns(joined.table.manifest)
     radius_m = {scene.template.radius_m for run in joined.runs for scene in run.scenes.values()}
     radius = " or ".join(f"{one:g}" for one in sorted(radius_m))
     panels = {panel.column: panel for panel in PANELS}
@@ -273,14 +274,15 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
         if name not in columns or not records[name].notna().any() or name.endswith("_spread"):
             continue
         try:
-            better: str = direction(name, own, columns)
+            better: str = direction(name, described, columns)
         except InputError:
             if name != "n_estimated":
                 continue
             better = "neither"
         panel = panels.get(name)
-        title = panel.title.replace("{radius_m:g}", radius) if panel else FURTHER_METRICS.get(name, name)
-        axis = panel.axis if panel else FURTHER_METRICS.get(name, name)
+        plain = described[name].title if name in described else FURTHER_METRICS.get(name, name)
+        title = panel.title.replace("{radius_m:g}", radius) if panel else plain
+        axis = panel.axis if panel else plain
         spread = f"{name}_spread" if f"{name}_spread" in records else ""
         found.append(
             {

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.radio_coordinates import DIMENSIONS
 from isacbench.bench.plan.labels import estimator_labels, rows_of, variants_in
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
@@ -16,6 +15,7 @@ from isacbench.bench.studies.link_study import summarise_link
 from isacbench.bench.studies.power_maps import MAPS
 from isacbench.bench.studies.resolution_study import summarise_resolution
 from isacbench.link.waveform.qam import awgn_ber
+from isacbench.model.radio_coordinates import DIMENSIONS
 from isacbench.report.drawing.style import COLOURS
 from isacbench.report.figures.study_figures import DIMENSION_TITLES
 from isacbench.report.html.page_file import numbers

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.radio_coordinates import DIMENSIONS
 from isacbench.bench.plan.labels import estimator_labels, variants_in
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
 from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.bench.studies.power_maps import MAPS
 from isacbench.bench.studies.resolution_study import summarise_resolution
+from isacbench.model.radio_coordinates import DIMENSIONS
 from isacbench.report.tables.run_tables import (
     Grid,
     batched,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.radio_coordinates import median_gain_db
 from isacbench.bench.store.csv_table import without_formulas
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.store.run_store import read_scenes, recover_manifest
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError
+from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.model.scene import warned_before
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.run_tables import Grid, markdown

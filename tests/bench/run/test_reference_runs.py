@@ -18,8 +18,9 @@ from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import SPREAD_COLUMNS
-from isacbench.metrics.score import METRICS, score
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.scoring import score
+from tests.score_tables import METRICS
 
 REFERENCES = ["oracle", "oracle[cell=0.5]", "chance"]
 

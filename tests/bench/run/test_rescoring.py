@@ -12,8 +12,9 @@ from isacbench.bench.store.run_store import read_manifest
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
-from isacbench.metrics.score import METRIC_VERSION, METRICS
+from isacbench.metrics.paper import Paper
 from isacbench.plugins.discovery import entries
+from tests.score_tables import METRICS
 
 SCORES = [name for name in METRICS["paper"] if name not in ("n_true", "n_estimated")]
 MEASURED = ["hit", "n_false", "error_u", "bound_range_m"]
@@ -99,12 +100,12 @@ def test_changes_are_counted_by_column_with_the_largest(done):
 
 def test_the_manifest_has_the_metric_and_the_call_and_a_run_goes_on(street, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
-        patched.setattr("isacbench.bench.store.run_store.METRIC_VERSION", 0)
+        patched.setattr("isacbench.bench.store.run_store.Paper.version", 0)
         run(street, out=tmp_path / "run")
     before = read_manifest(tmp_path / "run")
     rescore(tmp_path / "run")
     after = read_manifest(tmp_path / "run")
-    assert (before["metric"]["version"], after["metric"]["version"]) == (0, METRIC_VERSION)
+    assert (before["metric"]["version"], after["metric"]["version"]) == (0, Paper.version)
     assert [session.get("rescored") for session in after["sessions"]] == [None, 4]
     changed = {key for key in after if after[key] != before[key]}
     assert changed == {"metric", "sessions"}

@@ -9,10 +9,11 @@ from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.run_store import read_manifest
 from isacbench.errors import InputError
-from isacbench.metrics.score import METRICS, score
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.scoring import score
 from tests.conftest import PLUGINS
+from tests.score_tables import METRICS
 
 TIMES = ["time_estimate_s", "time_score_s"]
 

@@ -17,7 +17,7 @@ from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics.score import METRIC_VERSION
+from isacbench.metrics.paper import Paper
 from isacbench.plugins import discovery
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
@@ -325,14 +325,14 @@ def other_metric_version(folder):
     """Version of the metric in the manifest, if it can be read and is not the present one."""
     try:
         metric = json.loads((folder / "manifest.json").read_text())["metric"]
-        return None if metric["version"] == METRIC_VERSION else metric["version"]
+        return None if metric["version"] == Paper.version else metric["version"]
     except (ValueError, KeyError):
         return None
 
 
 def test_only_the_version_of_the_metric_counts_for_going_on(suite, folder, finished):
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["metric"]["version"] == METRIC_VERSION
+    assert manifest["metric"]["version"] == Paper.version
     manifest["metric"]["name"] = "papep"
     (folder / "manifest.json").write_text(json.dumps(manifest))
     assert go(suite, folder)[1] == 0

@@ -12,7 +12,7 @@ from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.stored_run import CellKey
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
-from isacbench.metrics.score import score
+from isacbench.plugins.scoring import score
 
 
 @pytest.fixture

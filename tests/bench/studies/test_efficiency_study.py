@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.radio_coordinates import draw_place, radio_places, rayleigh_cells
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.studies.efficiency_study import measure_efficiency, summarise_efficiency
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import draw_place, radio_places, rayleigh_cells
 
 PLACE = np.array([70.0, 3.0, 0.1, -0.05])
 ERRORS = ["error_range_m", "error_velocity_mps", "error_u", "error_w"]

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.radio_coordinates import DIMENSIONS, draw_place, radio_places, rayleigh_cells
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.studies.resolution_study import (
     measure_resolution,
@@ -19,6 +18,7 @@ from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
+from isacbench.model.radio_coordinates import DIMENSIONS, draw_place, radio_places, rayleigh_cells
 from isacbench.model.scene import Scatterers
 
 CENTRE = np.array([70.0, 3.0, 0.1, -0.05])

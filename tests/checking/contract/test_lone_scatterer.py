@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.checking.contract.findings import DoubtfulError
 from isacbench.checking.contract.known_mistakes import places_of_mistakes
 from isacbench.checking.contract.lone_scatterer import AXES, MISS_CELLS, require_lone_scatterer
@@ -15,6 +14,7 @@ from isacbench.checking.promises import small_scenes
 from isacbench.checking.promises.image_promises import Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from tests.conftest import slow_but
 
 BEAMS = 32

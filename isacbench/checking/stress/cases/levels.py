@@ -26,10 +26,10 @@ from isacbench.checking.promises.small_scenes import (
 )
 from isacbench.checking.stress.case import Case, CaseScene, EstimatorCase
 from isacbench.checking.stress.spaces import choice, real
-from isacbench.metrics.score import score
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.discovery import PluginKind
+from isacbench.plugins.scoring import score
 
 CLEAR_DB = 60.0
 """SNR from which noise excuses neither a false point nor a wrong power."""

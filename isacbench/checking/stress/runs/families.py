@@ -25,7 +25,7 @@ def table_of(kind: PluginKind) -> list[Case[Any]]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
 
     Returns
     -------

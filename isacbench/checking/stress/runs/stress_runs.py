@@ -33,7 +33,7 @@ class Target(NamedTuple):
 
     Attributes
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     spec : str
         ``name[param=value,...]``.
     params : str
@@ -110,7 +110,7 @@ def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
 
     Parameters
     ----------
-    kind : {"estimator", "detector"}
+    kind : {"estimator", "detector", "metric"}
     specs : sequence of str
 
     Returns

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.radio_coordinates import (
+from isacbench.errors import InputError
+from isacbench.model.frame import PaperFrame
+from isacbench.model.radio_coordinates import (
     draw_place,
     gain_db,
     median_gain_db,
@@ -14,8 +16,6 @@ from isacbench.bench.cells.radio_coordinates import (
     rayleigh_cells,
     space_places,
 )
-from isacbench.errors import InputError
-from isacbench.model.frame import PaperFrame
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario

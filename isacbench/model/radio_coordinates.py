@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Protocol, get_args
 
 import numpy as np
 
@@ -13,7 +13,11 @@ from isacbench.model.echo import random_stream
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from isacbench.model.array import VirtualArray
     from isacbench.model.cloud import PointCloud
+    from isacbench.model.frame import Frame
+    from isacbench.model.numerology import System
+    from isacbench.model.region import Region
     from isacbench.model.scene import Scatterers, Scenario
 
     Floats = NDArray[np.float64]
@@ -24,19 +28,44 @@ CANDIDATES = 64
 MAX_ROUNDS = 200
 
 
-def rayleigh_cells(scenario: Scenario) -> Floats:
+class Radio(Protocol):
+    """Radio of a scenario or of an observation."""
+
+    @property
+    def system(self) -> System:
+        """Numerology."""
+
+    @property
+    def array(self) -> VirtualArray:
+        """Virtual array."""
+
+    @property
+    def frame(self) -> Frame:
+        """Map between directions and direction cosines."""
+
+    @property
+    def base_station_m(self) -> NDArray[np.float64]:
+        """Position (3,) of the base station in m."""
+
+    @property
+    def region(self) -> Region:
+        """Box and speeds in which scatterers may be."""
+
+
+def rayleigh_cells(radio: Radio) -> Floats:
     """Sizes of a Rayleigh cell.
 
     Parameters
     ----------
-    scenario : Scenario
+    radio : Radio
+        Scenario or observation.
 
     Returns
     -------
     ndarray of float64, shape (4,)
         Range bin in m, velocity bin in m/s, 2/P and 2/Q.
     """
-    system, (n_p, n_q) = scenario.system, scenario.array.shape
+    system, (n_p, n_q) = radio.system, radio.array.shape
     return np.array([system.range_bin_m, system.velocity_bin_mps, 2 / n_p, 2 / n_q])
 
 
@@ -84,12 +113,13 @@ def median_gain_db(scenario: Scenario) -> float:
         return gain_db(scenario) + float(20 * np.log10(np.median(np.abs(amplitude))))
 
 
-def radio_places(scenario: Scenario, points: PointCloud | Scatterers) -> Floats:
+def radio_places(radio: Radio, points: PointCloud | Scatterers) -> Floats:
     """Places of points as the radio sees them.
 
     Parameters
     ----------
-    scenario : Scenario
+    radio : Radio
+        Scenario or observation.
     points : PointCloud or Scatterers
 
     Returns
@@ -97,8 +127,8 @@ def radio_places(scenario: Scenario, points: PointCloud | Scatterers) -> Floats:
     ndarray of float64, shape (n, 4)
         Range in m, velocity in m/s, direction cosines u and w.
     """
-    offset_m = points.xyz - scenario.base_station_m
-    u, w = scenario.frame.direction_cosines(offset_m)
+    offset_m = points.xyz - radio.base_station_m
+    u, w = radio.frame.direction_cosines(offset_m)
     return np.stack([np.linalg.norm(offset_m, axis=1), points.velocity, u, w], axis=1)
 
 

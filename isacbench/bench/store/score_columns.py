@@ -1,0 +1,145 @@
+"""Scores of a run: the metrics that a suite asks for, and what a manifest keeps of their columns."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from isacbench.bench.cells.record import COLUMNS
+from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
+from isacbench.errors import InputError
+from isacbench.metrics.columns import ScoreColumn
+from isacbench.plugins.scoring import Metrics, object_kinds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scene import Scenario
+
+SCORES = "scores"
+"""Key of a manifest with the metrics and their columns."""
+
+
+def metrics_of(suite: Suite) -> Metrics:
+    """Build the metrics that images of a suite are scored by.
+
+    Parameters
+    ----------
+    suite : Suite
+
+    Returns
+    -------
+    Metrics
+
+    Raises
+    ------
+    InputError
+        If one is unknown, or listed twice.
+    """
+    return Metrics.of(kind_of(suite).metrics if suite.metrics is None else suite.metrics)
+
+
+def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:
+    """Describe metrics and their columns for a manifest.
+
+    Parameters
+    ----------
+    metrics : Metrics
+    scenarios : iterable of Scenario
+        Have the kinds of objects.
+
+    Returns
+    -------
+    dict
+        In terms of JSON.
+    """
+    kinds = sorted({kind for scenario in scenarios for kind in object_kinds(scenario)})
+    versions, params = metrics.versions(), metrics.params()
+    columns = {name: asdict(column) for name, column in metrics.columns(kinds).items()}
+    for column in columns.values():
+        if column["empty"] is not None and math.isnan(column["empty"]):
+            column["empty"] = "none"  # JSON has no NaN
+    return {
+        "metrics": {
+            name: {"version": versions[name], "params": json.loads(params[name])} for name in versions
+        },
+        "columns": columns,
+    }
+
+
+def stored_columns(manifest: Mapping[str, Any]) -> dict[str, ScoreColumn]:
+    """Columns of the scores of a run by their names in rows, as its manifest describes them.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+        One of an older isacbench has the columns of ``paper``.
+
+    Returns
+    -------
+    dict of str to ScoreColumn
+    """
+    described = manifest.get(SCORES, {}).get("columns")
+    if described is None:
+        return Metrics().columns(())
+    return {
+        name: ScoreColumn(**{**column, "empty": math.nan if column["empty"] == "none" else column["empty"]})
+        for name, column in described.items()
+    }
+
+
+def row_columns(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns that the rows of a run have besides `COLUMNS`, each with its value for rows without it.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+
+    Returns
+    -------
+    dict of str to Any
+    """
+    further = [name for name in stored_columns(manifest) if name not in COLUMNS]
+    return {**kind_of(restore_suite(manifest["suite"])).columns, **dict.fromkeys(further, math.nan)}
+
+
+def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
+    """Refuse a run whose cells were scored by other metrics, or other versions of them.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+    metrics : Metrics
+
+    Raises
+    ------
+    InputError
+        Naming the metric.
+    """
+    stored = manifest.get(SCORES, {}).get("metrics")
+    wanted = describe_scores(metrics, ())["metrics"]
+    if stored is None:
+        stored = {name: {**wanted.get(name, {}), **metric} for name, metric in _older(manifest).items()}
+    for name in wanted | stored:
+        if wanted.get(name) != stored.get(name):
+            found, now = (_spelled(each.get(name)) for each in (stored, wanted))
+            raise InputError(
+                f"its cells were scored {found} of the metric {name}, not {now}; "
+                "rescore it first (isacbench rescore), or use a new folder"
+            )
+
+
+def _older(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Metrics of a manifest that has the version of one alone."""
+    metric = manifest.get("metric", {"name": "paper", "version": 1})
+    return {metric["name"]: {"version": metric["version"]}}
+
+
+def _spelled(metric: Mapping[str, Any] | None) -> str:
+    if metric is None:
+        return "without any version"
+    params = "".join(f" with {key} = {value}" for key, value in metric["params"].items())
+    return f"by version {metric['version']}{params}"

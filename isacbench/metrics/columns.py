@@ -1,0 +1,104 @@
+"""What a score means: enough to label an axis, to rank by it, and to judge an image without points."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+Direction = Literal["lower", "higher", "neither"]
+
+ANY_KIND = "*"
+"""Part of a column's name that stands for each kind of object of a scenario."""
+
+
+@dataclass(frozen=True)
+class ScoreColumn:
+    """Meaning of a column.
+
+    Attributes
+    ----------
+    name : str
+        Key of the score. ``detected_*`` stands for a column for each kind of object of a scenario, such as
+        ``detected_car``.
+    description : str
+        One line, without the unit.
+    unit : str
+        Such as ``m``; empty for a number without one.
+    better : {"lower", "higher", "neither"}
+        Direction that is better.
+    empty : float or None
+        Score of an image without points, NaN if it has none; None where it depends on the scene.
+    """
+
+    name: str
+    description: str
+    unit: str = ""
+    better: Direction = "lower"
+    empty: float | None = None
+
+    @property
+    def title(self) -> str:
+        """Description with its unit in brackets."""
+        return f"{self.description} [{self.unit}]" if self.unit else self.description
+
+    def of_kind(self, kind: str) -> ScoreColumn:
+        """Describe the column of one kind of object.
+
+        Parameters
+        ----------
+        kind : str
+
+        Returns
+        -------
+        ScoreColumn
+        """
+        name, description = (text.replace(ANY_KIND, kind) for text in (self.name, self.description))
+        return ScoreColumn(name, description, self.unit, self.better, self.empty)
+
+
+def expanded(columns: Iterable[ScoreColumn], kinds: Iterable[str]) -> dict[str, ScoreColumn]:
+    """List columns by name, with one for each kind of object in place of those with ``*``.
+
+    Parameters
+    ----------
+    columns : iterable of ScoreColumn
+    kinds : iterable of str
+        Of objects, as `object_kind` writes them.
+
+    Returns
+    -------
+    dict of str to ScoreColumn
+    """
+    listed = tuple(kinds)
+    found = [
+        one
+        for column in columns
+        for one in (map(column.of_kind, listed) if ANY_KIND in column.name else [column])
+    ]
+    return {column.name: column for column in found}
+
+
+def object_kind(name: str) -> str:
+    """Kind of an object, as columns are named by it.
+
+    Parameters
+    ----------
+    name : str
+        Of the object, such as ``lamp_post 2``.
+
+    Returns
+    -------
+    str
+        Empty for points that belong to no object.
+
+    Examples
+    --------
+    >>> object_kind("Lamp post 2"), object_kind("points 1")
+    ('lamp_post', '')
+    """
+    kind = re.sub(r"\W+", "_", re.sub(r"\W*\d+$", "", name).strip()).lower()
+    return "" if kind == "points" else kind

@@ -1,0 +1,233 @@
+"""Scores of points matched one to one with the truth, merged where no radio could tell scatterers apart."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs
+from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.gospa import pair_gospa
+from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+
+if TYPE_CHECKING:
+    from isacbench.metrics.geometry import CloudPair
+    from isacbench.model.scene import Scenario
+
+Floats = NDArray[np.float64]
+
+MERGED_CELLS = 0.5
+"""Scatterers that fit into half a Rayleigh cell in all four coordinates count as one."""
+
+MOST_MERGED = 8192
+"""Scatterers in one piece that are merged: their distances take 0.3 GB."""
+
+RADII_M: Floats = np.geomspace(0.1, 4.0, 17)
+"""Radii of the F-score's curve: evenly spaced in their logarithm, a factor of 1.26 apart."""
+
+VELOCITY_TIE = 1e-6
+"""Weight of velocities in a matching: it decides only where places do not."""
+
+
+class Curve(NamedTuple):
+    """Precision, recall and F-score over the radius.
+
+    Attributes
+    ----------
+    radius_m : ndarray of float64, shape (n,)
+    precision, recall, f_score : ndarray of float64, shape (n,)
+    """
+
+    radius_m: Floats
+    precision: Floats
+    recall: Floats
+    f_score: Floats
+
+    @property
+    def area(self) -> float:
+        """Mean of the F-score over the logarithm of the radius (trapezoidal rule)."""
+        axis = np.log(self.radius_m)
+        return float(np.trapezoid(self.f_score, axis) / (axis[-1] - axis[0]))
+
+
+@dataclass(frozen=True)
+class Points:
+    """One-to-one F-score at the radius, its area over the radius, velocity error, GOSPA's parts and OSPA."""
+
+    name: ClassVar[str] = "points"
+    version: ClassVar[int] = 1
+    columns: ClassVar[tuple[ScoreColumn, ...]] = (
+        ScoreColumn("f_score", "F-score of points matched one to one within the radius", "", "higher", 0.0),
+        ScoreColumn("matched_precision", "share of estimated points matched one to one", "", "higher", 0.0),
+        ScoreColumn("matched_recall", "share of true scatterers matched one to one", "", "higher", 0.0),
+        ScoreColumn("velocity_error_mps", "root mean square velocity error of matched points", "m/s"),
+        ScoreColumn("f_score_area", "mean F-score over radii from 0.1 to 4 m", "", "higher", 0.0),
+        ScoreColumn("gospa_skill", "skill 1 - (GOSPA / GOSPA of an empty image)²", "", "higher", 0.0),
+        ScoreColumn(
+            "gospa_localisation", "part of GOSPA² of the distances of matched points", "", "lower", 0.0
+        ),
+        ScoreColumn("gospa_missed", "part of GOSPA² of missed scatterers", "", "lower", 1.0),
+        ScoreColumn("gospa_false", "part of GOSPA² of false points", "", "lower", 0.0),
+        ScoreColumn("ospa_m", "OSPA distance with c = the radius, p = 2", "m"),
+    )
+
+    def score(self, pair: CloudPair) -> dict[str, float]:
+        """Score a pair.
+
+        Parameters
+        ----------
+        pair : CloudPair
+            Without a scenario the truth is not merged, with an `InputWarning`.
+
+        Returns
+        -------
+        dict of str to float
+            NaN where a cloud is too dense to be matched or merged, and for the velocity error if velocities
+            are unknown. Without matched points the velocity error is the largest that the region allows.
+        """
+        gospa = pair.remembered(pair_gospa)
+        localisation, missed, false = gospa.shares
+        found = {
+            "gospa_skill": 1 - localisation - missed - false,
+            "gospa_localisation": localisation,
+            "gospa_missed": missed,
+            "gospa_false": false,
+            "ospa_m": gospa.ospa_m,
+        }
+        truth, near = _near_merged(pair)
+        if near is None:
+            return {**dict.fromkeys((column.name for column in self.columns), math.nan), **found}
+        precision, recall, f_score = _shares(near, pair.radius_m, len(truth), len(pair.estimate))
+        return {
+            "f_score": f_score,
+            "matched_precision": precision,
+            "matched_recall": recall,
+            "velocity_error_mps": _velocity_error_mps(pair, truth, near),
+            "f_score_area": _curve(near, RADII_M, len(truth), len(pair.estimate)).area,
+            **found,
+        }
+
+
+def score_curve(pair: CloudPair) -> Curve:
+    """Precision, recall and F-score of a pair, matched one to one, over radii from 0.1 to 4 m.
+
+    Parameters
+    ----------
+    pair : CloudPair
+
+    Returns
+    -------
+    Curve
+        NaN where a cloud is too dense.
+    """
+    truth, near = _near_merged(pair)
+    if near is None:
+        return Curve(RADII_M, *np.full((3, RADII_M.size), math.nan))
+    return _curve(near, RADII_M, len(truth), len(pair.estimate))
+
+
+def merged_truth(scenario: Scenario) -> PointCloud:
+    """Merge scatterers that fit into half a Rayleigh cell in range, velocity, u and w: complete linkage.
+
+    Unlike cells of a lattice, the groups do not depend on where the borders of cells lie.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    PointCloud
+        Means of x, y, z and v, sums of the power.
+
+    Raises
+    ------
+    InputError
+        If more than `MOST_MERGED` scatterers hang together.
+
+    References
+    ----------
+    D. Defays, "An efficient algorithm for a complete link method", Comput. J. 20 (1977).
+    """
+    return _merged(scenario)
+
+
+@lru_cache(maxsize=4)
+def _merged(scenario: Scenario) -> PointCloud:
+    from scipy.cluster.hierarchy import fcluster, linkage
+
+    truth = scenario.truth
+    places = radio_places(scenario, truth) / (MERGED_CELLS * rayleigh_cells(scenario))
+    group = np.zeros(len(truth), dtype=np.intp)
+    for members in connected_pieces(places):
+        if members.size > MOST_MERGED:
+            raise InputError(
+                f"scenario {scenario.name}: {members.size} scatterers hang together; allowed are at most "
+                f"{MOST_MERGED} to be merged"
+            )
+        first = group.max() + 1
+        group[members] = first
+        if members.size > 1:
+            tree = linkage(places[members], "complete", metric="chebyshev")
+            group[members] += fcluster(tree, 1.0, "distance") - 1
+    n_points = np.bincount(group)[1:]
+    x, y, z, v, power = (np.bincount(group, column)[1:] for column in truth.to_array().T)
+    return PointCloud(np.column_stack([x, y, z]) / n_points[:, None], v / n_points, power)
+
+
+def _near_merged(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
+    """Merged truth, and its pairs with the estimate up to the largest radius that is asked for."""
+    return pair.remembered(_found_near)
+
+
+def _found_near(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
+    truth = pair.truth
+    if pair.scenario is None:
+        warnings.warn(
+            "the truth is not merged to what a radio could tell apart, because no scenario says what it is: "
+            "F-scores count every true point; give a scenario for the truth to merge it",
+            InputWarning,
+            stacklevel=2,
+        )
+    else:
+        try:
+            truth = merged_truth(pair.scenario)
+        except InputError as error:
+            warnings.warn(f"F-scores are left out (NaN): {error}", InputWarning, stacklevel=2)
+            return truth, None
+    reach_m = max(pair.radius_m, RADII_M[-1])
+    return truth, near_pairs(cKDTree(truth.xyz), pair.estimate_tree, reach_m, "F-score")
+
+
+def _shares(near: Pairs, radius_m: float, n_true: int, n_estimated: int) -> tuple[float, float, float]:
+    """Precision, recall and F-score of the largest matching within a radius."""
+    n_matched = most_pairs(near.take(near.squared_m2 <= radius_m**2))
+    return n_matched / max(n_estimated, 1), n_matched / n_true, 2 * n_matched / (n_true + n_estimated)
+
+
+def _curve(near: Pairs, radii_m: Floats, n_true: int, n_estimated: int) -> Curve:
+    shares = [_shares(near, radius_m, n_true, n_estimated) for radius_m in radii_m.tolist()]
+    return Curve(radii_m, *np.array(shares).T)
+
+
+def _velocity_error_mps(pair: CloudPair, truth: PointCloud, near: Pairs) -> float:
+    """Root mean square velocity error of the largest matching within the radius, of these the nearest one."""
+    if not pair.has_velocities:
+        return math.nan
+    inside = near.take(near.squared_m2 <= pair.radius_m**2)
+    errors_mps = pair.estimate.velocity[inside.j] - truth.velocity[inside.i]
+    if not errors_mps.size:
+        speeds = (0.0, 0.0) if pair.region is None else pair.region.speed_mps
+        return max(float(np.ptp([*truth.velocity, *speeds, 0.0])), pair.velocity_bin_mps)
+    largest = float(np.abs(errors_mps).max()) or 1.0
+    cost = inside.squared_m2 / pair.radius_m**2 + VELOCITY_TIE * (errors_mps / largest) ** 2
+    return math.sqrt(float(np.square(errors_mps[cheapest(inside, cost, math.inf)]).mean()))

@@ -1,0 +1,270 @@
+"""Scores of an image by registered metrics, and the columns that describe them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from isacbench.cores import one_blas_thread
+from isacbench.errors import InputError
+from isacbench.metrics.columns import ANY_KIND, ScoreColumn, expanded, object_kind
+from isacbench.metrics.geometry import RADIUS_M, CloudPair
+from isacbench.model.cloud import PointCloud
+from isacbench.model.numerology import System
+from isacbench.model.scene import Scenario
+from isacbench.plugins.contracts import Metric
+from isacbench.plugins.parameters import canonical_params, python_number
+from isacbench.plugins.registry import build_metric
+from isacbench.streams import plugin_output
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from isacbench.model.region import Region
+
+PAPER = "paper"
+"""Metric that every row of a run is scored by."""
+
+COUNTS = (
+    ScoreColumn("n_true", "true scatterers", "", "neither"),
+    ScoreColumn("n_estimated", "estimated points", "", "neither", 0.0),
+)
+
+
+def score(
+    truth: Scenario | PointCloud | ArrayLike,
+    estimate: PointCloud | ArrayLike,
+    metric: str | Metric = PAPER,
+    *,
+    region: Region | None = None,
+    velocity_bin_mps: float | None = None,
+    radius_m: float | None = None,
+) -> dict[str, float]:
+    """Score an estimated cloud against the true one.
+
+    Parameters
+    ----------
+    truth : Scenario, PointCloud or array_like, shape (n, 3), (n, 4) or (n, 5)
+        True scatterers, at least one; columns x, y, z in m, v in m/s, power. Of a scenario also its region,
+        velocity bin and radius are taken where they are not given, and metrics know its radio and objects.
+    estimate : PointCloud or array_like, shape (m, 3), (m, 4) or (m, 5)
+        Estimated points, possibly none.
+    metric : str or Metric
+        Name of a registered metric, ``name[param=value,...]``, or a metric: ``paper``, the paper's imaging
+        deviation with further scores; ``repository``, the deviation that the published code computes;
+        ``points``, ``occupancy``, ``objects``, or one of a plugin.
+    region : Region or None
+        Region of the scenario, which decides the scores of an empty estimate;
+        None takes all that a radar of the paper's Table I could report.
+    velocity_bin_mps : float or None
+        Velocity bin in m/s, the velocity unit of a static scene in the metric
+        ``paper``; None takes that of the paper's Table I.
+    radius_m : float or None
+        Distance in m within which a point counts as one of a scatterer, in
+        precision, recall and GOSPA; None takes 1 m.
+
+    Returns
+    -------
+    dict of str to float
+        ``n_true``, ``n_estimated``, and the columns of the metric. Counts are ints. Of
+        very dense clouds ``gospa_m`` is NaN, with an `InputWarning`. Where a cloud
+        has no velocities, ``velocity_nmse`` (``velocity`` of ``repository``) and
+        ``deviation`` are NaN.
+
+    Raises
+    ------
+    InputError
+        If the metric is unknown, the truth is empty, a cloud is malformed, or
+        the radius is no positive number.
+
+    Examples
+    --------
+    >>> truth = [[0.0, 0.0, 0.0, 2.0], [0.0, 3.0, 4.0, 2.0]]
+    >>> scores = score(truth, truth[:1])
+    >>> scores["hausdorff_yz_m"], scores["density"], scores["recall"]
+    (5.0, 0.5, 0.5)
+    """
+    chosen = build_metric(metric) if isinstance(metric, str) else metric
+    scenario = truth if isinstance(truth, Scenario) else None
+    if scenario is not None:
+        region = scenario.region if region is None else region
+        velocity_bin_mps = scenario.system.velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps
+        radius_m = scenario.radius_m if radius_m is None else radius_m
+    pair = CloudPair(
+        scenario.truth if scenario else _as_cloud(truth, "truth"),
+        _as_cloud(estimate, "estimate"),
+        region,
+        System().velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps,
+        RADIUS_M if radius_m is None else radius_m,
+        scenario,
+    )
+    return {**counts(pair), **metric_scores(chosen, pair)}
+
+
+def counts(pair: CloudPair) -> dict[str, int]:
+    """Numbers of points, in the columns `COUNTS`."""
+    return {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
+
+
+@plugin_output()
+@one_blas_thread()
+def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
+    """Score a pair by a metric, and check what it returns.
+
+    Parameters
+    ----------
+    metric : Metric
+    pair : CloudPair
+
+    Returns
+    -------
+    dict of str to float
+        A value for each column, in order.
+
+    Raises
+    ------
+    InputError
+        If the metric returns other columns than it describes, or something that is no number.
+    """
+    found = dict(metric.score(pair))
+    known = expanded(metric.columns, () if pair.scenario is None else object_kinds(pair.scenario))
+    always = [column.name for column in metric.columns if ANY_KIND not in column.name]
+    missing, unknown = [name for name in always if name not in found], sorted(found.keys() - known.keys())
+    if missing or unknown:
+        told = f"without {', '.join(missing)}" if missing else f"with {', '.join(unknown)}"
+        raise InputError(
+            f"metric {metric.name}: score() returned scores {told}; allowed are those of its columns, "
+            f"{', '.join(known)}"
+        )
+    return {name: _number(metric, name, found.get(name, math.nan)) for name in known}
+
+
+def _number(metric: Metric, name: str, value: object) -> float:
+    number = python_number(value)
+    if isinstance(number, bool) or not isinstance(number, (int, float)):
+        raise InputError(f"metric {metric.name}: score() returned {name} = {value!r}; allowed are numbers")
+    return number
+
+
+@lru_cache(maxsize=64)
+def object_kinds(scenario: Scenario) -> tuple[str, ...]:
+    """Kinds of objects of a scenario, sorted.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(sorted({object_kind(name) for name in set(scenario.scatterers.objects)} - {""}))
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Metrics that every image of a run is scored by, ``paper`` first.
+
+    A column that an earlier metric has, too, is called ``<metric>_<column>``.
+
+    Attributes
+    ----------
+    further : tuple of Metric
+        Beside ``paper``.
+    """
+
+    further: tuple[Metric, ...] = ()
+
+    @classmethod
+    def of(cls, specs: Iterable[str]) -> Metrics:
+        """Build registered metrics.
+
+        Parameters
+        ----------
+        specs : iterable of str
+            As ``name[param=value,...]``.
+
+        Returns
+        -------
+        Metrics
+
+        Raises
+        ------
+        InputError
+            If one is unknown, or named twice.
+        """
+        built = [build_metric(spec) for spec in specs]
+        names = [PAPER, *(metric.name for metric in built)]
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                raise InputError(
+                    f"metrics: {name!r} is listed twice" + (", it is always there" * (not number))
+                )
+        return cls(tuple(built))
+
+    def columns(self, kinds: Sequence[str]) -> dict[str, ScoreColumn]:
+        """Columns of rows, those of ``paper`` included.
+
+        Parameters
+        ----------
+        kinds : sequence of str
+            Kinds of objects that the scenarios have.
+
+        Returns
+        -------
+        dict of str to ScoreColumn
+        """
+        return {name: column for own in self._named(kinds) for name, column in own.items()}
+
+    def score(self, pair: CloudPair) -> dict[str, float]:
+        """Score a pair by all of them.
+
+        Parameters
+        ----------
+        pair : CloudPair
+
+        Returns
+        -------
+        dict of str to float
+            Counts, and columns of rows.
+        """
+        kinds = () if pair.scenario is None else object_kinds(pair.scenario)
+        scores: dict[str, float] = dict(counts(pair))
+        for metric, named in zip(self._all(), self._named(kinds), strict=True):
+            scores |= dict(zip(named, metric_scores(metric, pair).values(), strict=True))
+        return scores
+
+    def versions(self) -> dict[str, int]:
+        """Versions by name."""
+        return {metric.name: getattr(metric, "version", 1) for metric in self._all()}
+
+    def params(self) -> dict[str, str]:
+        """Parameters by name, as canonical JSON."""
+        return {metric.name: canonical_params(metric) for metric in self._all()}
+
+    def _all(self) -> tuple[Metric, ...]:
+        return build_metric(PAPER), *self.further
+
+    def _named(self, kinds: Sequence[str]) -> list[Mapping[str, ScoreColumn]]:
+        """Columns of each metric by their names in rows."""
+        taken = {column.name for column in COUNTS}
+        found: list[Mapping[str, ScoreColumn]] = []
+        for metric in self._all():
+            own = expanded(metric.columns, kinds)
+            found.append({f"{metric.name}_{name}" if name in taken else name: own[name] for name in own})
+            taken |= found[-1].keys()
+        return found
+
+
+def _as_cloud(values: Any, name: str) -> PointCloud:
+    """Take a cloud as it is, anything else as an array or table of x, y, z, v and perhaps power."""
+    if isinstance(values, PointCloud):
+        return values
+    try:
+        return PointCloud.from_array(values)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}") from error

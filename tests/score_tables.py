@@ -1,0 +1,10 @@
+"""Columns of the metrics of clouds, counts included, by metric and name."""
+
+from isacbench.metrics.paper import Paper
+from isacbench.metrics.repository import Repository
+from isacbench.plugins.scoring import COUNTS
+
+METRICS = {
+    metric.name: {column.name: column for column in (*COUNTS, *metric.columns)}
+    for metric in (Paper, Repository)
+}
