@@ -30,6 +30,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "plugins": {
         *BASE,
         *("checked_arrays", "process_state", "streams", "specifications", "files", "display", "model", "dsp"),
+        "metrics",
     },
     "link": {*BASE, "checked_arrays", "display", "model", "dsp"},
     "cubes": {*BASE, "checked_arrays", "files", "model", "dsp", "plugins", "link"},

@@ -103,7 +103,7 @@ def image_command(
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     register(plugin)
     require_names([scenario], [estimator])
-    from isacbench.bench.cells.cell import PAPER_ALONE, estimate_cloud
+    from isacbench.bench.cells.cell import estimate_cloud
     from isacbench.bench.cells.scored_images import image_reference
     from isacbench.cores import one_blas_thread
     from isacbench.cubes.frame_observation import observe_cube
@@ -160,7 +160,7 @@ def image_command(
     if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
         return
     if is_reference(imager):
-        image = image_reference(imager, scene, PAPER_ALONE)
+        image = image_reference(imager, scene)
         say("scores: mean ± spread over its realisations; the cloud is the one nearest to the mean")
         print_scores(image.scores, image.spreads)
     else:

@@ -2,11 +2,12 @@
 
 __all__ = [
     "cloud_scores",
-    "columns",
+    "descriptions",
     "deviation",
     "geometry",
     "gospa",
-    "objects",
+    "object_scores",
     "one_to_one",
+    "paper",
     "realisations",
 ]

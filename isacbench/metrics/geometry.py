@@ -105,7 +105,7 @@ class CloudPair:
                 raise InputError(f"{name}: coordinates and velocities take magnitudes up to {LARGEST:g}")
 
     def remembered(self, make: Callable[[CloudPair], T]) -> T:
-        """What a function makes of the pair, made once for all metrics.
+        """Call a function on the pair once for all metrics.
 
         Parameters
         ----------

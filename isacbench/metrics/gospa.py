@@ -6,10 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from scipy.spatial import cKDTree
+
 from isacbench.metrics.assignment import cheapest, near_pairs
-from isacbench.metrics.geometry import RADIUS_M, CloudPair
+from isacbench.metrics.geometry import RADIUS_M
 
 if TYPE_CHECKING:
+    from isacbench.metrics.geometry import CloudPair
     from isacbench.model.cloud import PointCloud
 
 
@@ -72,12 +75,15 @@ def pair_gospa(pair: CloudPair) -> Gospa:
         Exact: a pair at c or farther is never better than two points left alone, so the matching is sought
         among the nearer pairs, which are few.
     """
-    sizes = pair.radius_m, len(pair.truth), len(pair.estimate)
-    near = near_pairs(pair.truth_tree, pair.estimate_tree, pair.radius_m, "GOSPA")
+    return _gospa(pair.truth_tree, pair.estimate_tree, pair.radius_m)
+
+
+def _gospa(truth: cKDTree, estimate: cKDTree, radius_m: float) -> Gospa:
+    near = near_pairs(truth, estimate, radius_m, "GOSPA")
     if near is None:
-        return Gospa(*sizes, 0, math.nan)
-    matched = near.take(cheapest(near, near.squared_m2, pair.radius_m**2))
-    return Gospa(*sizes, matched.i.size, float(matched.squared_m2.sum()))
+        return Gospa(radius_m, truth.n, estimate.n, 0, math.nan)
+    matched = near.take(cheapest(near, near.squared_m2, radius_m**2))
+    return Gospa(radius_m, truth.n, estimate.n, matched.i.size, float(matched.squared_m2.sum()))
 
 
 def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M) -> float:
@@ -89,7 +95,7 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
     Parameters
     ----------
     truth, estimate : PointCloud
-        At least one true point, and any number of estimated ones.
+        Any number of points each.
     radius_m : float
         Cut-off c in m.
 
@@ -112,4 +118,4 @@ def gospa_m(truth: PointCloud, estimate: PointCloud, radius_m: float = RADIUS_M)
     >>> gospa_m(truth, truth), gospa_m(truth, PointCloud.empty())
     (0.0, 1.0)
     """
-    return pair_gospa(CloudPair(truth, estimate, radius_m=radius_m)).distance_m
+    return _gospa(cKDTree(truth.xyz), cKDTree(estimate.xyz), radius_m).distance_m

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from skimage.metrics import normalized_root_mse, structural_similarity
 
-from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.descriptions import ScoreColumn
 
 if TYPE_CHECKING:
     from isacbench.metrics.geometry import CloudPair
@@ -50,8 +51,6 @@ class Occupancy:
         -------
         dict of str to float
         """
-        from skimage.metrics import normalized_root_mse
-
         pictures = [occupancy_pictures(pair, axes) for axes in PROJECTIONS]
         true, estimated = (np.concatenate([each[side].ravel() for each in pictures]) for side in (0, 1))
         return {
@@ -91,7 +90,5 @@ def occupancy_pictures(pair: CloudPair, axes: tuple[int, int]) -> tuple[Floats, 
 
 def _similarity(true: Floats, estimated: Floats) -> float:
     """Mean structural similarity over the pixels that are occupied in either picture: the rest is equal."""
-    from skimage.metrics import structural_similarity
-
     _, similar = structural_similarity(true, estimated, data_range=1.0, full=True)
     return float(similar[(true > 0) | (estimated > 0)].mean())

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
 
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs
-from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.gospa import pair_gospa
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
@@ -60,7 +61,7 @@ class Curve(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Points:
+class OneToOne:
     """One-to-one F-score at the radius, its area over the radius, velocity error, GOSPA's parts and OSPA."""
 
     name: ClassVar[str] = "points"
@@ -163,8 +164,6 @@ def merged_truth(scenario: Scenario) -> PointCloud:
 
 @lru_cache(maxsize=4)
 def _merged(scenario: Scenario) -> PointCloud:
-    from scipy.cluster.hierarchy import fcluster, linkage
-
     truth = scenario.truth
     places = radio_places(scenario, truth) / (MERGED_CELLS * rayleigh_cells(scenario))
     group = np.zeros(len(truth), dtype=np.intp)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from isacbench.metrics.cloud_scores import pair_scores
-from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.deviation import pair_deviation
 
 if TYPE_CHECKING:

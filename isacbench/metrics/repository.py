@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair, projected_hausdorff_m
 from isacbench.model.numerology import System
 

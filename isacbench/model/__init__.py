@@ -13,6 +13,7 @@ __all__ = [
     "numerology",
     "observation",
     "prs",
+    "radio_coordinates",
     "region",
     "scene",
     "scenes",

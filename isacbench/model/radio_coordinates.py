@@ -29,7 +29,7 @@ MAX_ROUNDS = 200
 
 
 class Radio(Protocol):
-    """Radio of a scenario or of an observation."""
+    """Radio of a scenario or of an observation, its place and its region."""
 
     @property
     def system(self) -> System:

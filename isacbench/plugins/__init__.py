@@ -1,4 +1,4 @@
-"""Estimators and detectors as plugins: their contracts, where they are found, and which version they are."""
+"""Estimators, detectors and metrics as plugins: contracts, where they are found, and their versions."""
 
 __all__ = [
     "contracts",
@@ -9,4 +9,5 @@ __all__ = [
     "parameters",
     "plugin_versions",
     "registry",
+    "scoring",
 ]

@@ -18,8 +18,7 @@ from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
 from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
-from isacbench.metrics.columns import ScoreColumn as ScoreColumn
-from isacbench.model.radio_coordinates import Radio as Radio
+from isacbench.metrics.descriptions import ScoreColumn as ScoreColumn
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from isacbench.metrics.geometry import CloudPair
     from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
+    from isacbench.model.radio_coordinates import Radio as Radio
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,8 @@ class Metric(Protocol):
     """A measure of images: a frozen dataclass of its parameters, and the columns that it fills.
 
     It may have a class attribute ``version``, a whole number, which is counted up when the same image
-    gets other scores than before; without one the version is 1.
+    gets other scores than before; without one the version is 1. It may have a method ``lacks(scenario)``
+    that says in a text what a scenario lacks for it, empty if nothing: its scores are then NaN.
     """
 
     name: ClassVar[str]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from isacbench.cores import one_blas_thread
-from isacbench.errors import InputError
-from isacbench.metrics.columns import ANY_KIND, ScoreColumn, expanded, object_kind
+from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.descriptions import ANY_KIND, ScoreColumn, expanded, object_kind
 from isacbench.metrics.geometry import RADIUS_M, CloudPair
+from isacbench.metrics.paper import Paper
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.scene import Scenario
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
     from isacbench.model.region import Region
 
-PAPER = "paper"
+PAPER = Paper.name
 """Metric that every row of a run is scored by."""
 
 COUNTS = (
@@ -102,12 +104,30 @@ def score(
         RADIUS_M if radius_m is None else radius_m,
         scenario,
     )
-    return {**counts(pair), **metric_scores(chosen, pair)}
+    if lack := lacks_of(chosen, scenario):
+        warnings.warn(f"metric {chosen.name}: {lack}; its scores are NaN", InputWarning, stacklevel=2)
+    return {**_counts(pair), **metric_scores(chosen, pair)}
 
 
-def counts(pair: CloudPair) -> dict[str, int]:
+def _counts(pair: CloudPair) -> dict[str, int]:
     """Numbers of points, in the columns `COUNTS`."""
     return {"n_true": len(pair.truth), "n_estimated": len(pair.estimate)}
+
+
+def lacks_of(metric: Metric, scenario: Scenario | None) -> str:
+    """Say what a scenario lacks for a metric; empty where it lacks nothing.
+
+    Parameters
+    ----------
+    metric : Metric
+    scenario : Scenario or None
+
+    Returns
+    -------
+    str
+    """
+    lacks = getattr(metric, "lacks", None)
+    return "" if lacks is None else str(lacks(scenario))
 
 
 @plugin_output()
@@ -123,15 +143,17 @@ def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        A value for each column, in order.
+        A value for each column, in order; NaN where the scenario lacks something for the metric.
 
     Raises
     ------
     InputError
         If the metric returns other columns than it describes, or something that is no number.
     """
-    found = dict(metric.score(pair))
     known = expanded(metric.columns, () if pair.scenario is None else object_kinds(pair.scenario))
+    if lacks_of(metric, pair.scenario):
+        return dict.fromkeys(known, math.nan)
+    found = dict(metric.score(pair))
     always = [column.name for column in metric.columns if ANY_KIND not in column.name]
     missing, unknown = [name for name in always if name not in found], sorted(found.keys() - known.keys())
     if missing or unknown:
@@ -207,7 +229,7 @@ class Metrics:
         return cls(tuple(built))
 
     def columns(self, kinds: Sequence[str]) -> dict[str, ScoreColumn]:
-        """Columns of rows, those of ``paper`` included.
+        """Columns of rows, counts and those of ``paper`` included.
 
         Parameters
         ----------
@@ -218,7 +240,8 @@ class Metrics:
         -------
         dict of str to ScoreColumn
         """
-        return {name: column for own in self._named(kinds) for name, column in own.items()}
+        found = {column.name: column for column in COUNTS}
+        return found | {name: column for own in self._named(kinds) for name, column in own.items()}
 
     def score(self, pair: CloudPair) -> dict[str, float]:
         """Score a pair by all of them.
@@ -233,21 +256,31 @@ class Metrics:
             Counts, and columns of rows.
         """
         kinds = () if pair.scenario is None else object_kinds(pair.scenario)
-        scores: dict[str, float] = dict(counts(pair))
+        scores: dict[str, float] = dict(_counts(pair))
         for metric, named in zip(self._all(), self._named(kinds), strict=True):
             scores |= dict(zip(named, metric_scores(metric, pair).values(), strict=True))
         return scores
 
     def versions(self) -> dict[str, int]:
-        """Versions by name."""
+        """Versions by name.
+
+        Returns
+        -------
+        dict of str to int
+        """
         return {metric.name: getattr(metric, "version", 1) for metric in self._all()}
 
     def params(self) -> dict[str, str]:
-        """Parameters by name, as canonical JSON."""
+        """Parameters by name, as canonical JSON.
+
+        Returns
+        -------
+        dict of str to str
+        """
         return {metric.name: canonical_params(metric) for metric in self._all()}
 
     def _all(self) -> tuple[Metric, ...]:
-        return build_metric(PAPER), *self.further
+        return Paper(), *self.further
 
     def _named(self, kinds: Sequence[str]) -> list[Mapping[str, ScoreColumn]]:
         """Columns of each metric by their names in rows."""

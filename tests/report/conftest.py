@@ -41,6 +41,7 @@ def timed():
                     {
                         **dict.fromkeys(SCORES, 0.5),
                         **{f"hausdorff_{plane}_m": deviation / 3 for plane in ("xy", "xz", "yz")},
+                        "hausdorff_sum_m": deviation,
                         "scenario": scenario,
                         "estimator": estimator,
                         "params": json.dumps((params or {}).get(estimator, {})),

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.cells.record import COLUMNS, N_STORED, Cell, Outcome, Record
-from isacbench.bench.cells.scored_images import ScoredImage, image_reference
+from isacbench.bench.cells.scored_images import PAPER_ALONE, ScoredImage, image_reference
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator, is_reference
 from isacbench.plugins.error_places import error_place
-from isacbench.plugins.scoring import Metrics
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Estimator
-
-PAPER_ALONE = Metrics()
+    from isacbench.plugins.scoring import Metrics
 
 MAX_MESSAGE = 1000
 """Characters of an exception's message that a row keeps."""

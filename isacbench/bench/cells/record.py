@@ -241,13 +241,9 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     optional = {**TIMING_COLUMNS, **REFERENCE_COLUMNS}
     present = {name: default for name, default in optional.items() if name in records}
     kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **present}.items()}
-    table = records.reindex(columns=list(kinds))
-    for name, default in {**ADDED, **columns}.items():
-        if name not in records:
-            table[name] = default
-    sums_m = table[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False)
-    table["hausdorff_sum_m"] = table["hausdorff_sum_m"].fillna(sums_m)  # of older rows
-    return table.astype(kinds)
+    missing = {name: value for name, value in {**ADDED, **columns}.items() if name not in records}
+    table = records.reindex(columns=list(kinds)).assign(**missing)
+    return _with_sums(table).astype(kinds).copy()  # in one piece
 
 
 def stored_points(records: pd.DataFrame) -> pd.Series[Any]:
@@ -300,4 +296,12 @@ def with_added(records: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         Same rows, with all columns of `ADDED`.
     """
-    return records.assign(**{name: value for name, value in ADDED.items() if name not in records})
+    return _with_sums(records.assign(**{name: value for name, value in ADDED.items() if name not in records}))
+
+
+def _with_sums(records: pd.DataFrame) -> pd.DataFrame:
+    """Fill the Hausdorff sums of older rows."""
+    if not {*HAUSDORFF_COLUMNS} <= {*records}:
+        return records
+    sums_m = records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False)
+    return records.assign(hausdorff_sum_m=records["hausdorff_sum_m"].fillna(sums_m))

@@ -17,13 +17,15 @@ from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.scoring import Metrics
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import ReferenceEstimator
-    from isacbench.plugins.scoring import Metrics
+
+PAPER_ALONE = Metrics()
 
 KEPT = 32
 """Scored images of references that a process keeps."""
@@ -56,7 +58,9 @@ class ScoredImage:
         return {SPREAD_COLUMNS[name]: spread for name, spread in self.spreads.items()}
 
 
-def image_reference(reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics) -> ScoredImage:
+def image_reference(
+    reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics = PAPER_ALONE
+) -> ScoredImage:
     """Score the realisations of a reference against the scenario that they are made from.
 
     Parameters

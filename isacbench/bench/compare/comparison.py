@@ -42,6 +42,7 @@ from isacbench.bench.compare.verdicts import (
 )
 from isacbench.bench.compare.worst_scenes import most_changed
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.store.score_columns import stored_columns
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -371,8 +372,8 @@ def _directions(base: RunTable, new: RunTable, asked: Sequence[Tolerance]) -> di
         run.records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"]) for run in (base, new)
     )
     in_both = [name for name in columns if name in others]
-    metric = base.manifest["metric"]["name"]
-    return {tolerance.metric: direction(tolerance.metric, metric, in_both) for tolerance in asked}
+    described = {**stored_columns(new.manifest), **stored_columns(base.manifest)}
+    return {tolerance.metric: direction(tolerance.metric, described, in_both) for tolerance in asked}
 
 
 def _other_parameters(cells: CellChanges) -> list[str]:

@@ -19,6 +19,7 @@ from isacbench.bench.store.run_store import (
     read_table,
     require_described_scenarios,
 )
+from isacbench.bench.store.score_columns import spell_metric, stored_metrics
 from isacbench.errors import AccessError, InputError
 from isacbench.files.checked_files import is_there
 
@@ -34,12 +35,10 @@ MEASURED = {
     "the suite": ("suite", "name"),
     "the kind of suite": ("suite", "kind"),
     "the seed": ("seed", ""),
-    "the metric": ("metric", "name"),
-    "the version of the metric": ("metric", "version"),
 }
 """Parts of the manifest (section and key) that must be equal for two runs to be comparable."""
 
-SECTIONS = ["suite", "seed", "metric", "scenarios", "environments"]
+SECTIONS = ["suite", "seed", "scenarios", "environments"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,11 +181,16 @@ def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
     """
     reasons = []
     for what, (section, key) in MEASURED.items():
-        before, after = (
-            run.manifest[section].get(key) if key else run.manifest[section] for run in (base, new)
-        )
-        if before != after:
-            reasons.append(f"{what} differs: {before} in {base.label}, {after} in {new.label}")
+        old, other = (run.manifest[section].get(key) if key else run.manifest[section] for run in (base, new))
+        if old != other:
+            reasons.append(f"{what} differs: {old} in {base.label}, {other} in {new.label}")
+    before, after = stored_metrics(base.manifest), stored_metrics(new.manifest)
+    reasons += [
+        f"the metric {name} differs: {spell_metric(before[name])} in {base.label}, "
+        f"{spell_metric(after[name])} in {new.label}"
+        for name in before
+        if name in after and before[name] != after[name]
+    ]
     contents, others = _contents(base), _contents(new)
     changed = [name for name in contents if name in others and contents[name] != others[name]]
     reasons += [f"scenario {name} has another content" for name in changed]
@@ -216,8 +220,7 @@ def pair_cells(
     # Categorical columns of two runs have different categories: merge them as text.
     text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
     cells = pd.merge(
-        base.records.astype(text),
-        new.records.astype(text),
+        *(run.records.astype(text).copy() for run in (base, new)),  # each in one piece
         on=CELL,
         how="outer",
         suffixes=("_base", "_new"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from isacbench.bench.cells.record import REFERENCE_COLUMNS
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
-from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.descriptions import ScoreColumn
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping

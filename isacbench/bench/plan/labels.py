@@ -77,8 +77,30 @@ def find_limits(records: pd.DataFrame) -> set[str]:
     return limits
 
 
+def variant_label(name: str, params: str) -> str:
+    """Name an estimator, detector or receiver by itself: with the parameters that differ from the defaults.
+
+    Parameters
+    ----------
+    name, params : str
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> variant_label("oracle", '{"cell":0.5}'), variant_label("unknown", "{}")
+    ('oracle[cell=0.5]', 'unknown')
+    """
+    own = json.loads(params)
+    kinds: tuple[PluginKind, ...] = "estimator", "detector"
+    unlike = next((found for kind in kinds if (found := _unlike_defaults(_defaults(kind, name), own))), {})
+    return spell_spec(name, {key: _told(value, _defaults) for key, value in unlike.items()})
+
+
 def labelled(records: pd.DataFrame) -> pd.DataFrame:
-    """Add the column ``label``: the readable name of each row's estimator among those of the run.
+    """Fill the column ``label`` of rows that an older isacbench has made.
 
     Parameters
     ----------
@@ -88,9 +110,12 @@ def labelled(records: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
     """
-    variants = list(zip(records["estimator"], records["params"], strict=True))
-    names = estimator_labels(variants)
-    return records.assign(label=[names[variant] for variant in variants])
+    is_bare = records["label"] == ""
+    if not is_bare.any():
+        return records
+    names = {variant: variant_label(*variant) for variant in variants_in(records[is_bare])}
+    filled = [names.get(variant, "") for variant in zip(records["estimator"], records["params"], strict=True)]
+    return records.assign(label=records["label"].where(~is_bare, filled))
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:

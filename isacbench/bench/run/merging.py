@@ -23,7 +23,7 @@ from isacbench.bench.store import run_store
 from isacbench.bench.store.resume import differing_versions, has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
-from isacbench.bench.store.score_columns import row_columns
+from isacbench.bench.store.score_columns import SCORES, row_columns
 from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.bench.suites.scenario_digest import canonical_json
 from isacbench.bench.suites.suite import Suite
@@ -98,8 +98,9 @@ class _Part:
     def read(cls, folder: Path) -> _Part:
         manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
         if missing := [key for key in run_store.RUN_KEYS if key not in manifest]:
+            todo = "rescore" if missing[0] == SCORES else "resume"
             raise InputError(
-                f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); resume the run "
+                f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); {todo} the run "
                 "with this version first"
             )
         rows = Rows.of_tables(results.records, results.clouds, results.environments)
@@ -150,7 +151,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     suite, scenarios = restore_suite(described["suite"]), _scenarios(parts)
     results = Results(
         suite=suite,
-        records=labelled(typed(rows.records, row_columns(described))),
+        records=labelled(typed(rows.records, row_columns(suite, described[SCORES]["columns"]))),
         clouds=rows.clouds(),
         scenarios={name: scenarios[name] for name in described["scenarios"]},
         draws=_draws(parts, [scene["name"] for scene in described["scenes"]]),
@@ -174,7 +175,8 @@ def _require_one_suite(parts: Sequence[_Part]) -> None:
     known: dict[str, tuple[Path, Any]] = {}
     for part in parts:
         suite, manifest = part.results.suite, part.manifest
-        facts = {"suite": suite.name, "kind": suite.kind, "seed": suite.seed, "metric": manifest["metric"]}
+        facts = {"suite": suite.name, "kind": suite.kind, "seed": suite.seed}
+        facts |= {f"metric {name!r}": metric for name, metric in manifest[SCORES]["metrics"].items()}
         if isinstance(suite, PopulationSuite):
             facts["version of the population"] = suite.version
         for name, entry in manifest["scenarios"].items():

@@ -146,7 +146,6 @@ def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
             {
                 **manifest,
                 "suite": {**manifest["suite"], "metrics": suite.metrics},
-                "metric": run_store.current_metric(),
                 SCORES: scores,
                 "sessions": sessions,
             },

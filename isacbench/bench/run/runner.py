@@ -24,7 +24,7 @@ from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.resume import Rerun, keep, parse_reruns
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.score_columns import metrics_of, require_same_scores, row_columns
+from isacbench.bench.store.score_columns import describe_scores, metrics_of, require_same_scores, row_columns
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
@@ -268,7 +268,7 @@ def run_suite(
     job = load_job(suite)
     started, tick = datetime.now().astimezone(), time.perf_counter()
     options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
-    columns, plan = row_columns(run_store.describe_run(job)), job.plan
+    columns, plan = _columns(job), job.plan
     with open_folder(out) as folder:
         manifest = run_store.recover_manifest(folder)
         stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
@@ -307,6 +307,12 @@ def run_suite(
     return results
 
 
+def _columns(job: Job) -> dict[str, Any]:
+    """Columns of the rows of a job besides those of every run."""
+    scores = describe_scores(metrics_of(job.suite), job.scenarios.values())
+    return row_columns(job.suite, scores["columns"])
+
+
 def _kept(folder: Path, manifest: Mapping[str, Any], stored: Rows, job: Job, execution: Execution) -> Rows:
     """Stored rows that the run goes on with."""
     part = None if execution.shard is None else job.plan.shard(execution.shard)
@@ -334,7 +340,7 @@ def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], i
     """
     journal = folder / run_store.JOURNAL
     if is_less or (journal.exists() and len(kept)):
-        records = labelled(typed(kept.records, row_columns(run_store.describe_run(job))))
+        records = labelled(typed(kept.records, _columns(job)))
         run_store.write_rows(folder, records, kept.clouds())
     run_store.write_truth(folder, job.scenarios)
     run_store.write_manifest(folder, run_store.describe_run(job), kept.environments, sessions)

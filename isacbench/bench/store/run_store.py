@@ -32,7 +32,13 @@ from isacbench.bench.store.journal import read_journal
 from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import replacing
-from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of, row_columns
+from isacbench.bench.store.score_columns import (
+    SCORES,
+    describe_scores,
+    metrics_of,
+    row_columns,
+    stored_columns,
+)
 from isacbench.bench.suites.scenario_digest import (
     describe_scenario,
     digest,
@@ -51,7 +57,6 @@ from isacbench.files.checked_files import (
     require_utf8,
 )
 from isacbench.files.escaping import quoted, visible
-from isacbench.metrics.paper import Paper
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.scenes.scene_families import spelled_scenarios
 from isacbench.plugins.plugin_versions import plugin_version
@@ -74,7 +79,7 @@ RUN_TABLES = frozenset({RECORDS, RECORDS_CSV, CLOUDS, TRUTH, MANIFEST, DRAWS, JO
 DIGEST = "digest"
 """Attribute of a table's file that holds the digest of its content."""
 
-RUN_KEYS = ("seed", "suite", "metric", SCORES, "estimators", "scenarios", "scenes")
+RUN_KEYS = ("seed", "suite", SCORES, "estimators", "scenarios", "scenes")
 """Keys of a manifest that describe the content of the run, not the calls that worked on it."""
 
 T = TypeVar("T")
@@ -127,7 +132,6 @@ def describe_run(job: Job) -> dict[str, Any]:
     return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
-        "metric": current_metric(),
         SCORES: describe_scores(metrics_of(suite), job.scenarios.values()),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
@@ -312,11 +316,6 @@ def recover_manifest(folder: Path) -> dict[str, Any]:
     return _attempt(lambda _: read_manifest(folder), folder / MANIFEST) or {}
 
 
-def current_metric() -> dict[str, Any]:
-    """Name and version of the metric that this version of isacbench scores by, as JSON holds them."""
-    return {"name": "paper", "version": Paper.version}
-
-
 def read_rows(
     folder: Path, manifest: Mapping[str, Any], is_strict: bool = False, with_clouds: bool = True
 ) -> Rows:
@@ -429,7 +428,9 @@ def read_sound_rows(folder: Path, manifest: Mapping[str, Any], with_clouds: bool
     with _damage_told(folder):
         rows = read_rows(folder, manifest, True, with_clouds)
         rows = rows.take(~rows.records.duplicated(CLOUD_KEYS, keep="last").to_numpy())
-        records = labelled(typed(rows.records, row_columns(manifest)))
+        records = labelled(
+            typed(rows.records, row_columns(restore_suite(manifest["suite"]), stored_columns(manifest)))
+        )
         require_sound_records(records)
         require_described_scenarios(records, manifest)
         return dataclasses.replace(rows, records=records)

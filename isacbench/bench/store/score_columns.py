@@ -8,9 +8,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
-from isacbench.metrics.columns import ScoreColumn
+from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.scoring import Metrics, object_kinds
 
 if TYPE_CHECKING:
@@ -82,28 +82,28 @@ def stored_columns(manifest: Mapping[str, Any]) -> dict[str, ScoreColumn]:
     -------
     dict of str to ScoreColumn
     """
-    described = manifest.get(SCORES, {}).get("columns")
-    if described is None:
-        return Metrics().columns(())
+    described = manifest.get(SCORES) or describe_scores(Metrics(), ())
     return {
         name: ScoreColumn(**{**column, "empty": math.nan if column["empty"] == "none" else column["empty"]})
-        for name, column in described.items()
+        for name, column in described["columns"].items()
     }
 
 
-def row_columns(manifest: Mapping[str, Any]) -> dict[str, Any]:
+def row_columns(suite: Suite, described: Mapping[str, Any]) -> dict[str, Any]:
     """Columns that the rows of a run have besides `COLUMNS`, each with its value for rows without it.
 
     Parameters
     ----------
-    manifest : mapping of str to Any
+    suite : Suite
+    described : mapping of str to Any
+        Its scores, as `describe_scores` or `stored_columns` have them, by the names of columns.
 
     Returns
     -------
     dict of str to Any
     """
-    further = [name for name in stored_columns(manifest) if name not in COLUMNS]
-    return {**kind_of(restore_suite(manifest["suite"])).columns, **dict.fromkeys(further, math.nan)}
+    further = [name for name in described if name not in COLUMNS]
+    return {"label": "", **kind_of(suite).columns, **dict.fromkeys(further, math.nan)}
 
 
 def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
@@ -119,27 +119,47 @@ def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
     InputError
         Naming the metric.
     """
-    stored = manifest.get(SCORES, {}).get("metrics")
+    if not manifest:  # damaged
+        return
     wanted = describe_scores(metrics, ())["metrics"]
-    if stored is None:
-        stored = {name: {**wanted.get(name, {}), **metric} for name, metric in _older(manifest).items()}
+    stored = stored_metrics(manifest)
     for name in wanted | stored:
         if wanted.get(name) != stored.get(name):
-            found, now = (_spelled(each.get(name)) for each in (stored, wanted))
+            found, now = (
+                spell_metric(each[name]) if name in each else "not at all" for each in (stored, wanted)
+            )
             raise InputError(
-                f"its cells were scored {found} of the metric {name}, not {now}; "
+                f"its cells were scored by the metric {name}: {found}, wanted: {now}; "
                 "rescore it first (isacbench rescore), or use a new folder"
             )
 
 
-def _older(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Metrics of a manifest that has the version of one alone."""
-    metric = manifest.get("metric", {"name": "paper", "version": 1})
-    return {metric["name"]: {"version": metric["version"]}}
+def stored_metrics(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Version and parameters of the metrics of a run, by name.
+
+    Parameters
+    ----------
+    manifest : mapping of str to Any
+
+    Returns
+    -------
+    dict of str to dict
+    """
+    older = {"paper": {"version": manifest.get("metric", {}).get("version", 1), "params": {}}}
+    found: dict[str, dict[str, Any]] = manifest.get(SCORES, {}).get("metrics", older)
+    return found
 
 
-def _spelled(metric: Mapping[str, Any] | None) -> str:
-    if metric is None:
-        return "without any version"
-    params = "".join(f" with {key} = {value}" for key, value in metric["params"].items())
-    return f"by version {metric['version']}{params}"
+def spell_metric(metric: Mapping[str, Any]) -> str:
+    """Spell version and parameters of a metric.
+
+    Parameters
+    ----------
+    metric : mapping of str to Any
+
+    Returns
+    -------
+    str
+    """
+    params = "".join(f", {key} = {value}" for key, value in metric["params"].items())
+    return f"version {metric['version']}{params}"

@@ -18,10 +18,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import PAPER_ALONE, estimate_cloud, failed_by, failure, run_cell
+from isacbench.bench.cells.cell import estimate_cloud, failed_by, failure, run_cell
 from isacbench.bench.cells.isolation import array_digest
 from isacbench.bench.cells.record import DRAW_COLUMNS, Cell, Outcome, Record
+from isacbench.bench.cells.scored_images import PAPER_ALONE
 from isacbench.bench.cells.timing import Trial, timed
+from isacbench.bench.plan.labels import variant_label
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
@@ -290,7 +292,7 @@ class SharedImage(SharedObservation):
     scenario: Scenario
     observation: Observation
     measure: Measure | None
-    metrics: Metrics
+    metrics: Metrics = PAPER_ALONE
 
     @property
     def n_true(self) -> int:
@@ -485,7 +487,8 @@ def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
     -------
     Entry
     """
-    return Entry(plugin.name, canonical_params(plugin), plugin, labels)
+    params = canonical_params(plugin)
+    return Entry(plugin.name, params, plugin, {"label": variant_label(plugin.name, params), **labels})
 
 
 def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) -> list[Entry[Plugin]]:

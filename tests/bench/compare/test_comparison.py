@@ -347,7 +347,7 @@ def test_everything_that_forbids_a_comparison_is_told_at_once(two_runs):
         {
             "suite": {"name": "town", "kind": "detection"},
             "seed": 1,
-            "metric": {"name": "repository", "version": 2},
+            "scores": {"metrics": {"paper": {"version": 2, "params": {}}}},
             "scenarios": {"street": {"content": "other"}, "yard": {"content": "y"}},
         }
     )
@@ -357,8 +357,7 @@ def test_everything_that_forbids_a_comparison_is_told_at_once(two_runs):
         "the suite differs: street in base, town in new",
         "the kind of suite differs: imaging in base, detection in new",
         "the seed differs: 0 in base, 1 in new",
-        "the metric differs: paper in base, repository in new",
-        "the version of the metric differs: 1 in base, 2 in new",
+        "the metric paper differs: version 1 in base, version 2 in new",
         "scenario street has another content",
     )
 

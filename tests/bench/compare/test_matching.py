@@ -34,7 +34,7 @@ def test_a_folder_that_holds_no_finished_run_is_refused(made_run, written_run, s
 @pytest.mark.parametrize(
     ("lose", "message"),
     [
-        (lambda _, manifest: manifest.pop("metric"), r"manifest\.json: metric missing.*run it again"),
+        (lambda _, manifest: manifest.pop("seed"), r"manifest\.json: seed missing.*run it again"),
         (lambda _, manifest: manifest.pop("environments"), r"manifest\.json: environments missing"),
         (lambda _, manifest: manifest["environments"].pop("e1"), r"manifest\.json: e1 missing"),
         (lambda records, _: records.pop("environment"), r"results\.parquet: environment missing"),

@@ -42,7 +42,8 @@ def fail(records, estimator, scenario, **equal):
     chosen = (records["estimator"] == estimator) & (records["scenario"] == scenario)
     for name, value in equal.items():
         chosen &= records[name] == value
-    scores = ["deviation", "precision", "recall", "hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"]
+    hausdorff = [f"hausdorff_{what}_m" for what in ("xy", "xz", "yz", "sum")]
+    scores = ["deviation", "precision", "recall", *hausdorff]
     records.loc[chosen, scores] = np.nan
     records.loc[chosen, "status"] = "timeout"
 

@@ -12,6 +12,9 @@ from isacbench.bench.compare.tolerance import (
     parse_tolerance,
 )
 from isacbench.errors import InputError
+from isacbench.plugins.scoring import Metrics
+
+DESCRIBED = Metrics().columns(())
 
 
 @given(st.floats(0, 1000), st.booleans())
@@ -54,10 +57,10 @@ def test_the_deviation_is_always_compared_and_the_last_word_counts():
     ],
 )
 def test_directions_are_those_of_the_metric_and_lower_for_unknown_columns(column, better):
-    assert direction(column, "paper", [column]) == better
+    assert direction(column, DESCRIBED, [column]) == better
 
 
 @pytest.mark.parametrize("column", ["n_true", "n_estimated", "bound_u", "pfa", "seed", "timing"])
 def test_what_has_no_better_direction_is_refused(column):
     with pytest.raises(InputError, match=f"{column} has no better direction; allowed are own"):
-        direction(column, "paper", [column, "own"])
+        direction(column, DESCRIBED, [column, "own"])

@@ -17,7 +17,7 @@ from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import entries
-from tests.conftest import ROOM, TINY, TINY_POINTS
+from tests.conftest import ROOM, TINY, TINY_POINTS, hide_estimators
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def files(folder):
 
 def forget_plugins(monkeypatch):
     """Leave no plugin to whoever asks for one."""
-    monkeypatch.setattr("isacbench.plugins.discovery._installed", lambda *_: ())
+    hide_estimators(monkeypatch)
     assert not entries("estimator")
 
 
@@ -232,7 +232,10 @@ def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, t
         (lambda it: it["suite"].update(name="other"), r"suite differs \(test, other\)"),
         (lambda it: it["suite"].update(snr_db=None, snr_gain_db=[3.0]), "be united: only some have snr"),
         (lambda it: it["scenarios"]["tiny"].update(content="other"), "content of scenario 'tiny'"),
-        (lambda it: it["metric"].update(version=0), r"metric differs \(.*'version': 1\}, "),
+        (
+            lambda it: it["scores"]["metrics"]["paper"].update(version=0),
+            r"metric 'paper' differs \(.*'version': 1",
+        ),
         (lambda it: it.pop("scenes"), r"its manifest has no scenes \(written by an older isacbench\)"),
     ):
         (halves[1] / "manifest.json").write_text(whole)

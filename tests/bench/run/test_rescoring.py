@@ -14,6 +14,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.plugins.discovery import entries
+from tests.conftest import hide_estimators
 from tests.score_tables import METRICS
 
 SCORES = [name for name in METRICS["paper"] if name not in ("n_true", "n_estimated")]
@@ -56,7 +57,7 @@ def test_scores_come_back_bit_for_bit_without_any_plugin_and_none_differs_withou
     spoilt.loc[spoilt["status"] == "ok", "deviation"] = np.nan
     spoilt.attrs = {}
     spoilt.to_parquet(tmp_path / "run" / "results.parquet", index=False)
-    monkeypatch.setattr("isacbench.plugins.discovery._installed", lambda *_: ())
+    hide_estimators(monkeypatch)
     assert not entries("estimator")
     rescored = rescore(tmp_path / "run")
     after = tables(tmp_path / "run")
@@ -100,15 +101,16 @@ def test_changes_are_counted_by_column_with_the_largest(done):
 
 def test_the_manifest_has_the_metric_and_the_call_and_a_run_goes_on(street, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
-        patched.setattr("isacbench.bench.store.run_store.Paper.version", 0)
+        patched.setattr(Paper, "version", 0)
         run(street, out=tmp_path / "run")
     before = read_manifest(tmp_path / "run")
     rescore(tmp_path / "run")
     after = read_manifest(tmp_path / "run")
-    assert (before["metric"]["version"], after["metric"]["version"]) == (0, Paper.version)
+    versions = [found["scores"]["metrics"]["paper"]["version"] for found in (before, after)]
+    assert versions == [0, Paper.version]
     assert [session.get("rescored") for session in after["sessions"]] == [None, 4]
     changed = {key for key in after if after[key] != before[key]}
-    assert changed == {"metric", "sessions"}
+    assert changed == {"scores", "sessions"}
     assert len(run(street, trials=3, out=tmp_path / "run")) == 9
 
 

@@ -52,7 +52,7 @@ def test_the_code_that_rows_follow_from_holds_what_makes_them_and_not_what_shows
     makers = {
         "isacbench.bench.workers.workbench",
         "isacbench.bench.cells.cell",
-        "isacbench.metrics.score",
+        "isacbench.metrics.paper",
         "isacbench.model.echo",
     }
     assert makers <= found.keys()

@@ -324,21 +324,19 @@ def test_damage_to_what_can_be_written_anew_costs_no_cell(
 def other_metric_version(folder):
     """Version of the metric in the manifest, if it can be read and is not the present one."""
     try:
-        metric = json.loads((folder / "manifest.json").read_text())["metric"]
+        metric = json.loads((folder / "manifest.json").read_text())["scores"]["metrics"]["paper"]
         return None if metric["version"] == Paper.version else metric["version"]
     except (ValueError, KeyError):
         return None
 
 
-def test_only_the_version_of_the_metric_counts_for_going_on(suite, folder, finished):
+def test_rows_of_another_version_of_a_metric_do_not_go_on(suite, folder, finished):
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["metric"]["version"] == Paper.version
-    manifest["metric"]["name"] = "papep"
+    metric = manifest["scores"]["metrics"]["paper"]
+    assert metric["version"] == Paper.version
+    metric["version"] = 0
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    assert go(suite, folder)[1] == 0
-    manifest["metric"]["version"] = 0
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="version 0 of the metric, not 1; rescore it first"):
+    with pytest.raises(InputError, match="metric paper: version 0, wanted: version 1; rescore it first"):
         go(suite, folder, mix_versions=True)
 
 

@@ -16,8 +16,11 @@ from isacbench.errors import InputError
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol
 from isacbench.model.prs import prs_elements
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.scoring import Metrics
 
 SHARED = {"name": "test", "estimators": ["blob"], "snr_db": [0, 60], "trials": 2}
+
+DESCRIBED = Metrics().columns(())
 
 
 @pytest.fixture
@@ -149,8 +152,8 @@ def test_scenarios_of_different_systems_are_refused(suite, tiny):
 
 def test_columns_of_the_link_have_the_direction_that_is_better():
     columns = [*COLUMNS, *LINK.columns]
-    assert direction("rate_bps", "paper", columns) == "higher"
-    assert {direction(name, "paper", columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
+    assert direction("rate_bps", DESCRIBED, columns) == "higher"
+    assert {direction(name, DESCRIBED, columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
     for name in ("n_bits", "ber_expected"):
         with pytest.raises(InputError, match=name):
-            direction(name, "paper", columns)
+            direction(name, DESCRIBED, columns)

@@ -1,4 +1,4 @@
-"""What a score means: enough to label an axis, to rank by it, and to judge an image without points."""
+"""Descriptions of scores: enough to label an axis, to rank by it, and to judge an image without points."""
 
 from __future__ import annotations
 

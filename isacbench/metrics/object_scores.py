@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -12,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.optimize import linear_sum_assignment
+from skimage.measure import label, regionprops_table
+from skimage.morphology import reconstruction
+from skimage.segmentation import watershed
 
-from isacbench.errors import InputWarning, require
+from isacbench.errors import require
 from isacbench.metrics.assignment import connected_pieces
-from isacbench.metrics.columns import ScoreColumn, object_kind
+from isacbench.metrics.descriptions import ANY_KIND, ScoreColumn, object_kind
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 
@@ -151,6 +153,27 @@ class Objects:
         for name in ("gate_m", "gate_mps", "voxel"):
             require(0 < getattr(self, name) < np.inf, name, getattr(self, name), "a positive number")
 
+    def lacks(self, scenario: Scenario | None) -> str:
+        """Say why the objects of a scenario cannot be scored.
+
+        Parameters
+        ----------
+        scenario : Scenario or None
+
+        Returns
+        -------
+        str
+            Empty where they can.
+        """
+        if scenario is None:
+            return "it needs a scenario as truth, which says what the objects are"
+        if not all(map(object_kind, set(scenario.scatterers.objects) or {""})):
+            return (
+                f"scenario {scenario.name}: points belong to no object; give the objects of a csv of points "
+                "in a column object, such as car 1"
+            )
+        return ""
+
     def score(self, pair: CloudPair) -> dict[str, float]:
         """Score a pair.
 
@@ -161,14 +184,13 @@ class Objects:
         Returns
         -------
         dict of str to float
-            NaN, with an `InputWarning`, where the truth has no objects or velocities are unknown; the errors
-            of a kind none of which was detected.
+            NaN where velocities are unknown, by which points are grouped; so are the errors of a kind none
+            of which was detected.
         """
-        missing = without_objects(pair)
-        if missing:
-            warnings.warn(missing, InputWarning, stacklevel=2)
-            return dict.fromkeys(self._names(()), math.nan)
-        assert pair.scenario is not None
+        if not pair.has_velocities or pair.scenario is None:
+            return dict.fromkeys(
+                (column.name for column in self.columns if ANY_KIND not in column.name), math.nan
+            )
         matches = self.matches(pair.scenario, pair.estimate)
         n_true, n_found, n_pairs = len(matches.truth), len(matches.found), matches.i.size
         scores = {
@@ -217,36 +239,6 @@ class Objects:
         kept = inside[i, j]
         return Matches(truth, found, i[kept], j[kept])
 
-    def _names(self, kinds: tuple[str, ...]) -> list[str]:
-        from isacbench.metrics.columns import expanded
-
-        return list(expanded(self.columns, kinds))
-
-
-def without_objects(pair: CloudPair) -> str:
-    """Say why objects cannot be scored.
-
-    Parameters
-    ----------
-    pair : CloudPair
-
-    Returns
-    -------
-    str
-        Empty where they can.
-    """
-    remain = "scores of objects are left out (NaN), all others remain"
-    if pair.scenario is None:
-        return f"no scenario says what the objects of the truth are: {remain}; give a scenario for the truth"
-    if not all(map(object_kind, set(pair.scenario.scatterers.objects) or {""})):
-        return (
-            f"scenario {pair.scenario.name}: points belong to no object: {remain}; give the objects of a csv "
-            "of points in a column object, such as car 1"
-        )
-    if not pair.has_velocities:
-        return f"the estimate has no velocities, by which points are grouped: {remain}"
-    return ""
-
 
 @lru_cache(maxsize=8)
 def true_objects(scenario: Scenario) -> ObjectList:
@@ -260,32 +252,30 @@ def true_objects(scenario: Scenario) -> ObjectList:
     -------
     ObjectList
     """
-    names, label = np.unique(scenario.scatterers.objects, return_inverse=True)
+    names, group = np.unique(scenario.scatterers.objects, return_inverse=True)
     kinds = tuple(map(object_kind, names.tolist()))
-    return replace(described(scenario.truth, label + 1), kinds=kinds)
+    return replace(described(scenario.truth, group + 1), kinds=kinds)
 
 
-def described(cloud: PointCloud, label: Integers) -> ObjectList:
+def described(cloud: PointCloud, group: Integers) -> ObjectList:
     """Centres, sizes and velocities of groups of points.
 
     Parameters
     ----------
     cloud : PointCloud
-    label : ndarray of int, shape (n,)
+    group : ndarray of int, shape (n,)
         Group of each point, from 1.
 
     Returns
     -------
     ObjectList
     """
-    from skimage.measure import regionprops_table
-
     if not len(cloud):
         return ObjectList(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     # The points are a picture of one column, whose channels are x, y, z and v.
     channels = np.column_stack([cloud.xyz, cloud.velocity])[:, None]
     wanted = "intensity_min", "intensity_max", "intensity_mean"
-    table = regionprops_table(label[:, None].astype(np.int32), channels, properties=wanted)
+    table = regionprops_table(group[:, None].astype(np.int32), channels, properties=wanted)
     least, most, mean = (np.stack([table[f"{name}-{axis}"] for axis in range(4)], axis=1) for name in wanted)
     return ObjectList((least + most)[:, :3] / 2, (most - least)[:, :3], mean[:, 3])
 
@@ -331,10 +321,6 @@ def _parts(voxels: Floats) -> Integers:
 
 def _watershed(occupied: NDArray[np.bool_]) -> NDArray[np.integer]:
     """Divide the occupied voxels (of four dimensions) of a piece between the peaks of their density."""
-    from skimage.measure import label
-    from skimage.morphology import reconstruction
-    from skimage.segmentation import watershed
-
     density = gaussian_filter(occupied.astype(np.float64), SMOOTHING_VOXELS, mode="constant", truncate=2.5)
     peaks = (maximum_filter(density, 3, mode="constant") == density) & occupied
     if label(peaks, connectivity=4).max() == 1:
