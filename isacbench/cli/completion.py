@@ -19,6 +19,22 @@ def estimators_like(incomplete: str) -> list[str]:
     return _like(estimator_names(), incomplete)
 
 
+def plugin_metrics_like(incomplete: str) -> list[str]:
+    """List the registered metrics whose names begin with a text.
+
+    Parameters
+    ----------
+    incomplete : str
+
+    Returns
+    -------
+    list of str
+    """
+    from isacbench.plugins.registry import metric_names
+
+    return _like(metric_names(), incomplete)
+
+
 def scenarios_like(incomplete: str) -> list[str]:
     """List the scenarios and families whose names begin with a text.
 

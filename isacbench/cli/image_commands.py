@@ -16,7 +16,7 @@ from typer.core import TyperCommand
 
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say, say_lines
-from isacbench.cli.completion import estimators_like
+from isacbench.cli.completion import estimators_like, plugin_metrics_like
 from isacbench.cli.options import (
     SEED_HELP,
     SPEC,
@@ -242,10 +242,15 @@ def scene_command(
 def score_command(
     truth: Annotated[str, Argument(help="Cloud file, or a scenario by name or .toml path.")],
     cloud: Annotated[Path, Argument(help="Cloud file: .csv, .npy, .npz, .mat or .ply.")],
-    metric: Annotated[str, Option(metavar="paper|repository", help="Metric.")] = "paper",
+    metric: Annotated[
+        str, Option(metavar=SPEC, help="Metric.", autocompletion=plugin_metrics_like)
+    ] = "paper",
+    plugin: PluginFiles = None,
     as_json: AsJson = False,
 ) -> None:
     """Score a cloud against the truth."""
+    register(plugin)
+    require_names(metrics=[metric])
     from isacbench.model.cloud import PointCloud
 
     scores = _scorer(truth)(PointCloud.read(cloud), metric=metric)

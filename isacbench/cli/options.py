@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from isacbench.cli.completion import estimators_like, scenarios_like, suites_like
+from isacbench.cli.completion import estimators_like, plugin_metrics_like, scenarios_like, suites_like
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -25,7 +25,16 @@ EstimatorSpecs = Annotated[
 ]
 PluginFiles = Annotated[
     list[Path] | None,
-    Option("--plugin", metavar="FILE.py", help="Local file with estimators or detectors; repeats."),
+    Option("--plugin", metavar="FILE.py", help="Local file with plugins; repeats."),
+]
+MetricSpecs = Annotated[
+    list[str] | None,
+    Option(
+        "--metric",
+        metavar=SPEC,
+        help="Further metric of every image; repeats.",
+        autocompletion=plugin_metrics_like,
+    ),
 ]
 AsJson = Annotated[bool, Option("--json", help="Print JSON and nothing else.")]
 MixVersions = Annotated[
@@ -74,13 +83,16 @@ def register(plugin_files: list[Path] | None) -> None:
 
 
 def require_names(
-    scenarios: Iterable[str] = (), estimators: Iterable[str] = (), detectors: Iterable[str] = ()
+    scenarios: Iterable[str] = (),
+    estimators: Iterable[str] = (),
+    detectors: Iterable[str] = (),
+    metrics: Iterable[str] = (),
 ) -> None:
     """Refuse names that do not exist, before anything is started or anything slow is imported.
 
     Parameters
     ----------
-    scenarios, estimators, detectors : iterable of str
+    scenarios, estimators, detectors, metrics : iterable of str
         Names or specifications.
 
     Raises
@@ -95,3 +107,4 @@ def require_names(
         scenario_variants(scenario)
     require_plugins("estimator", estimators)
     require_plugins("detector", detectors)
+    require_plugins("metric", metrics)

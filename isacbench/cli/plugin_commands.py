@@ -13,7 +13,7 @@ from isacbench.cli.printing import print_json
 
 @app.command("list")
 def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
-    """List estimators, detectors, scenarios, families of scenes and suites."""
+    """List estimators, detectors, metrics, scenarios, families of scenes and suites."""
     from isacbench.bench.suites.catalogue import catalogue
     from isacbench.specifications import spell_value
 
@@ -40,7 +40,7 @@ def check_command(
     as_json: AsJson = False,
     plugin: PluginFiles = None,
 ) -> None:
-    """Check estimators and detectors against the contract, and say what to correct."""
+    """Check estimators, detectors and metrics against the contract, and say what to correct."""
     from isacbench.checking.contract.targets import find_plugins
 
     register(plugin)

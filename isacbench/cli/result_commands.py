@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
 from isacbench.cli.completion import curves_like, metrics_like
-from isacbench.cli.options import AsJson, Html, MixVersions, PluginFiles, register
+from isacbench.cli.options import AsJson, Html, MetricSpecs, MixVersions, PluginFiles, register, require_names
 from isacbench.cli.printing import print_grid, print_json, report_run
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
@@ -110,11 +110,17 @@ def merge_command(
 
 
 @app.command("rescore")
-def rescore_command(folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run.")]) -> None:
-    """Score the stored clouds of a run again, for example after a change of the metric."""
+def rescore_command(
+    folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run.")],
+    metric: MetricSpecs = None,
+    plugin: PluginFiles = None,
+) -> None:
+    """Score the stored clouds of a run again, also by further metrics, without running it again."""
     from isacbench.bench.run.rescoring import rescore as rescore_run
 
-    rescored = rescore_run(folder)
+    register(plugin)
+    require_names(metrics=metric or ())
+    rescored = rescore_run(folder, metric or ())
     if not rescored.records.empty:
         report_run(folder, rescored.records, rescored.kind)
     say(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")

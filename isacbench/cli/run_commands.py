@@ -15,6 +15,7 @@ from isacbench.cli.options import (
     SEED_HELP,
     EstimatorSpecs,
     Html,
+    MetricSpecs,
     MixVersions,
     PluginFiles,
     ScenarioNames,
@@ -42,6 +43,7 @@ def run_command(
     seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
     out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
     plugin: PluginFiles = None,
+    metric: MetricSpecs = None,
     jobs: Annotated[int | None, Option("-j", "--jobs", min=1, help="Worker processes; default 1.")] = None,
     timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
     memory: Annotated[float | None, Option(help="Most memory in MiB that a cell may add.")] = None,
@@ -60,7 +62,7 @@ def run_command(
 ) -> None:
     """Run a suite: estimate, score, tabulate, draw. An existing folder of the same run is completed."""
     from isacbench.bench.suites.suite import parse_snr
-    from isacbench.bench.suites.suite_kinds import load_suite
+    from isacbench.bench.suites.suite_kinds import load_suite, suite_metrics, with_metrics
 
     if out is None and (rerun or mix_versions):
         raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
@@ -72,7 +74,10 @@ def run_command(
         trials=trials,
         seed=seed,
     )
-    require_names(wanted.scenarios, wanted.estimators, getattr(wanted, "detectors", ()))
+    wanted = with_metrics(wanted, metric or ())
+    require_names(
+        wanted.scenarios, wanted.estimators, getattr(wanted, "detectors", ()), suite_metrics(wanted)
+    )
     if dask is None:
         from isacbench.bench.workers.process_server import start_process_server
 

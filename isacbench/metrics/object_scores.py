@@ -43,7 +43,8 @@ MOST_VOXELS = 2**24
 
 ROUNDING = 1e-9
 ERRORS = ("horizontal", "m"), ("vertical", "m"), ("velocity", "mps"), ("extent", "m")
-_UNITS = {"m": "m", "mps": "m/s"}
+UNITS = {"m": "m", "mps": "m/s"}
+"""Errors of detected objects, with the ends of their columns' names, and their units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +111,13 @@ def _columns() -> tuple[ScoreColumn, ...]:
         ScoreColumn("objects_detected", "share of the true objects that were detected", "", "higher", 0.0),
         *(
             ScoreColumn(
-                f"objects_{error}_{unit}", f"{what[error]}, detected objects", _UNITS[unit], "lower", math.nan
+                f"objects_{error}_{unit}", f"{what[error]}, detected objects", UNITS[unit], "lower", math.nan
             )
             for error, unit in ERRORS
         ),
         ScoreColumn("detected_*", "share of * that were detected", "", "higher", 0.0),
         *(
-            ScoreColumn(f"{error}_*_{unit}", f"{what[error]}, detected *", _UNITS[unit], "lower", math.nan)
+            ScoreColumn(f"{error}_*_{unit}", f"{what[error]}, detected *", UNITS[unit], "lower", math.nan)
             for error, unit in ERRORS
         ),
     )

@@ -393,7 +393,13 @@ def test_a_mistake_in_a_file_ends_in_one_message_exit_code_2_and_nothing_written
         ("e.csv", "x,y,z,v\n", "score e.csv e.csv", "e.csv", "at least one"),
         ("t.csv", CLOUD, "score t.csv gone.csv", "gone.csv", "does not exist"),
         ("t.csv", CLOUD, "score t.csv t.txt", "t.txt", ".csv", ".mat"),
-        ("t.csv", CLOUD, "score t.csv t.csv --metric papers", "'papers'", "allowed are objects, occupancy, paper, points, repository"),
+        (
+            "t.csv",
+            CLOUD,
+            "score t.csv t.csv --metric papers",
+            "'papers'",
+            "allowed are objects, occupancy, paper, points, repository",
+        ),
         ("tiny.csv", "x,y,z,v\n1,2,3,4\n1,nan,3,4\n", image, "tiny.csv", "row 3", "y is NaN"),
         ("tiny.csv", "x,y,z\n1,2,3\n", image, "tiny.csv", "column v is missing", "x, y, z, v"),
     ):

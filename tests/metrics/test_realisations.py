@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.metrics.geometry import CloudPair
-from isacbench.metrics.realisations import SPREAD_COLUMNS, nearest_to_mean, score_realisations
+from isacbench.metrics.realisations import EVERY, SPREAD_COLUMNS, nearest_to_mean, score_realisations
 from isacbench.metrics.repository import Repository
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
@@ -34,7 +34,7 @@ def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
     truth = cloud_of(seed, 5)
     clouds = [cloud_of(seed + 1 + place, size) for place, size in enumerate(sizes)]
     pairs = [CloudPair(truth, cloud, REGION, 1.5, 2.0) for cloud in clouds]
-    found = score_realisations(pairs, Metrics().score)
+    found = score_realisations(pairs, Metrics().score, Metrics().score)
     rows = [score(truth, cloud, region=REGION, velocity_bin_mps=1.5, radius_m=2.0) for cloud in clouds]
     for name in METRICS["paper"]:
         values = np.array([row[name] for row in rows])
@@ -56,7 +56,7 @@ def test_means_and_spreads_are_those_of_single_scores(seed, sizes):
 @given(seed=st.integers(0, 999), n=st.integers(1, 6), copies=st.integers(1, 70))
 def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
     truth, cloud = cloud_of(seed, 4), cloud_of(seed + 1, n)
-    found = score_realisations([CloudPair(truth, cloud, REGION)] * copies, Metrics().score)
+    found = score_realisations([CloudPair(truth, cloud, REGION)] * copies, Metrics().score, Metrics().score)
     assert found.means == score(truth, cloud, region=REGION)
     assert set(found.spreads.values()) == {0.0}
     assert found.nearest == 0
@@ -66,7 +66,9 @@ def test_equal_clouds_have_the_scores_of_one_and_no_spread(seed, n, copies):
 def test_a_score_that_one_realisation_lacks_has_neither_mean_nor_spread(monkeypatch):
     monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 30)
     truth, clouds = cloud_of(0, 10), (cloud_of(1, 2), cloud_of(2, 10))
-    found = score_realisations([CloudPair(truth, cloud, radius_m=30.0) for cloud in clouds], Metrics().score)
+    found = score_realisations(
+        [CloudPair(truth, cloud, radius_m=30.0) for cloud in clouds], Metrics().score, Metrics().score
+    )
     assert math.isnan(found.means["gospa_m"])
     assert math.isnan(found.spreads["gospa_m"])
     assert math.isfinite(found.spreads["chamfer_m"])
@@ -74,11 +76,13 @@ def test_a_score_that_one_realisation_lacks_has_neither_mean_nor_spread(monkeypa
 
 def test_further_metrics_are_averaged_too_and_over_the_realisations_that_have_them():
     truth, clouds = cloud_of(0, 5), [cloud_of(1, 4), cloud_of(2, 5)]
-    pairs = [CloudPair(truth, cloud, REGION) for cloud in clouds]
-    found = score_realisations(pairs, Metrics((Repository(),)).score)
+    pairs = [CloudPair(truth, cloud, REGION) for cloud in clouds for _ in range(EVERY)]
+    found = score_realisations(pairs, Metrics().score, Metrics((Repository(),)).score)
     positions = [score(truth, cloud, "repository", region=REGION)["position"] for cloud in clouds]
     assert found.means["position"] == pytest.approx(np.mean(positions))
     assert "position" not in found.spreads
-    values = {pairs[0]: math.nan, pairs[1]: 3.0}
-    partly = score_realisations(pairs, lambda pair: {**Metrics().score(pair), "mine": values[pair]})
+    values = {pairs[0]: math.nan, pairs[EVERY]: 3.0}
+    partly = score_realisations(
+        pairs, Metrics().score, lambda pair: {**Metrics().score(pair), "mine": values[pair]}
+    )
     assert partly.means["mine"] == 3.0

@@ -113,6 +113,6 @@ def _imaged(task: _Task) -> ScoredImage:
             raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
     made_s, made = time.process_time() - start, time.perf_counter()
     pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
-    scores = score_realisations(pairs, task.metrics.score)
+    scores = score_realisations(pairs, PAPER_ALONE.score, task.metrics.score)
     scored = time.perf_counter()
     return ScoredImage(clouds[scores.nearest], scores.means, made_s, scored - made, scores.spreads)

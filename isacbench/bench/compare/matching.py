@@ -129,7 +129,7 @@ def read_run(folder: Path) -> RunTable:
             f"{folder}: not the folder of a run, {RECORDS} missing; give one that isacbench run wrote"
         )
     try:
-        records = with_added(read_table(folder / RECORDS))
+        records = with_added(read_table(folder / RECORDS)).copy()  # in one piece
         require_sound_records(records)
     except AccessError:
         raise
@@ -219,8 +219,10 @@ def pair_cells(
     """
     # Categorical columns of two runs have different categories: merge them as text.
     text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
+    before, after = (run.records.astype(text).copy() for run in (base, new))  # each in one piece
     cells = pd.merge(
-        *(run.records.astype(text).copy() for run in (base, new)),  # each in one piece
+        before,
+        after,
         on=CELL,
         how="outer",
         suffixes=("_base", "_new"),

@@ -62,7 +62,7 @@ def worst_scenes(
     for variant in variants_in(scored.scenes.columns.to_frame()):
         own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
         scores = scored.scenes[variant].sort_values(ascending=better == "higher", kind="stable")
-        cells = own.join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
+        cells = own.copy().join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
         cells = cells.sort_values("cell_score", ascending=better == "higher", kind="stable")
         for scene, score in scores.head(N_WORST).items():
             cell = cells[cells["scenario"] == scene].iloc[0]

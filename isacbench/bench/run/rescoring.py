@@ -26,22 +26,20 @@ from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.studies.study import ImagedScene
-from isacbench.bench.suites.suite_kinds import kind_of
+from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.registry import get_estimator
-from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from isacbench.bench.cells.record import Results
-    from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import ReferenceEstimator
     from isacbench.plugins.scoring import Metrics
@@ -125,7 +123,7 @@ def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
     run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
         manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
-        suite = _with_metrics(results.suite, tuple(metrics))
+        suite = with_metrics(results.suite, metrics)
         used = metrics_of(suite)
         scored = _scored_again(folder, results, used)
         scores = describe_scores(used, results.scenarios.values())
@@ -178,14 +176,12 @@ def _scored_again(folder: Path, results: Results, metrics: Metrics) -> pd.DataFr
             pair = CloudPair.of(scenario, cloud)
             scores = metrics.score(pair) if reference is None else _means(reference, scenario, metrics)
             scored[row] = {**scores, **measured}
-    return pd.DataFrame(list(scored.values()), index=list(scored))
-
-
-def _with_metrics(suite: Suite, further: Sequence[str]) -> Suite:
-    """Suite with further metrics, each in place of one of the same name."""
-    specs = kind_of(suite).metrics if suite.metrics is None else suite.metrics
-    named = {parse_spec(spec).name: spec for spec in (*specs, *further)}
-    return suite.replace(metrics=tuple(named.values())) if further else suite
+    # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.
+    names = dict.fromkeys(name for found in scored.values() for name in found)
+    before = records.reindex(columns=list(names)).iloc[list(scored)]
+    kept = before.to_dict("records")
+    found = [{**old, **new} for old, new in zip(kept, scored.values(), strict=True)]
+    return pd.DataFrame(found, index=list(scored), columns=list(names))
 
 
 def _references(

@@ -26,7 +26,7 @@ from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.score_columns import describe_scores, metrics_of, require_same_scores, row_columns
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.suites.suite_kinds import load_suite
+from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
 from isacbench.bench.workers.local_workers import work_alone, work_guarded, work_here
 from isacbench.errors import InputError
@@ -125,6 +125,7 @@ def run(
     *,
     estimators: Sequence[str | Estimator] | None = None,
     plugins: Sequence[str | Path] = (),
+    metrics: Sequence[str] = (),
     scenarios: Sequence[str | Path] | None = None,
     snr_db: ArrayLike | None = None,
     trials: int | None = None,
@@ -153,7 +154,9 @@ def run(
         dataclasses. Classes of a script or a notebook are sent to workers by
         their code; those of a module must be importable there.
     plugins : sequence of str or Path
-        Python files whose estimators and detectors are registered for this run.
+        Python files whose plugins are registered for this run.
+    metrics : sequence of str
+        Further metrics of every image, as ``name[param=value,...]``.
     scenarios, snr_db, trials, seed : optional
         Replace those of the suite; `snr_db` replaces `snr_gain_db`, too.
     out : str or Path, optional
@@ -220,6 +223,7 @@ def run(
         mix_versions=mix_versions,
         repeats=repeats_wanted(timing, repeats),
     )
+    wanted = with_metrics(wanted, metrics)
     if estimators is not None:
         wanted = wanted.with_estimators(estimators)
     is_shown = notebook_display() is not None if progress is None else progress

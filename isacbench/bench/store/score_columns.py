@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.suites.suite_kinds import kind_of
+from isacbench.bench.suites.suite_kinds import kind_of, suite_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.scoring import Metrics, object_kinds
@@ -39,7 +39,7 @@ def metrics_of(suite: Suite) -> Metrics:
     InputError
         If one is unknown, or listed twice.
     """
-    return Metrics.of(kind_of(suite).metrics if suite.metrics is None else suite.metrics)
+    return Metrics.of(suite_metrics(suite))
 
 
 def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:

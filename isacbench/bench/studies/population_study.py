@@ -120,15 +120,17 @@ def summarise_population(records: pd.DataFrame) -> pd.DataFrame:
     groups = scenes.groupby(by, sort=False, dropna=False)
     counts = ["n_cells", "n_no_detection", "n_failed"]
     found = pd.concat([groups.size().rename("n_scenes"), groups[counts].sum()], axis=1)
+    columns: dict[str, Any] = {}
     for name in MEDIANS:
         for share in (25, 75):
-            found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
-        found[[f"{name}_median", f"{name}_low", f"{name}_high"]] = [
-            median_interval(values.dropna().to_numpy(dtype=np.float64)) for _, values in groups[name]
-        ]
+            columns[f"{name}_q{share}"] = groups[name].quantile(share / 100)
+        limits = [median_interval(values.dropna().to_numpy(dtype=np.float64)) for _, values in groups[name]]
+        for what, values in zip(("median", "low", "high"), zip(*limits, strict=True), strict=True):
+            columns[f"{name}_{what}"] = pd.Series(values, index=found.index)
     for name in [*means, *TARGETS]:
-        found[f"{name}_mean"] = groups[name].mean()
-        found[f"{name}_band"] = student_band(groups[name].std(), groups[name].count())
+        columns[f"{name}_mean"] = groups[name].mean()
+        columns[f"{name}_band"] = student_band(groups[name].std(), groups[name].count())
+    found = found.join(pd.DataFrame(columns))
     times = cells.assign(snr_db=cells["snr_db"].fillna(np.inf)).pipe(median_times, by).reset_index()
     times["snr_db"] = times["snr_db"].replace(np.inf, np.nan)
     return found.reset_index().merge(times, how="left", on=by)

@@ -22,7 +22,7 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     Returns
     -------
     dict of str to list of dict
-        ``estimators`` and ``detectors`` as `isacbench.plugins.registry.describe_plugin`
+        ``estimators``, ``detectors`` and ``metrics`` as `isacbench.plugins.registry.describe_plugin`
         gives them; ``scenarios`` and ``suites`` with ``name`` and
         ``description``, the comment that their file starts with; ``families`` of
         scenes with ``name``, ``version``, ``description`` and ``parameters`` (name to
@@ -31,6 +31,7 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     return {
         "estimators": describe_plugin("estimator"),
         "detectors": describe_plugin("detector"),
+        "metrics": describe_plugin("metric"),
         "scenarios": [
             {"name": name, "description": _first_comment(find_toml(name, "scenario"))}
             for name in scenario_names()

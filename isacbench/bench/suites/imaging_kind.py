@@ -7,7 +7,7 @@ IMAGING = Kind(
     plan="isacbench.bench.studies.imaging_study:imaging_scenes",
     tables=Tables(
         "isacbench.bench.studies.imaging_study:summarise_scores",
-        "isacbench.report.tables.run_tables:score_grids",
+        "isacbench.report.tables.image_tables:score_grids",
     ),
     metrics=OF_IMAGES,
     timed_tables=OF_TIMED_IMAGES,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, field_validator
 
@@ -12,16 +12,18 @@ from isacbench.bench.suites.imaging_kind import IMAGING
 from isacbench.bench.suites.link_kind import LINK
 from isacbench.bench.suites.population_kind import POPULATION
 from isacbench.bench.suites.resolution_kind import RESOLUTION
-from isacbench.bench.suites.suite import find_suite
+from isacbench.bench.suites.suite import Suite, find_suite
 from isacbench.errors import InputError
 from isacbench.files.toml_files import read_toml
+from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from isacbench.bench.suites.kind import Kind
-    from isacbench.bench.suites.suite import Suite
+
+S = TypeVar("S", bound=Suite)
 
 KINDS: dict[str, Kind] = {
     kind.name: kind for kind in (IMAGING, EFFICIENCY, RESOLUTION, DETECTION, LINK, POPULATION)
@@ -66,6 +68,40 @@ def kind_of(suite: Suite) -> Kind:
         allowed = ", ".join(f"{name!r} with {one.suite.__name__}" for name, one in KINDS.items())
         raise InputError(f"kind = {suite.kind!r} with {type(suite).__name__}: allowed are {allowed}")
     return kind
+
+
+def suite_metrics(suite: Suite) -> tuple[str, ...]:
+    """Metrics beside ``paper`` that score the images of a suite: those that it names, or those of its kind.
+
+    Parameters
+    ----------
+    suite : Suite
+
+    Returns
+    -------
+    tuple of str
+        As ``name[param=value,...]``.
+    """
+    return kind_of(suite).metrics if suite.metrics is None else suite.metrics
+
+
+def with_metrics(suite: S, further: Iterable[str]) -> S:
+    """Give a suite further metrics, each in place of one of the same name.
+
+    Parameters
+    ----------
+    suite : Suite
+    further : iterable of str
+        As ``name[param=value,...]``.
+
+    Returns
+    -------
+    Suite
+        The same if there are none.
+    """
+    added = tuple(further)
+    named = {parse_spec(spec).name: spec for spec in (*suite_metrics(suite), *added)}
+    return suite.replace(metrics=tuple(named.values())) if added else suite
 
 
 def load_suite(name_or_path: str | Path) -> Suite:

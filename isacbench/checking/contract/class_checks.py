@@ -1,4 +1,4 @@
-"""Checks of estimators and detectors alike: the class, and the conduct of its method."""
+"""Checks of all kinds of plugins alike: the class, and the conduct of its method."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ BUILT = "default parameters"
 CALLABLE = "arguments"
 """Check that the method takes the arguments of all further checks."""
 
-WANTED = {"estimator": "estimate(observation)", "detector": "detect(power, looks=1)"}
+WANTED = {"estimator": "estimate(observation)", "detector": "detect(power, looks=1)", "metric": "score(pair)"}
 """Method of a plugin with its arguments, by kind."""
 
 
@@ -176,6 +176,8 @@ def _takes_its_arguments(subject: PluginSubject) -> str:
     calls: list[tuple[list[Any], dict[str, Any]]] = [([None], {}), ([None, 1], {}), ([None], {"looks": 1})]
     if subject.entry.kind == "estimator":
         calls = [([None] * (1 + bool(getattr(subject.plugin, "needs_truth", False))), {})]
+    if subject.entry.kind == "metric":
+        calls = [([None], {})]
     try:
         for given, named in calls:
             signature.bind(*given, **named)

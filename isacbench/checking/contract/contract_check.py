@@ -1,4 +1,4 @@
-"""The contract check: an estimator or a detector goes through all checks of its kind."""
+"""The contract check: an estimator, a detector or a metric goes through all checks of its kind."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from isacbench.errors import unknown_name
 from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries, isolated_plugins
 
 if TYPE_CHECKING:
-    from isacbench.plugins.contracts import Detector, Estimator
+    from isacbench.plugins.contracts import Detector, Estimator, Metric
 
 
-def check(plugin: str | Path | type[Any] | Estimator | Detector) -> CheckReport:
-    """Put estimators and detectors through the contract, as the command ``isacbench check`` does.
+def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> CheckReport:
+    """Put estimators, detectors and metrics through the contract, as the command ``isacbench check`` does.
 
     The checks run in this process, where a debugger reaches them. A plugin
     that hangs or dies takes the process with it; the command has a process
@@ -25,7 +25,7 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector) -> CheckReport:
 
     Parameters
     ----------
-    plugin : str, Path, type, Estimator or Detector
+    plugin : str, Path, type, Estimator, Detector or Metric
         A registered name; the name of a package, for all that it registers;
         a Python file, which is read anew and not registered; a class; or an
         instance, which is then checked instead of one with default
@@ -56,7 +56,7 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector) -> CheckReport:
 
 
 def check_plugin(kind: PluginKind, name: str) -> list[Finding]:
-    """Put an estimator or a detector through the contract, on small scenes and maps.
+    """Put a plugin through the contract, on small scenes and maps.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def check_plugin(kind: PluginKind, name: str) -> list[Finding]:
 
 
 def iterate_checks(kind: PluginKind, name: str) -> Iterator[Finding]:
-    """Put an estimator or a detector through the contract, one finding after the other.
+    """Put a plugin through the contract, one finding after the other.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def iterate_checks(kind: PluginKind, name: str) -> Iterator[Finding]:
 
 
 def check_names(kind: PluginKind) -> list[str]:
-    """Names of the checks of estimators or of detectors, in their order.
+    """Names of the checks of a kind of plugin, in their order.
 
     Parameters
     ----------
@@ -118,10 +118,12 @@ def check_names(kind: PluginKind) -> list[str]:
 
 def _checks_of(kind: PluginKind) -> tuple[tuple[Check[Any], ...], type[Any]]:
     """Checks of a kind of plugin, and the class of their subject."""
-    from isacbench.checking.contract import detector_checks, estimator_checks
+    from isacbench.checking.contract import detector_checks, estimator_checks, metric_checks
 
     if kind == "estimator":
         return estimator_checks.ESTIMATOR_CHECKS, estimator_checks.EstimatorSubject
+    if kind == "metric":
+        return metric_checks.METRIC_CHECKS, metric_checks.MetricSubject
     return detector_checks.DETECTOR_CHECKS, detector_checks.DetectorSubject
 
 

@@ -28,7 +28,7 @@ from isacbench.checking.promises.small_scenes import Shot
 from isacbench.model.observation import cross_elements
 from isacbench.plugins.contracts import needs_of
 
-REFERENCES = ("isacbench_algorithms.oracle", "isacbench_algorithms.chance")
+REFERENCES = ("isacbench_algorithms.oracle", "isacbench_algorithms.chance", "isacbench_algorithms.empty")
 """Modules of the estimators that may see the truth: references, which do not compete."""
 
 
@@ -77,7 +77,7 @@ class EstimatorSubject(PluginSubject):
 def _sees_no_truth(subject: EstimatorSubject) -> str:
     if subject.sees_truth and subject.plugin_class.__module__ not in REFERENCES:
         raise BrokenPromiseError(
-            "needs_truth asks for the truth, which only the built-in oracle and chance may see: remove it, "
+            "needs_truth asks for the truth, which only the built-in references may see: remove it, "
             "and estimate from the observation"
         )
     return ""

@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
+_OBJECT = "object"
 _NO_ROW_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
 _TAKES = "takes xyz (n, 3), optionally velocity (n) and power (n)"
 
@@ -52,11 +53,14 @@ class Points(NamedTuple):
         Radial velocities in m/s, positive when approaching.
     amplitude : ndarray of float64, shape (n,)
         Echo amplitudes |G|, 1 where the file has none.
+    objects : tuple of str, length n or 0
+        Object of each scatterer, where the file has a column for them.
     """
 
     xyz: Floats
     velocity: Floats
     amplitude: Floats
+    objects: tuple[str, ...] = ()
 
 
 def read_point_table(path: str | Path) -> dict[str, Floats]:
@@ -131,7 +135,7 @@ def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
 
 
 def read_points_csv(path: str | Path) -> Points:
-    """Read the scatterers of a scenario: header ``x,y,z,v``, optionally ``amplitude``, in any order.
+    """Read the scatterers of a scenario: header ``x,y,z,v``, optionally ``amplitude`` and ``object``.
 
     Parameters
     ----------
@@ -152,9 +156,9 @@ def read_points_csv(path: str | Path) -> Points:
     path = Path(path)
     table, names, place = _csv_table(path)
     plain = [plain_name(name) for name in names]
-    unknown = [name for name in names if name and plain_name(name) not in _SCATTERER]
+    unknown = [name for name in names if name and plain_name(name) not in (*_SCATTERER, _OBJECT)]
     missing = [name for name in _SCATTERER[:-1] if name not in plain]
-    twice = [name for name in _SCATTERER if plain.count(name) > 1]
+    twice = [name for name in (*_SCATTERER, _OBJECT) if plain.count(name) > 1]
     for fault, found in (
         ("unknown column {}", [*map(quoted, unknown)]),
         ("column {} appears twice", twice),
@@ -163,14 +167,18 @@ def read_points_csv(path: str | Path) -> Points:
         if found:
             raise InputError(
                 f"{path}: {place}: {fault.format(found[0])}; the file takes the columns x, y, z, v and "
-                "optionally amplitude"
+                "optionally amplitude and object"
             )
     if not table.lines:
         raise InputError(f"{path}: holds no points below its header")
     wanted = [name for name in _SCATTERER if name in plain]
     values = parse_numbers(path, table, names, [plain.index(name) for name in wanted])
     amplitude = values[:, 4] if "amplitude" in plain else np.ones(len(values))
-    return Points(values[:, :3], values[:, 3], amplitude)
+    objects: tuple[str, ...] = ()
+    if _OBJECT in plain:
+        column = plain.index(_OBJECT)
+        objects = tuple(fields_of(path, line, table.delimiter)[column] for line in table.lines)
+    return Points(values[:, :3], values[:, 3], amplitude, objects)
 
 
 def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:

@@ -392,9 +392,12 @@ class PointsTable(_EchoTable):
         -------
         PlacedObject
         """
-        xyz, velocity, amplitude = read_points_csv(_file_of(around.source, self.file))
+        points = read_points_csv(_file_of(around.source, self.file))
         scatterers = Scatterers(
-            np.array(self.position_m) + xyz, self.velocity_mps + velocity, self.amplitude * amplitude
+            np.array(self.position_m) + points.xyz,
+            self.velocity_mps + points.velocity,
+            self.amplitude * points.amplitude,
+            objects=points.objects,
         )
         return PlacedObject(scatterers, rcs_dbsm=self.rcs_dbsm)
 

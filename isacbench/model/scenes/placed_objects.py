@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,7 +81,9 @@ def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
         np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
         np.concatenate([np.empty(0), *(part.velocity for part in parts)]),
         np.concatenate([np.empty(0), *(part.amplitude for part in parts)]),
-        objects=tuple(each.name for each in placed for _ in range(len(each.scatterers))),
+        objects=tuple(
+            name for each in placed for name in each.scatterers.objects or [each.name] * len(each.scatterers)
+        ),
     )
 
 
@@ -127,7 +130,9 @@ def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list
 
 
 def _selected(scatterers: Scatterers, which: NDArray[np.bool_]) -> Scatterers:
-    return Scatterers(scatterers.xyz[which], scatterers.velocity[which], scatterers.amplitude[which])
+    xyz, velocity, amplitude = scatterers.xyz, scatterers.velocity, scatterers.amplitude
+    objects = tuple(compress(scatterers.objects, which))
+    return Scatterers(xyz[which], velocity[which], amplitude[which], objects=objects)
 
 
 def with_cross_section(placed: PlacedObject, key: str) -> PlacedObject:

@@ -10,10 +10,10 @@ from isacbench.bench.plan.labels import Variant, estimator_labels, variants_in
 from isacbench.bench.studies.link_study import outside_interval, summarise_link
 from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.files.escaping import counted
+from isacbench.report.tables.image_tables import deviation_text
 from isacbench.report.tables.run_tables import (
     Grid,
     batched,
-    deviation_text,
     text_rows,
     trials_and_band,
     with_failures,

@@ -14,6 +14,7 @@ from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_
 from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.medians import time_words
 from isacbench.bench.studies.population_study import ALL, PART, PHASES, TARGETS, summarise_population
+from isacbench.report.tables.object_tables import object_grids
 from isacbench.report.tables.run_tables import Grid, milliseconds, with_failures, written
 
 if TYPE_CHECKING:
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.labels import Variant
 
 NEAR = 0.2
-"""Relative distance to the median estimator within which `chance` comes near it."""
+"""Relative distance to the median estimator within which a baseline comes near it."""
+
+BASELINES = "chance", "empty"
+"""References without skill: random points, and none."""
 
 MARK = " †"
 
@@ -41,11 +45,12 @@ HAUSDORFF = _Shown("Hausdorff [m]", "hausdorff_sum_m_mean", "{:.2f}")
 SHOWN = (
     RATIO,
     HAUSDORFF,
+    _Shown("F-score", "f_score_mean", "{:.2f}", is_higher_better=True),
+    _Shown("objects: F-score", "objects_f_score_mean", "{:.2f}", is_higher_better=True),
+    _Shown("GOSPA: skill", "gospa_skill_mean", "{:.2f}", is_higher_better=True),
+    _Shown("velocity: error [m/s]", "velocity_error_mps_mean", "{:.2f}"),
     _Shown("precision", "precision_mean", "{:.2f}", is_higher_better=True),
     _Shown("recall", "recall_mean", "{:.2f}", is_higher_better=True),
-    _Shown("GOSPA [m]", "gospa_m_mean", "{:.2f}"),
-    _Shown("density", "density_mean", "{:.2f}"),
-    _Shown("median: NMSE", "velocity_nmse_median", "{:.1e}"),
 )
 AIMED = (
     _Shown("false points: an image", "n_false_mean", "{:.2f}"),
@@ -55,12 +60,12 @@ AIMED = (
 )
 FURTHER = _Shown("deviation", "deviation_mean", "{:.2f}")
 JUDGED = (*SHOWN, FURTHER, *AIMED)
-SPARE = ["median: NMSE", "density"]
-"""Columns that a terminal shows where there is room."""
+SPARE = ["precision", "recall", "velocity: error [m/s]", "GOSPA: skill"]
+"""Columns that a terminal shows where there is room, the first ones left out first."""
 
 
 def tabulate_population(records: pd.DataFrame) -> pd.DataFrame:
-    """Summarise a population, and mark the numbers in which `chance` comes near the estimators.
+    """Summarise a population, and mark the numbers in which a baseline comes near the estimators.
 
     Parameters
     ----------
@@ -72,11 +77,11 @@ def tabulate_population(records: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         As `isacbench.bench.studies.population_study.summarise_population` returns it, with the
         further columns ``sees_truth`` and ``near_chance``, the names of the marked columns as JSON:
-        `chance` is better than, or within 20 % of, the median of the estimators that do not see
-        the truth.
+        the better one of `chance` and `empty` is better than, or within 20 % of, the median of the
+        estimators that do not see the truth.
     """
     summary = summarise_population(records)
-    summary["sees_truth"] = summary["estimator"].isin(find_limits(records))
+    summary = summary.copy().assign(sees_truth=summary["estimator"].isin(find_limits(records)))
     marked = {
         key: json.dumps(near_chance(part)) for key, part in summary.groupby(PART, sort=False, dropna=False)
     }
@@ -85,7 +90,7 @@ def tabulate_population(records: pd.DataFrame) -> pd.DataFrame:
 
 
 def near_chance(part: pd.DataFrame) -> list[str]:
-    """Find the numbers in which `chance` comes near the estimators of some scenes.
+    """Find the numbers in which the better one of the baselines comes near the estimators of some scenes.
 
     Parameters
     ----------
@@ -97,11 +102,13 @@ def near_chance(part: pd.DataFrame) -> list[str]:
     list of str
         Columns of the summary.
     """
-    columns = [one.column for one in JUDGED]
-    is_chance = part["estimator"] == "chance"
-    guessed = part.loc[is_chance, columns].mean().to_numpy()
-    typical = part.loc[~is_chance & ~part["sees_truth"], columns].median().to_numpy()
-    higher = np.array([one.is_higher_better for one in JUDGED])
+    judged = [one for one in JUDGED if one.column in part]
+    columns = [one.column for one in judged]
+    is_baseline = part["estimator"].isin(BASELINES)
+    typical = part.loc[~is_baseline & ~part["sees_truth"], columns].median().to_numpy()
+    higher = np.array([one.is_higher_better for one in judged])
+    found = part.loc[is_baseline, columns]
+    guessed = np.where(higher, found.max().to_numpy(), found.min().to_numpy())
     # Without either number nothing is near.
     is_near = np.where(higher, guessed >= (1 - NEAR) * typical, guessed <= (1 + NEAR) * typical)
     return [column for column, near in zip(columns, is_near, strict=True) if near]
@@ -138,6 +145,7 @@ def population_grids(records: pd.DataFrame) -> list[Grid]:
     }
     found += _ratio_grid(conditions, labels, f"Median ratio by frame and phases, {over_snrs}")
     found += [_target_grid(_part(summary, name), labels, f"{name}, {over_snrs}") for name in lone]
+    found += object_grids(records, labels)
     for name, snr_db in product((ALL, *families), (math.nan, *snrs_db)):
         part = _part(summary, name, snr_db=snr_db)
         if part.empty:  # the run was interrupted before
@@ -181,7 +189,7 @@ def _row_labels(summary: pd.DataFrame) -> dict[Variant, str]:
 def _score_grid(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Grid:
     """Scores of some scenes, a row an estimator."""
     # Where all cells failed, an empty column has their number.
-    shown = [one for one in SHOWN if part[one.column].notna().any()] or [HAUSDORFF]
+    shown = [one for one in SHOWN if one.column in part and part[one.column].notna().any()] or [HAUSDORFF]
     marked = _marked(part)
     header = ["estimator", *(one.heading + _mark(one, marked) for one in shown), words]
     rows = []
@@ -230,7 +238,11 @@ def _titled(part: pd.DataFrame, title: str, header: Sequence[str]) -> str:
 
 def _noted(title: str, header: Sequence[str]) -> str:
     """Title that explains the mark where a heading has it."""
-    return f"{title}; †: chance comes near" if any(name.endswith(MARK) for name in header) else title
+    return (
+        f"{title}; †: chance or no point at all comes near"
+        if any(name.endswith(MARK) for name in header)
+        else title
+    )
 
 
 def _marked(part: pd.DataFrame) -> Collection[str]:

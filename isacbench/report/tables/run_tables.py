@@ -7,37 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import pandas as pd
 
-from isacbench.bench.plan.labels import estimator_labels, variants_in
-from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, average_scenarios, summarise_scores
 from isacbench.bench.studies.intervals import MIN_TRIALS
-from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.files.escaping import in_markdown, visible
-from isacbench.metrics.realisations import SPREAD_COLUMNS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from rich.table import Table
 
-    from isacbench.bench.plan.labels import Variant
 
-SHOWN = {
-    "hausdorff_sum_m": "Hausdorff [m]",
-    "gospa_m": "GOSPA [m]",
-    "precision": "precision",
-    "recall": "recall",
-    "spatial": "spatial",
-    "velocity_nmse": "kinematic",
-}
-"""Scores that a table shows after the deviation, with their headings; the last two are its parts."""
-
-SPARE = ("gospa_m",), ("precision", "recall"), ("spatial", "velocity_nmse")
-"""Scores that a terminal shows where there is room; the last ones are left out first."""
-
-DEVIATION_SPREAD = SPREAD_COLUMNS["deviation"]
-VARIANT = ["estimator", "params"]
 TERMINAL_WIDTH = 100
-ESTIMATORS_A_TABLE = 4
 LONGEST_LABEL = 24
 
 Item = TypeVar("Item")
@@ -131,89 +110,6 @@ def milliseconds(time_s: float, digits: int = 1) -> str:
     return "" if math.isnan(time_s) else f"{1e3 * time_s:.{digits}f}"
 
 
-def mean_of_scenarios(n_scenarios: int) -> str:
-    """Say that something is a mean over scenarios, and whether it has a confidence band.
-
-    Parameters
-    ----------
-    n_scenarios : int
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> mean_of_scenarios(100)
-    'mean over 100 scenarios, 95 % confidence band'
-    """
-    band = "95 % confidence band" if n_scenarios >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
-    return f"mean over {n_scenarios} scenarios, {band}"
-
-
-def score_grids(records: pd.DataFrame) -> list[Grid]:
-    """Lay out scores and times of a run, estimators over SNR.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run.
-
-    Returns
-    -------
-    list of Grid
-        One a scenario, or more where the estimators are too many for the
-        width of a terminal. Of more than 12 scenarios first their mean; the others are details.
-    """
-    labels = estimator_labels(variants_in(records))
-    n_scenarios, found = records["scenario"].nunique(), []
-    is_detail = n_scenarios > MANY_SCENARIOS
-    if is_detail:
-        title = f"{mean_of_scenarios(n_scenarios)}; {time_words(records)} of an image"
-        of_all_s = median_times(records, VARIANT)[f"{TIME}_median"]
-        all_s = {variant: of_all_s.get(variant, math.nan) for variant in labels}
-        found += _estimators_over_snr(average_scenarios(records), title, labels, all_s)
-    times_s, words = median_times(records, ["scenario", *VARIANT])[f"{TIME}_median"], time_words(records)
-    for scenario, part in summarise_scores(records).groupby("scenario", sort=False):
-        title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; {words} of an image"
-        if DEVIATION_SPREAD in records and records[DEVIATION_SPREAD].notna().any():
-            title += "; ± of references: spread over realisations"
-        own_s = {variant: times_s.get((scenario, *variant), math.nan) for variant in labels}
-        grids = _estimators_over_snr(part, title, labels, own_s)
-        found += [grid._replace(is_detail=is_detail) for grid in grids]
-    return found
-
-
-def _estimators_over_snr(
-    summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], times_s: Mapping[Variant, float]
-) -> list[Grid]:
-    """Tables of one scenario, or of a mean over scenarios, a few estimators in each."""
-    summary = summary.assign(spatial_mean=summary["hausdorff_sum_m_mean"] + summary["density_mean"])
-    forms = {score: "{:.1e}" if score == "velocity_nmse" else "{:.2f}" for score in SHOWN}
-    scores = pd.DataFrame(
-        {score: [written(mean, form) for mean in summary[f"{score}_mean"]] for score, form in forms.items()},
-        index=summary.index,
-    )
-    scores.insert(0, "deviation", [deviation_text(entry) for _, entry in summary.iterrows()])
-    names = list(scores)
-    texts = pd.concat([summary[["snr_db", *VARIANT]], scores], axis=1)
-    table = texts.pivot(index="snr_db", columns=VARIANT, values=names).fillna("")
-    found = []
-    for batch in batched(variants_in(summary), ESTIMATORS_A_TABLE):
-        header, last = ["SNR [dB]"], ["time [ms]"]
-        for variant in batch:
-            header += [f"{labels[variant]}: deviation", *SHOWN.values()]
-            last += [milliseconds(times_s[variant]), *[""] * len(SHOWN)]
-        cells = table[[(score, *variant) for variant in batch for score in names]]
-        rows = [[f"{snr_db:g}", *texts] for snr_db, *texts in cells.itertuples()]
-        spare = [
-            [place for place, name in enumerate(header) if name in [SHOWN[score] for score in group]]
-            for group in SPARE
-        ]
-        found.append(Grid(title, header, [*rows, last], spare))
-    return found
-
-
 def written(value: float, form: str) -> str:
     """Write a number, nothing where there is none.
 
@@ -251,22 +147,6 @@ def with_failures(text: str, n_failed: int) -> str:
     if not n_failed:
         return text
     return f"{text} ({n_failed} failed)" if text else f"{n_failed} failed"
-
-
-def deviation_text(entry: pd.Series[Any]) -> str:
-    """Write the mean deviation of some trials with its band, and the number of trials that failed.
-
-    Parameters
-    ----------
-    entry : Series
-        With ``deviation_mean``, ``deviation_band`` and ``n_failed``.
-
-    Returns
-    -------
-    str
-    """
-    mean = written(entry["deviation_mean"], "{:.2f}")
-    return with_failures(mean + written(entry["deviation_band"], " ±{:.2f}"), entry["n_failed"])
 
 
 def text_rows(

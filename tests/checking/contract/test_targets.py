@@ -15,7 +15,7 @@ from isacbench.checking.contract import (
 )
 from isacbench.cli import app
 from isacbench.errors import InputError
-from isacbench.plugins.registry import detector_names, estimator_names
+from isacbench.plugins.registry import detector_names, estimator_names, metric_names
 
 LOCAL = '''
 from dataclasses import dataclass
@@ -97,7 +97,8 @@ def test_the_built_in_plugins_keep_the_contract(kind, name):
 def test_a_distribution_and_its_package_name_everything_they_register():
     names = {"estimator": estimator_names(), "detector": detector_names()}
     expected = {(kind, name) for kind, of_kind in names.items() for name in of_kind}
-    assert set(find_plugins("isacbench")) == set(find_plugins("isacbench_algorithms")) == expected
+    assert set(find_plugins("isacbench_algorithms")) == expected
+    assert set(find_plugins("isacbench")) == expected | {("metric", name) for name in metric_names()}
 
 
 @pytest.mark.parametrize("name", ["test-plugins", "test_plugins"])

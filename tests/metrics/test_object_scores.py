@@ -1,0 +1,173 @@
+"""Objects: grouping, assignment against plain loops, and what is said where there are none."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacbench import load_scenario, score
+from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.descriptions import object_kind
+from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.object_scores import Objects, described, group_points, true_objects
+from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import space_places
+from tests.conftest import few
+
+TOWN, STREET = load_scenario("town[seed=7]"), load_scenario("street")
+
+
+def scores(scenario, cloud, **gates):
+    return Objects(**gates).score(CloudPair.of(scenario, cloud))
+
+
+def test_true_objects_are_boxes_around_their_scatterers():
+    found, names = true_objects(TOWN), np.array(TOWN.scatterers.objects)
+    assert len(found) == len(set(names))
+    for place, name in enumerate(np.unique(names)):
+        xyz = TOWN.scatterers.xyz[names == name]
+        np.testing.assert_allclose(found.centre_m[place], (xyz.min(axis=0) + xyz.max(axis=0)) / 2)
+        np.testing.assert_allclose(found.extent_m[place], np.ptp(xyz, axis=0))
+        assert found.velocity_mps[place] == pytest.approx(TOWN.scatterers.velocity[names == name].mean())
+        assert found.kinds[place] == object_kind(name)
+
+
+def test_the_scatterers_themselves_are_grouped_into_nearly_all_objects():
+    """Over families; objects that touch at one speed are one to a radio."""
+    n_true = n_detected = n_false = 0
+    for family in ("street", "town", "crowd", "weak", "traffic", "crossing"):
+        scene = load_scenario(f"{family}[seed=31]")
+        found = scores(scene, scene.truth)
+        n_true += found["n_objects"]
+        n_detected += found["n_objects"] - found["n_objects_missed"]
+        n_false += found["n_objects_false"]
+    assert n_detected >= 0.85 * n_true
+    assert n_false <= 0.1 * n_true
+
+
+def test_an_empty_image_detects_nothing_and_has_no_errors():
+    found = scores(TOWN, PointCloud.empty())
+    assert (found["objects_detected"], found["n_objects_false"], found["objects_f_score"]) == (0, 0, 0)
+    assert found["n_objects_missed"] == found["n_objects"]
+    assert math.isnan(found["objects_horizontal_m"])
+
+
+def test_what_is_moved_too_far_or_has_another_speed_is_another_object():
+    scene = load_scenario("sparse[seed=7,scatterers=4]")
+    truth = scene.truth
+    assert scores(scene, truth)["objects_detected"] == 1
+    off = PointCloud(truth.xyz + np.array([0.6, 0.8, 0.5]), truth.velocity + 1.0)
+    found = scores(scene, off)
+    assert found["objects_detected"] == 1
+    assert found["objects_horizontal_m"] == pytest.approx(1.0)
+    assert found["objects_vertical_m"] == pytest.approx(0.5)
+    assert found["objects_velocity_mps"] == pytest.approx(1.0)
+    assert found["objects_extent_m"] == pytest.approx(0.0, abs=1e-9)
+    assert scores(scene, off, gate_m=1.0)["objects_detected"] == 0
+    assert scores(scene, off, gate_mps=0.5)["objects_detected"] == 0
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 1000), n=st.integers(1, 5), m=st.integers(0, 5))
+def test_the_assignment_is_the_best_of_all(seed, n, m):
+    """As many pairs as the gate allows, of these the nearest; lone points are objects."""
+    rng = np.random.default_rng(seed)
+    scene = load_scenario(f"sparse[seed={seed % 50},scatterers={n}]")
+    near = scene.truth.xyz[rng.integers(0, n, m)] + rng.normal(0, 1.5, (m, 3))
+    image = PointCloud(near, scene.truth.velocity[rng.integers(0, n, m)])
+    found = Objects().matches(scene, image)
+    distance = np.linalg.norm(found.truth.centre_m[:, None] - found.found.centre_m[None], axis=2)
+    inside = (distance <= 2.0) & (
+        np.abs(found.truth.velocity_mps[:, None] - found.found.velocity_mps[None]) <= 5.0
+    )
+    best = (0, 0.0)
+    for k in range(1, min(distance.shape) + 1):
+        for rows in itertools.combinations(range(len(found.truth)), k):
+            for columns in itertools.permutations(range(len(found.found)), k):
+                if inside[list(rows), list(columns)].all():
+                    best = max(best, (k, -distance[list(rows), list(columns)].sum()))
+    assert (found.i.size, -distance[found.i, found.j].sum()) == pytest.approx(best)
+
+
+@few
+@given(seed=st.integers(0, 1000))
+def test_groups_do_not_depend_on_the_order_of_points_or_on_copies(seed):
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(len(TOWN.truth))
+    plain, mixed = group_points(TOWN, TOWN.truth), group_points(TOWN, TOWN.truth.select(order))
+    # The same partition, whatever the numbers of its groups.
+    pairs = np.unique(np.column_stack([plain[order], mixed]), axis=0)
+    assert len(pairs) == plain.max() == mixed.max()
+    image = TOWN.truth.select(order[:100])
+    doubled = image.select(np.r_[np.arange(100), np.arange(100)])
+    assert scores(TOWN, doubled) == pytest.approx(scores(TOWN, image), nan_ok=True)
+
+
+def test_objects_far_from_each_other_are_groups_of_their_own_and_a_chain_is_one():
+    cells = np.array(
+        [[260.0, 0.0, 0.0, 0.2], [263.0, 0.0, 0.0, 0.2], [400.0, 0.0, 0.0, 0.2], [400.0, 9.0, 0.0, 0.2]]
+    )
+    system = STREET.system
+    places = cells * [system.range_bin_m, system.velocity_bin_mps, 1, 1]
+    xyz, velocity = space_places(TOWN, places)
+    group = group_points(TOWN, PointCloud(xyz, velocity))
+    assert group[0] == group[1]
+    assert len(set(group.tolist())) == 3
+
+
+def test_two_blobs_that_touch_are_two_objects():
+    """A square beside another, with a thin bridge between them."""
+    side = np.linspace(-2.5, 2.5, 11)
+    square = np.stack(np.meshgrid(side, side, [1.0]), axis=-1).reshape(-1, 3) + np.array([20, 8, 0])
+    bridge = np.column_stack([np.full(9, 20.0), 10.5 + 0.5 * np.arange(1, 10), np.ones(9)])
+    xyz = np.vstack([square, square + np.array([0, 10, 0]), bridge])
+    group = group_points(TOWN, PointCloud(xyz, np.zeros(len(xyz))))
+    first, second = set(group[:121].tolist()), set(group[121:242].tolist())
+    assert len(first) == len(second) == 1
+    assert first != second
+
+
+def test_points_that_belong_to_no_object_are_told_and_all_other_scores_remain():
+    bare = dataclasses.replace(STREET, scatterers=dataclasses.replace(STREET.scatterers, objects=()))
+    with pytest.warns(InputWarning, match="metric objects: scenario street: points belong to no object"):
+        found = score(bare, STREET.truth, "objects")
+    assert all(math.isnan(value) for name, value in found.items() if name not in ("n_true", "n_estimated"))
+    assert score(bare, STREET.truth)["deviation"] == 0
+    with pytest.warns(InputWarning, match="it needs a scenario as truth"):
+        score(STREET.truth, STREET.truth, "objects")
+
+
+def test_a_cloud_without_velocities_has_no_objects():
+    assert math.isnan(scores(STREET, PointCloud(STREET.truth.xyz))["objects_detected"])
+
+
+def test_a_csv_may_name_the_object_of_each_point(tmp_path):
+    (tmp_path / "points.csv").write_text(
+        "x,y,z,v,object\n1,2,0.5,0,Drone 1\n1.2,2,0.5,0,Drone 1\n20,9,0,1,car 2\n"
+    )
+    text = (
+        'name = "own"\n[array]\nframe = "panel"\n[base_station]\nposition_m = [15.0, 100.0, 20.0]\n'
+        "[region]\nx_m = [0.0, 30.0]\ny_m = [0.0, 20.0]\nz_m = [0.0, 20.0]\nspeed_mps = [-15.0, 15.0]\n"
+        '[[objects]]\nkind = "points"\nfile = "points.csv"\n'
+    )
+    (tmp_path / "own.toml").write_text(text)
+    scenario = load_scenario(tmp_path / "own.toml")
+    assert scenario.scatterers.objects == ("Drone 1", "Drone 1", "car 2")
+    found = scores(scenario, scenario.truth)
+    assert (found["detected_drone"], found["detected_car"]) == (1, 1)
+
+
+@pytest.mark.parametrize("name", ["gate_m", "gate_mps", "voxel"])
+@pytest.mark.parametrize("value", [0, -1.0, math.inf, math.nan])
+def test_parameters_are_positive_numbers(name, value):
+    with pytest.raises(InputError, match=f"{name} = .*: allowed is a positive number"):
+        Objects(**{name: value})
+
+
+def test_an_image_without_points_has_no_groups():
+    assert group_points(TOWN, PointCloud.empty()).size == 0
+    assert len(described(PointCloud.empty(), np.empty(0, dtype=int))) == 0

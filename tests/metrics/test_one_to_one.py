@@ -1,0 +1,191 @@
+"""One-to-one scores: matchings against plain loops and Stone Soup, merged truth, invariances."""
+
+import itertools
+import math
+from datetime import datetime
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isacbench import load_scenario
+from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs
+from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.gospa import pair_gospa
+from isacbench.metrics.one_to_one import MERGED_CELLS, RADII_M, OneToOne, merged_truth, score_curve
+from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+from isacbench.model.region import Region
+
+REGION = Region((0.0, 9.0), (0.0, 9.0), (0.0, 9.0), (-5.0, 5.0))
+STREET = load_scenario("street")
+pytestmark = pytest.mark.filterwarnings("ignore:the truth is not merged")
+
+
+def cloud_of(rng, n, size_m=3.0):
+    return PointCloud(rng.uniform(0, size_m, (n, 3)), rng.uniform(-5, 5, n), np.ones(n))
+
+
+def all_matchings(n, m):
+    """Every one-to-one matching of n and m points, as pairs of indices."""
+    for k in range(min(n, m) + 1):
+        for rows in itertools.combinations(range(n), k):
+            for columns in itertools.permutations(range(m), k):
+                yield list(zip(rows, columns, strict=True))
+
+
+seeds = st.integers(0, 10_000)
+sizes = st.integers(0, 4)
+
+
+@given(seed=seeds, n=st.integers(1, 4), m=sizes, radius_m=st.sampled_from([0.5, 1.0, 2.0]))
+def test_scores_are_those_of_the_best_of_all_matchings(seed, n, m, radius_m):
+    rng = np.random.default_rng(seed)
+    truth, estimate = cloud_of(rng, n), cloud_of(rng, m)
+    d2 = ((truth.xyz[:, None] - estimate.xyz[None]) ** 2).sum(axis=2)
+    inside = [one for one in all_matchings(n, m) if all(d2[i, j] <= radius_m**2 for i, j in one)]
+    k = max(map(len, inside))
+    nearest = min((one for one in inside if len(one) == k), key=lambda one: sum(d2[i, j] for i, j in one))
+    gospa2 = min(sum(d2[i, j] for i, j in one) + radius_m**2 / 2 * (n + m - 2 * len(one)) for one in inside)
+    clipped = np.minimum(d2, radius_m**2)
+    ospa2 = min(sum(clipped[i, j] for i, j in one) for one in all_matchings(n, m) if len(one) == min(n, m))
+    ospa2 = (ospa2 + radius_m**2 * abs(n - m)) / max(n, m)
+    found = OneToOne().score(CloudPair(truth, estimate, REGION, radius_m=radius_m))
+    assert found["f_score"] == pytest.approx(2 * k / (n + m))
+    assert found["matched_precision"] == pytest.approx(k / max(m, 1))
+    assert found["matched_recall"] == pytest.approx(k / n)
+    assert found["gospa_skill"] == pytest.approx(1 - gospa2 / (radius_m**2 / 2 * n))
+    parts = found["gospa_localisation"] + found["gospa_missed"] + found["gospa_false"]
+    assert parts == pytest.approx(gospa2 / (radius_m**2 / 2 * n))
+    assert found["ospa_m"] == pytest.approx(math.sqrt(ospa2))
+    errors = [estimate.velocity[j] - truth.velocity[i] for i, j in nearest]
+    worst = np.ptp([*truth.velocity, -5.0, 5.0])
+    assert found["velocity_error_mps"] == pytest.approx(np.sqrt(np.mean(np.square(errors))) if k else worst)
+
+
+@given(seed=seeds, n=st.integers(1, 30), m=st.integers(0, 30))
+def test_gospa_and_ospa_are_those_of_stone_soup(seed, n, m):
+    from stonesoup.metricgenerator.ospametric import GOSPAMetric, OSPAMetric
+    from stonesoup.types.state import State
+
+    rng, when = np.random.default_rng(seed), datetime(2026, 1, 1)
+    truth, estimate = cloud_of(rng, n), cloud_of(rng, m)
+    states = [[State(point, timestamp=when) for point in one.xyz] for one in (estimate, truth)]
+    gospa = pair_gospa(CloudPair(truth, estimate, radius_m=0.8))
+    theirs, _ = GOSPAMetric(p=2, c=0.8).compute_gospa_metric(*states)
+    parts = theirs.value
+    assert gospa.distance_m == pytest.approx(parts["distance"])
+    assert gospa.localisation_m2 == pytest.approx(parts["localisation"], abs=1e-12)
+    # Stone Soup assigns by distances and then adds their squares, which is no less than the least sum.
+    their_ospa_m = OSPAMetric(p=2, c=0.8).compute_OSPA_distance(*states).value
+    assert their_ospa_m * 0.95 <= gospa.ospa_m <= their_ospa_m + 1e-12
+
+
+@given(seed=seeds, n=st.integers(1, 20), m=st.integers(0, 20), shift=st.floats(-50, 50))
+def test_scores_do_not_depend_on_order_or_on_a_shift_of_all(seed, n, m, shift):
+    rng = np.random.default_rng(seed)
+    truth, estimate = cloud_of(rng, n), cloud_of(rng, m)
+    plain = OneToOne().score(CloudPair(truth, estimate))
+    mixed = OneToOne().score(CloudPair(truth.select(rng.permutation(n)), estimate.select(rng.permutation(m))))
+    assert mixed == pytest.approx(plain)
+    moved = [PointCloud(one.xyz + shift, one.velocity) for one in (truth, estimate)]
+    assert OneToOne().score(CloudPair(*moved)) == pytest.approx(plain, abs=1e-9)
+
+
+@given(seed=seeds, n=st.integers(1, 8))
+def test_parts_far_from_each_other_are_scored_like_the_parts_together(seed, n):
+    """The matched pairs of two images side by side are those of each."""
+    rng = np.random.default_rng(seed)
+    parts = [(cloud_of(rng, n), cloud_of(rng, n + 1)) for _ in range(2)]
+    alone = [pair_gospa(CloudPair(*part)) for part in parts]
+    joined = [
+        PointCloud(np.vstack([one.xyz, other.xyz + 100.0]), np.concatenate([one.velocity, other.velocity]))
+        for one, other in zip(*parts, strict=True)
+    ]
+    together = pair_gospa(CloudPair(*joined))
+    assert together.distance_m**2 == pytest.approx(sum(one.distance_m**2 for one in alone))
+    assert together.n_matched == sum(one.n_matched for one in alone)
+
+
+def test_the_curve_rises_with_the_radius_and_its_area_is_the_mean_over_its_logarithm():
+    rng = np.random.default_rng(2)
+    near = PointCloud(STREET.truth.xyz + rng.normal(0, 0.5, STREET.truth.xyz.shape), STREET.truth.velocity)
+    pair = CloudPair.of(STREET, near)
+    curve = score_curve(pair)
+    np.testing.assert_allclose(curve.radius_m, RADII_M)
+    assert (np.diff(curve.f_score) >= 0).all()
+    widths = np.diff(np.log(curve.radius_m))
+    area = sum(widths * (curve.f_score[1:] + curve.f_score[:-1]) / 2) / widths.sum()
+    found = OneToOne().score(pair)
+    assert found["f_score_area"] == pytest.approx(area)
+    at_1_m = np.interp(0.0, np.log(curve.radius_m), curve.f_score)
+    assert found["f_score"] == pytest.approx(at_1_m, abs=0.05)
+
+
+def test_scatterers_are_merged_where_all_of_them_fit_into_half_a_cell_and_no_two_groups_do():
+    merged, places = merged_truth(STREET), radio_places(STREET, STREET.truth)
+    cells = MERGED_CELLS * rayleigh_cells(STREET)
+    assert merged.power.sum() == pytest.approx(STREET.truth.power.sum())
+    # Complete linkage: a scatterer that is within half a cell of no other stays as it is.
+    apart = (np.abs(places[:, None] - places[None]) / cells).max(axis=2)
+    np.fill_diagonal(apart, np.inf)
+    alone = STREET.truth.xyz[apart.min(axis=1) > 1]
+    for xyz in alone:
+        assert np.abs(merged.xyz - xyz).sum(axis=1).min() < 1e-9
+    assert len(alone) < len(merged) < len(STREET.truth)
+
+
+def test_a_mirrored_street_has_as_many_merged_scatterers():
+    """A lattice would not: its borders lie elsewhere."""
+    import dataclasses
+
+    scatterers, (low, high) = STREET.scatterers, STREET.region.x_m
+    mirrored = dataclasses.replace(scatterers, xyz=scatterers.xyz * [-1, 1, 1] + [low + high, 0, 0])
+    place = STREET.base_station_m * [-1, 1, 1] + [low + high, 0, 0]
+    twin = dataclasses.replace(STREET, scatterers=mirrored, base_station_m=place)
+    assert len(merged_truth(twin)) == pytest.approx(len(merged_truth(STREET)), rel=0.02)
+
+
+@given(seed=seeds, n=st.integers(1, 40))
+def test_pieces_hang_together_and_are_apart_from_each_other(seed, n):
+    places = np.random.default_rng(seed).uniform(0, 6, (n, 3))
+    pieces = connected_pieces(places)
+    assert sorted(np.concatenate(pieces).tolist()) == list(range(n))
+    near = np.abs(places[:, None] - places[None]).max(axis=2) <= 1
+    of = np.empty(n, dtype=int)
+    for number, members in enumerate(pieces):
+        of[members] = number
+    assert (of[:, None] == of[None])[near].all()
+    for members in pieces:
+        reached = {members[0]}
+        for _ in members:
+            reached |= {other for one in reached for other in np.flatnonzero(near[one]).tolist()}
+        assert reached == set(members.tolist())
+
+
+def test_the_largest_matching_is_found_where_the_nearest_first_would_miss_it():
+    pairs = Pairs(np.array([0, 0, 1]), np.array([0, 1, 0]), np.array([0.0, 1.0, 1.0]))
+    assert most_pairs(pairs) == 2
+    assert cheapest(pairs, pairs.squared_m2, math.inf).tolist() == [1, 2]
+    assert cheapest(pairs, pairs.squared_m2, 1.0).tolist() == [0]
+
+
+def test_too_dense_clouds_are_left_out_in_words(monkeypatch):
+    monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 3)
+    pair = CloudPair(cloud_of(np.random.default_rng(0), 5), cloud_of(np.random.default_rng(1), 5))
+    with pytest.warns(InputWarning, match="F-score of 5 true and 5 estimated points is left out"):
+        assert math.isnan(OneToOne().score(pair)["f_score"])
+    monkeypatch.setattr("isacbench.metrics.one_to_one.MOST_MERGED", 5)
+    from isacbench.metrics import one_to_one
+
+    one_to_one._merged.cache_clear()
+    with pytest.raises(InputError, match=r"street: \d+ scatterers hang together; allowed are at most 5"):
+        merged_truth(STREET)
+    assert near_pairs(pair.truth_tree, pair.estimate_tree, 1e-6, "x").i.size == 0
+
+
+def test_without_a_scenario_the_truth_is_not_merged_and_a_warning_says_so():
+    with pytest.warns(InputWarning, match="the truth is not merged .* give a scenario"):
+        OneToOne().score(CloudPair(STREET.truth, STREET.truth))
