@@ -1,4 +1,4 @@
-"""Points spread at random over the truth's bounding box: the scores of an estimator without skill.
+"""References without skill: points spread at random over the truth's bounding box, and no point at all.
 
 Weather forecasts are judged against climatology. Likewise, a score near that of `chance` proves nothing.
 """
@@ -63,3 +63,26 @@ class Chance(Reference):
             drawn = np.clip(lowest + shares * (highest - lowest), lowest, highest)
             clouds.append(PointCloud(drawn[:, :3], drawn[:, 3], power))
         return clouds
+
+
+@dataclass(frozen=True)
+class Empty(Reference):
+    """Zero effort: an image without points."""
+
+    name: ClassVar[str] = "empty"
+
+    def realisations(self, radio: Radio, truth: PointCloud) -> list[PointCloud]:
+        """Make an image without points.
+
+        Parameters
+        ----------
+        radio : Radio
+            Scenario or observation.
+        truth : PointCloud
+
+        Returns
+        -------
+        list of PointCloud
+            One.
+        """
+        return [PointCloud.empty()]

@@ -10,7 +10,16 @@ from typer import Argument, Option
 
 from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
 from isacbench.cli.completion import curves_like, metrics_like
-from isacbench.cli.options import AsJson, Html, MetricSpecs, MixVersions, PluginFiles, register, require_names
+from isacbench.cli.options import (
+    SPEC,
+    AsJson,
+    Html,
+    MetricSpecs,
+    MixVersions,
+    PluginFiles,
+    register,
+    require_names,
+)
 from isacbench.cli.printing import print_grid, print_json, report_run
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
@@ -212,12 +221,16 @@ def compare_command(
 def rank_command(
     folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run of six scenes or more.")],
     metric: Annotated[
-        str,
+        str | None,
         Option(
-            help="Score to rank by, such as deviation, gospa_m, hausdorff_sum_m or ratio.",
+            help="Score to rank by, such as f_score, objects_detected or deviation; default ratio.",
             autocompletion=metrics_like,
         ),
-    ] = "deviation",
+    ] = None,
+    estimator: Annotated[
+        list[str] | None,
+        Option("-e", "--estimator", metavar=SPEC, help="Rank these alone, chosen before looking; repeats."),
+    ] = None,
     html: Html = True,
     as_json: AsJson = False,
 ) -> None:
@@ -226,7 +239,7 @@ def rank_command(
     from isacbench.report.comparisons.ranking_figure import draw_ranking_file
     from isacbench.report.comparisons.ranking_tables import ranking_content, ranking_grids, ranking_lines
 
-    found = rank_run(folder, metric)
+    found = rank_run(folder, metric, estimator)
     if as_json:
         print_json(ranking_content(found))
         return
@@ -234,11 +247,12 @@ def rank_command(
         print_grid(grid)
     for line in ranking_lines(found):
         say(line)
-    _draw_into(folder, lambda: [draw_ranking_file(found, folder)])
+    if not found.is_descriptive:
+        _draw_into(folder, lambda: [draw_ranking_file(found, folder)])
     if html:
         from isacbench.report.html.written_pages import write_rank_page
 
-        _draw_into(folder, lambda: [write_rank_page(folder, metric)], "page")
+        _draw_into(folder, lambda: [write_rank_page(folder, found.metric)], "page")
 
 
 def _require_own_places(paths: list[Path]) -> None:

@@ -253,7 +253,7 @@ def test_list_names_everything_with_parameters_and_defaults(cli):
     assert "blob" in text
     assert "n: int = 4" in text
     content = json.loads(cli("list", "--json").stdout)
-    assert set(content) == {"estimators", "detectors", "scenarios", "families", "suites"}
+    assert set(content) == {"estimators", "detectors", "metrics", "scenarios", "families", "suites"}
     blob = next(entry for entry in content["estimators"] if entry["name"] == "blob")
     assert blob["parameters"]["mode"]["default"] == "near"
     assert {"street", "street-paper"} <= {entry["name"] for entry in content["scenarios"]}

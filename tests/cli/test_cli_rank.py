@@ -24,11 +24,16 @@ def test_ranks_wins_and_worst_scenes_are_printed_and_drawn(cli, write, tmp_path)
     write(town=20, crowd=4)
     result = cli("r")
     assert result.exit_code == 0, result.output
-    for text in ("all scenes: ranks by deviation", "town scenes: ranks", "reference", "worst scenes by"):
+    for text in (
+        "all scenes: 24 scenes, ranks by ratio",
+        "town scenes: 20 scenes, ranks",
+        "reference",
+        "worst scenes by",
+    ):
         assert text in result.stdout
     assert "isacbench image -s 'town[seed=" in result.stdout
     assert "precision" in result.stdout
-    assert (tmp_path / "r" / "figures" / "ranks-deviation.png").stat().st_size > 10_000
+    assert (tmp_path / "r" / "figures" / "ranks-ratio.png").stat().st_size > 10_000
 
 
 def test_json_is_all_that_is_printed_and_nothing_is_drawn(cli, write, tmp_path):
@@ -47,7 +52,7 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(cli, write, tmp_path):
 @pytest.mark.parametrize(
     ("families", "options", "message"),
     [
-        ({"town": 3}, [], "nothing can be said of unseen scenes"),
+        ({"town": 3}, ["-e", "fft4d"], "two estimators or more"),
         ({"town": 8}, ["--metric", "gopsa_m"], "unknown score"),
     ],
 )
@@ -57,3 +62,13 @@ def test_what_cannot_be_ranked_ends_in_exit_code_2_with_one_message(cli, write, 
     assert (result.exit_code, result.stdout) == (2, "")
     assert message in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_of_three_scenes_means_are_printed_as_descriptive_and_nothing_is_drawn(cli, write, tmp_path):
+    write(town=3)
+    result = cli("r", "--no-html")
+    assert result.exit_code == 0, result.output
+    assert "descriptive: 3 scenes, means by ratio" in result.stdout
+    assert "nothing can be said of unseen ones" in result.stdout
+    assert "rank " not in result.stdout.partition("worst scenes")[0]
+    assert not (tmp_path / "r" / "figures").exists()

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.compare.estimator_pairs import find_variant
 from isacbench.bench.compare.matching import code_version, read_run
-from isacbench.bench.compare.ranks import rank_sets
+from isacbench.bench.compare.ranks import RankSets, rank_sets
 from isacbench.bench.compare.scene_scores import (
     SCENE_KINDS,
     VARIANT,
@@ -46,10 +47,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-DEFAULT_METRIC = "deviation"
+BESIDE = ("f_score", "velocity_error_mps", "objects_f_score")
+"""Columns that stand beside every rank. Of the cheating estimators that were tried, none is better by the
+ratio, and none is as good by ratio, F-score and velocity error together (the tests of games)."""
 
 SHARES = ("precision", "recall")
-"""Columns that stand beside every rank: a Hausdorff distance alone is met by scattered points as well."""
+"""Columns beside the ranks of older runs."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,7 +96,10 @@ class Ranking:
         Scenes in which each estimator is worst, with the command that shows
         each, as `isacbench.bench.compare.worst_scenes.worst_scenes` lists them.
     notes : tuple of str
-        Cells that were left out, and failures that were counted as worst scores.
+        Cells that were left out, failures that were counted as worst scores, and the pair that decides how
+        wide the sets are.
+    is_descriptive : bool
+        True of fewer than six scenes, of which nothing is said but the means and their differences.
     """
 
     run: str
@@ -106,12 +112,14 @@ class Ranking:
     wins: pd.DataFrame
     worst: pd.DataFrame
     notes: tuple[str, ...]
+    is_descriptive: bool = False
 
     def __repr__(self) -> str:
         """Show the metric, the number of scenes, and the rank set of every estimator over all scenes."""
         first = self.ranks[(self.ranks["group"] == self.ranks["group"].iloc[0]) & ~self.ranks["is_reference"]]
         lines = [
-            f" {self.labels[row['estimator'], row['params']]}: {rank_text(row['rank_low'], row['rank_high'])}"
+            f" {self.labels[row['estimator'], row['params']]}: "
+            + (f"{row['mean']:.4g}" if self.is_descriptive else rank_text(row["rank_low"], row["rank_high"]))
             for row in first.to_dict("records")
         ]
         return (
@@ -144,7 +152,7 @@ def rank_text(low: float, high: float) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def rank(folder: str | Path, metric: str = DEFAULT_METRIC) -> Ranking:
+def rank(folder: str | Path, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
     """Rank the estimators of a run over its scenes, as ``isacbench rank`` does. Nothing is written.
 
     Estimators that see the truth are references: they are shown, not ranked.
@@ -153,19 +161,24 @@ def rank(folder: str | Path, metric: str = DEFAULT_METRIC) -> Ranking:
     ----------
     folder : str or Path
         Folder of a run, merged ones included.
-    metric : str
-        Column of the rows with a better direction, ``hausdorff_sum_m``, or
-        ``ratio``, the Hausdorff sum over that of the oracle.
+    metric : str, optional
+        Column of the rows with a better direction, or
+        ``ratio``, the Hausdorff sum over that of the oracle. By default the ratio; of a run without
+        the oracle, or without any ratio, ``hausdorff_sum_m``.
+    estimators : sequence of str, optional
+        Those to rank, as ``name[param=value,...]``, chosen before looking: a set of ranks depends on who
+        competes. By default all that do not see the truth.
 
     Returns
     -------
     Ranking
+        Descriptive of fewer than six scenes: without ranks and intervals.
 
     Raises
     ------
     InputError
         If the folder holds no run, its scenarios are no scenes, or it has
-        not the metric, two estimators, or six scenes in which all of them have a score.
+        not the metric, two estimators, or a scene in which all of them have a score.
 
     Examples
     --------
@@ -179,16 +192,33 @@ def rank(folder: str | Path, metric: str = DEFAULT_METRIC) -> Ranking:
     Traceback (most recent call last):
     isacbench.errors.InputError: ...: a ranking needs two estimators or more that do not see the truth; ...
     """
-    return rank_table(read_run(Path(folder)), metric)
+    return rank_table(read_run(Path(folder)), metric, estimators)
 
 
-def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
+def default_metric(records: pd.DataFrame) -> str:
+    """Score that a run is ranked by unless another one is asked for.
+
+    Parameters
+    ----------
+    records : DataFrame
+        As `isacbench.bench.compare.scene_scores.with_ratios` returns it.
+
+    Returns
+    -------
+    {"ratio", "hausdorff_sum_m"}
+        The second one without an oracle to form ratios with.
+    """
+    return "ratio" if records["ratio"].notna().any() else "hausdorff_sum_m"
+
+
+def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
     """Rank the estimators of a run that was read.
 
     Parameters
     ----------
     run : RunTable
-    metric : str
+    metric : str, optional
+    estimators : sequence of str, optional
 
     Returns
     -------
@@ -206,10 +236,17 @@ def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
             f"runs of the kinds {', '.join(SCENE_KINDS)}"
         )
     records = with_ratios(run)
+    if metric is None:
+        metric = default_metric(records)
     numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
     better = direction(metric, stored_columns(run.manifest), numbers)
     variants, limits = variants_in(records), find_limits(records)
     ranked = [variant for variant in variants if variant[0] not in limits]
+    if estimators is not None:
+        chosen = {find_variant(run, text) for text in estimators}
+        if seeing := sorted({name for name, _ in chosen} & limits):
+            raise InputError(f"{run.label}: {seeing[0]} sees the truth and is not ranked; give others")
+        ranked = [variant for variant in ranked if variant in chosen]
     references = [variant for variant in variants if variant[0] in limits]
     if len(ranked) < 2:
         raise InputError(
@@ -224,24 +261,31 @@ def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
         name: pd.DataFrame(
             {variant: average_alone(records, name, variant, scored.cells) for variant in ranked}
         ).rename_axis(columns=VARIANT)
-        for name in SHARES
+        for name in (BESIDE if BESIDE[0] in records else SHARES)
         if name in records and name != metric
     }
     beside = {
         variant: {name: average_alone(records, name, variant, scored.cells) for name in (metric, *shares)}
         for variant in references
     }
-    ranks, wins = [], []
+    labels = estimator_labels(variants)
+    is_descriptive = len(scored.scenes) < MIN_INTERVAL_TRIALS
+    ranks, wins, critical = [], [], []
     for group, scenes in groups.items():
         table = scored.scenes.loc[scenes]
         found = _win_rows(table, better).assign(group=group)
         means = {name: share.reindex(scenes).mean() for name, share in shares.items()}
-        ranks += [_rank_rows(table, better, found, means), _reference_rows(beside, metric, scenes)]
+        rows = _rank_rows(table, better, found, means)
+        if not is_descriptive:
+            sets = _rank_sets(table, better)
+            rows = rows.merge(sets.ranks, on=VARIANT)
+            critical.append(_told_critical(group, table, sets, labels))
+        ranks += [rows, _reference_rows(beside, metric, scenes)]
         ranks[-2:] = [part.assign(group=group, n_scenes=len(scenes)) for part in ranks[-2:]]
         wins.append(found)
-    labels = estimator_labels(variants)
     first = ["group", "n_scenes"]
     rank_rows = pd.concat([part for part in ranks if len(part)], ignore_index=True)
+    rank_rows = rank_rows.reindex(columns=[*rank_rows, *({"rank_low", "rank_high"} - {*rank_rows})])
     rank_rows = rank_rows.astype({"rank_low": "Int64", "rank_high": "Int64"})
     return Ranking(
         run=run.label,
@@ -253,19 +297,16 @@ def rank_table(run: RunTable, metric: str = DEFAULT_METRIC) -> Ranking:
         ranks=_in_front(rank_rows, first),
         wins=_in_front(pd.concat(wins, ignore_index=True), first),
         worst=worst_scenes(records, run.manifest, scored, better, labels),
-        notes=tuple(scored.notes),
+        notes=(*scored.notes, *critical),
+        is_descriptive=is_descriptive,
     )
 
 
 def _require_scenes(run: RunTable, scored: SceneScores, metric: str) -> None:
     n_scenes = len(scored.scenes)
-    if n_scenes < MIN_INTERVAL_TRIALS:
+    if not n_scenes:
         left_out = "".join(f"; {note}" for note in scored.notes)
-        raise InputError(
-            f"{run.label}: nothing can be said of unseen scenes: all estimators have a {metric} in "
-            f"{counted(n_scenes, 'scene')}; allowed are {MIN_INTERVAL_TRIALS} or more, because no interval "
-            f"over fewer has 95 % coverage; isacbench report shows the scores{left_out}"
-        )
+        raise InputError(f"{run.label}: in no scene do all estimators have a {metric}{left_out}")
 
 
 def _in_front(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
@@ -293,21 +334,45 @@ def _win_rows(table: pd.DataFrame, better: str) -> pd.DataFrame:
 def _rank_rows(
     table: pd.DataFrame, better: str, wins: pd.DataFrame, shares: Mapping[str, pd.Series[float]]
 ) -> pd.DataFrame:
-    """Mean, shares, rank set and difference from the best of every column, the best first."""
+    """Mean, further scores and difference from the best of every column, the best first."""
     sign = 1.0 if better == "lower" else -1.0
-    # Differences by rounding alone are made exact zeros: those of all columns from the first of equal ones.
-    values = table.to_numpy(copy=True)
-    for column in range(1, values.shape[1]):
-        values[:, column] = _rounded_to(values[:, :column], values[:, column])
-    sets = rank_sets(sign * values)
     means = table.mean()
     best = means.index[int(np.argmin(sign * means.to_numpy()))]
     from_best = wins[(wins["other"] == best[0]) & (wins["other_params"] == best[1])]
     changes = from_best.set_index(VARIANT)[CHANGES[:3]].reindex(means.index)
     changes.loc[best] = 0.0
     rows = pd.DataFrame({"is_reference": False, "mean": means})
-    rows = rows.assign(**shares, rank_low=sets.low, rank_high=sets.high).join(changes)
+    rows = rows.assign(**shares).join(changes)
     return rows.sort_values("mean", ascending=better == "lower", kind="stable").reset_index()
+
+
+class _Sets(NamedTuple):
+    """Ranks of the estimators, and the sets that they were taken from."""
+
+    ranks: pd.DataFrame
+    sets: RankSets
+
+
+def _rank_sets(table: pd.DataFrame, better: str) -> _Sets:
+    """Find the rank set of every column."""
+    # Differences by rounding alone are made exact zeros: those of all columns from the first of equal ones.
+    values = table.to_numpy(copy=True)
+    for column in range(1, values.shape[1]):
+        values[:, column] = _rounded_to(values[:, :column], values[:, column])
+    sets = rank_sets(values if better == "lower" else -values)
+    ranks = pd.DataFrame([*table.columns], columns=VARIANT).assign(rank_low=sets.low, rank_high=sets.high)
+    return _Sets(ranks, sets)
+
+
+def _told_critical(group: str, table: pd.DataFrame, found: _Sets, labels: Mapping[Variant, str]) -> str:
+    """Say which pair decides how wide the sets are."""
+    variants: list[Any] = table.columns.to_list()
+    worse, other = (labels[variants[place]] for place in found.sets.critical)
+    return (
+        f"{group}: the width of the rank sets is set by {worse} against {other}, in "
+        f"{100 * found.sets.critical_share:.0f} % of the resamples beyond the critical value; sets depend on "
+        "who competes, -e ranks a subset that was chosen before looking"
+    )
 
 
 def _rounded_to(others: Floats, values: Floats) -> Floats:

@@ -28,10 +28,17 @@ class RankSets(NamedTuple):
     ----------
     low, high : ndarray of int64, shape (n_estimators,)
         First and last rank of each set.
+    critical : (int, int)
+        Pair of estimators, the first one above the second, whose statistic is most often the one beyond the
+        last critical value. A pair with rare, large differences widens the sets of all.
+    critical_share : float
+        Share of the resamples beyond the critical value in which it is.
     """
 
     low: Integers
     high: Integers
+    critical: tuple[int, int]
+    critical_share: float
 
 
 def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
@@ -91,10 +98,10 @@ def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
         raise ValueError(f"scores of shape {table.shape}: allowed is a finite table of two scenes or more")
     n_estimators = table.shape[1]
     first, second = np.nonzero(~np.eye(n_estimators, dtype=bool))
-    is_above = _stepdown(*_statistics(table[:, first] - table[:, second], seed))
+    is_above, pair, share = _stepdown(*_statistics(table[:, first] - table[:, second], seed))
     n_below = np.bincount(first[is_above], minlength=n_estimators)
     n_above = np.bincount(second[is_above], minlength=n_estimators)
-    return RankSets(1 + n_below, n_estimators - n_above)
+    return RankSets(1 + n_below, n_estimators - n_above, (int(first[pair]), int(second[pair])), share)
 
 
 def _statistics(differences: Floats, seed: int) -> tuple[Floats, Floats]:
@@ -116,13 +123,17 @@ def _statistics(differences: Floats, seed: int) -> tuple[Floats, Floats]:
     return observed, np.sqrt(n_scenes - 1) * resampled / np.sqrt(np.where(varies, spread, 1.0))
 
 
-def _stepdown(observed: Floats, resampled: Floats) -> NDArray[np.bool_]:
-    """Mark the rejected hypotheses."""
+def _stepdown(observed: Floats, resampled: Floats) -> tuple[NDArray[np.bool_], int, float]:
+    """Mark the rejected hypotheses; find the one that most of what is beyond the critical value is of."""
     is_left = np.ones(observed.size, dtype=bool)
+    n_beyond = np.zeros(observed.size, dtype=np.intp)
     while is_left.any():
-        largest = resampled[:, is_left].max(axis=1)
-        is_new = is_left & (observed > np.quantile(largest, CONFIDENCE, method="higher"))
+        place = np.flatnonzero(is_left)[resampled[:, is_left].argmax(axis=1)]
+        largest = resampled[np.arange(len(resampled)), place]
+        critical = np.quantile(largest, CONFIDENCE, method="higher")
+        n_beyond = np.bincount(place[largest >= critical], minlength=observed.size)
+        is_new = is_left & (observed > critical)
         if not is_new.any():
             break
         is_left &= ~is_new
-    return ~is_left
+    return ~is_left, int(n_beyond.argmax()), float(n_beyond.max() / n_beyond.sum())

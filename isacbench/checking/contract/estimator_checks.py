@@ -28,7 +28,7 @@ from isacbench.checking.promises.small_scenes import Shot
 from isacbench.model.observation import cross_elements
 from isacbench.plugins.contracts import needs_of
 
-REFERENCES = ("isacbench_algorithms.oracle", "isacbench_algorithms.chance", "isacbench_algorithms.empty")
+REFERENCES = ("isacbench_algorithms.oracle", "isacbench_algorithms.chance")
 """Modules of the estimators that may see the truth: references, which do not compete."""
 
 

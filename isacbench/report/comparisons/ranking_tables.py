@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.compare.ranking import SHARES, rank_text
+from isacbench.bench.compare.ranking import BESIDE, SHARES, rank_text
 from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES, VARIANT
 from isacbench.files.escaping import counted
 from isacbench.report.comparisons.comparison_tables import json_rows, signed
@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
 
     from isacbench.bench.compare.ranking import Ranking
+
+
+HEADINGS = {
+    "f_score": "F-score",
+    "velocity_error_mps": "velocity: error [m/s]",
+    "objects_f_score": "objects: F-score",
+}
+"""Headings of columns beside the ranks."""
 
 
 def ranking_grids(ranking: Ranking) -> list[Grid]:
@@ -32,7 +40,9 @@ def ranking_grids(ranking: Ranking) -> list[Grid]:
     found = []
     for group, ranks in ranking.ranks.groupby("group", sort=False):
         wins = ranking.wins[ranking.wins["group"] == group]
-        found += [_rank_grid(ranking, str(group), ranks), _win_grid(ranking, str(group), ranks, wins)]
+        found.append(_rank_grid(ranking, str(group), ranks))
+        if not ranking.is_descriptive:
+            found.append(_win_grid(ranking, str(group), ranks, wins))
     return [*found, _worst_grid(ranking)]
 
 
@@ -51,8 +61,11 @@ def ranking_lines(ranking: Ranking) -> list[str]:
         "commands that show these images:",
         *(f"  {command}" for command in ranking.worst["command"]),
         *ranking.notes,
-        "rank sets hold for all estimators of a table at once with 95 % confidence, other intervals each by "
-        f"itself; families with fewer than {MIN_FAMILY_SCENES} scenes have no table of their own",
+        "of fewer than six scenes, nothing can be said of unseen ones"
+        if ranking.is_descriptive
+        else "rank sets hold for all estimators of a table at once with 95 % confidence (less with rare "
+        "failures), other intervals each by itself; families with fewer than "
+        f"{MIN_FAMILY_SCENES} scenes have no table of their own",
     ]
 
 
@@ -85,11 +98,21 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
 
 def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Grid:
     """One row an estimator, references last."""
-    shares = [name for name in SHARES if name in ranks]
+    shares = [name for name in (*BESIDE, *SHARES) if name in ranks]
     n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
-    title = f"{group}: ranks by {ranking.metric}, {ranking.better} is better, {n_scenes}"
-    header = ["estimator", "rank", f"mean {ranking.metric}", *shares, "from the best", "95 % interval"]
-    return Grid(title, header, [_rank_row(ranking, row, shares) for row in ranks.to_dict("records")])
+    what = f"descriptive: {n_scenes}, means" if ranking.is_descriptive else f"{n_scenes}, ranks"
+    title = f"{group}: {what} by {ranking.metric}, {ranking.better} is better"
+    header = ["estimator", "rank", f"mean {ranking.metric}", *map(_heading, shares)]
+    header += ["from the best", "95 % interval"]
+    rows = [_rank_row(ranking, row, shares) for row in ranks.to_dict("records")]
+    if not ranking.is_descriptive:
+        return Grid(title, header, rows)
+    kept = [place for place, name in enumerate(header) if name not in ("rank", "95 % interval")]
+    return Grid(title, [header[at] for at in kept], [[row[at] for at in kept] for row in rows])
+
+
+def _heading(column: str) -> str:
+    return HEADINGS.get(column, column)
 
 
 def _rank_row(ranking: Ranking, row: Mapping[Hashable, Any], shares: list[str]) -> list[str]:
@@ -97,12 +120,16 @@ def _rank_row(ranking: Ranking, row: Mapping[Hashable, Any], shares: list[str]) 
     interval = f"{signed(row['change_low'])} to {signed(row['change_high'])}"
     return [
         ranking.labels[row["estimator"], row["params"]],
-        "reference" if is_reference else rank_text(row["rank_low"], row["rank_high"]),
+        "reference" if is_reference else "" if ranking.is_descriptive else rank_text(*_set(row)),
         written(row["mean"], "{:.4g}"),
         *(written(row[name], "{:.2f}") for name in shares),
         "" if is_reference else signed(row["change"]),
         "" if is_reference or not row["change"] else interval,
     ]
+
+
+def _set(row: Mapping[Hashable, Any]) -> tuple[float, float]:
+    return row["rank_low"], row["rank_high"]
 
 
 def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFrame) -> Grid:

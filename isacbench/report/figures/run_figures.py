@@ -25,9 +25,8 @@ from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
 from isacbench.report.figures.curves import draw_deviations, draw_scores, nearest_values, variant_looks
 from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
-from isacbench.report.tables.image_tables import mean_of_scenarios
 from isacbench.report.tables.pareto import summarise_points, timed_rows
-from isacbench.report.tables.run_tables import batched
+from isacbench.report.tables.run_tables import batched, mean_of_scenarios
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence

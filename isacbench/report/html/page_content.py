@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.matching import code_version
-from isacbench.bench.compare.ranking import DEFAULT_METRIC, rank_table
+from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.store.run_store import scenario_texts
@@ -20,6 +20,7 @@ from isacbench.bench.store.score_columns import stored_columns
 from isacbench.bench.studies.intervals import CONFIDENCE, MIN_TRIALS
 from isacbench.bench.studies.medians import TIME
 from isacbench.errors import InputError
+from isacbench.files.escaping import counted
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.comparisons.comparison_tables import json_rows
 from isacbench.report.drawing.style import ROLES, VELOCITY_COLOURS, assign_looks
@@ -41,7 +42,10 @@ if TYPE_CHECKING:
     from isacbench.report.drawing.style import LineLook
     from isacbench.report.html.joined_runs import JoinedRuns
 
-RANKED = ("deviation", "hausdorff_sum_m", "ratio", "gospa_m")
+DEFAULT_METRIC = "deviation"
+"""Metric that a page shows first: the paper's curve."""
+
+RANKED = ("ratio", "hausdorff_sum_m", "f_score", "objects_f_score", "deviation")
 """Metrics with rank sets; each takes a second for a hundred scenes."""
 
 SYMBOLS = {
@@ -306,9 +310,12 @@ def _ranks(joined: JoinedRuns, metrics: Iterable[str], metric: str) -> dict[str,
         if name not in available:
             continue
         try:
-            found[name] = _ranking(joined, rank_table(joined.table, name))
+            ranking = rank_table(joined.table, name)
         except InputError as error:
             found[name] = {"reason": str(error)}
+            continue
+        too_few = f"{counted(len(ranking.scores), 'scene')}: six or more have ranks"
+        found[name] = {"reason": too_few} if ranking.is_descriptive else _ranking(joined, ranking)
     return found
 
 

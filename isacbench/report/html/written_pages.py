@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.compare.ranking import DEFAULT_METRIC
 from isacbench.errors import InputError
 from isacbench.report.html.comparison_content import compared_content
 from isacbench.report.html.joined_runs import join_runs, read_for_page
-from isacbench.report.html.page_content import page_content
+from isacbench.report.html.page_content import DEFAULT_METRIC, page_content
 from isacbench.report.html.page_file import write_page
 
 if TYPE_CHECKING:

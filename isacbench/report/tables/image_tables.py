@@ -9,13 +9,13 @@ import pandas as pd
 
 from isacbench.bench.plan.labels import estimator_labels, variants_in
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, average_scenarios, summarise_scores
-from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.medians import TIME, median_times, time_words
 from isacbench.metrics.realisations import SPREAD_COLUMNS
-from isacbench.report.tables.object_tables import object_grids
+from isacbench.report.tables.detected_objects import object_grids
 from isacbench.report.tables.run_tables import (
     Grid,
     batched,
+    mean_of_scenarios,
     mean_of_trials,
     milliseconds,
     with_failures,
@@ -45,26 +45,6 @@ SPARE = ("objects_f_score",), ("gospa_skill",), ("precision", "recall"), ("spati
 DEVIATION_SPREAD = SPREAD_COLUMNS["deviation"]
 VARIANT = ["estimator", "params"]
 ESTIMATORS_A_TABLE = 4
-
-
-def mean_of_scenarios(n_scenarios: int) -> str:
-    """Say that something is a mean over scenarios, and whether it has a confidence band.
-
-    Parameters
-    ----------
-    n_scenarios : int
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> mean_of_scenarios(100)
-    'mean over 100 scenarios, 95 % confidence band'
-    """
-    band = "95 % confidence band" if n_scenarios >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
-    return f"mean over {n_scenarios} scenarios, {band}"
 
 
 def score_grids(records: pd.DataFrame) -> list[Grid]:

@@ -14,7 +14,7 @@ from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_
 from isacbench.bench.studies.intervals import MIN_TRIALS
 from isacbench.bench.studies.medians import time_words
 from isacbench.bench.studies.population_study import ALL, PART, PHASES, TARGETS, summarise_population
-from isacbench.report.tables.object_tables import object_grids
+from isacbench.report.tables.detected_objects import object_grids
 from isacbench.report.tables.run_tables import Grid, milliseconds, with_failures, written
 
 if TYPE_CHECKING:

@@ -110,6 +110,26 @@ def milliseconds(time_s: float, digits: int = 1) -> str:
     return "" if math.isnan(time_s) else f"{1e3 * time_s:.{digits}f}"
 
 
+def mean_of_scenarios(n_scenarios: int) -> str:
+    """Say that something is a mean over scenarios, and whether it has a confidence band.
+
+    Parameters
+    ----------
+    n_scenarios : int
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> mean_of_scenarios(100)
+    'mean over 100 scenarios, 95 % confidence band'
+    """
+    band = "95 % confidence band" if n_scenarios >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
+    return f"mean over {n_scenarios} scenarios, {band}"
+
+
 def written(value: float, form: str) -> str:
     """Write a number, nothing where there is none.
 

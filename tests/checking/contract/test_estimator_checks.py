@@ -96,7 +96,7 @@ BROKEN = [
             "def estimate(self, observation)",
             "needs_truth: ClassVar = True\n    def estimate(self, observation, truth)",
         ),
-        "which only the built-in oracle and chance may see",
+        "which only the built-in references may see",
     ),
     (
         "arguments",

@@ -82,7 +82,7 @@ def test_rows_of_a_page_are_those_of_the_run_and_one_scene_has_no_ranks(runs, pa
     objects = content["scenes"][0]["objects"]
     assert objects["levels"] == ["car 1", "pole 1"]
     assert len(objects["codes"]) == records["n_true"].iloc[0]
-    assert "6 or more" in content["ranks"]["deviation"]["reason"]
+    assert "1 scene: six or more have ranks" in content["ranks"]["deviation"]["reason"]
 
 
 def test_a_run_of_an_older_version_has_a_page_without_objects_and_keeps_all_digits_of_its_snrs(

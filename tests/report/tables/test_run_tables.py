@@ -125,21 +125,24 @@ def test_the_time_is_the_median_of_cells_that_did_not_fail_whatever_their_snr(re
     assert grid.rows[-1][-N_SCORES:] == [""] * N_SCORES
 
 
-def test_gospa_precision_and_recall_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_hold(records):
+def test_further_scores_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_hold(records):
     (four,), (two,) = score_grids(records), score_grids(records[records["estimator"] == "blob"])
     (one,) = score_grids(records[records["params"].str.contains('"n":5')])
-    assert four.header[1:6] == ["blob[n=4]: deviation", "Hausdorff [m]", "GOSPA [m]", "precision", "recall"]
+    assert four.header[1:6] == ["blob[n=4]: deviation", "Hausdorff [m]", "F-score", "objects", "GOSPA skill"]
     shown = [
-        [name for name in ("GOSPA", "precision", "recall") if name in "".join(printed(grid))]
+        [name for name in ("objects", "GOSPA", "precision", "recall") if name in "".join(printed(grid))]
         for grid in (four, two, one)
     ]
-    assert shown == [[], ["GOSPA"], ["GOSPA", "precision", "recall"]]
+    assert shown == [[], ["objects"], ["objects", "GOSPA", "precision", "recall"]]
     assert max(map(len, printed(two))) <= 100
     row = dict(zip(one.header, one.rows[1], strict=True))
     mean = summarise_scores(records).query("estimator == 'blob' and snr_db == 0").iloc[1]
     spatial = mean["deviation_mean"] - mean["velocity_nmse_mean"]
     assert (row["spatial"], row["kinematic"]) == (f"{spatial:.2f}", f"{mean['velocity_nmse_mean']:.1e}")
-    assert (row["GOSPA [m]"], row["recall"]) == (f"{mean['gospa_m_mean']:.2f}", f"{mean['recall_mean']:.2f}")
+    assert (row["GOSPA skill"], row["recall"]) == (
+        f"{mean['gospa_skill_mean']:.2f}",
+        f"{mean['recall_mean']:.2f}",
+    )
 
 
 def test_brackets_survive_in_the_terminal(records):
