@@ -30,7 +30,7 @@ class Pairs(NamedTuple):
     Attributes
     ----------
     i, j : ndarray of int, shape (n,)
-        Indices of a point of the first and of the second cloud.
+        Indices of a point of the first and of the second cloud, i in ascending order.
     squared_m2 : ndarray of float64, shape (n,)
         Squared distances in m².
     """
@@ -79,6 +79,7 @@ def near_pairs(first: cKDTree, second: cKDTree, radius_m: float, what: str) -> P
         )
         return None
     near = first.sparse_distance_matrix(second, radius_m, output_type="ndarray")
+    near = near[np.argsort(near["i"], kind="stable")]
     return Pairs(near["i"], near["j"], np.square(near["v"]))
 
 
@@ -141,9 +142,10 @@ def most_pairs(pairs: Pairs) -> int:
     """
     if not pairs.i.size:
         return 0
-    row, column = pairs.i.astype(np.int32), pairs.j.astype(np.int32)
-    edges = np.ones(row.size, dtype=np.int8)
-    graph = csr_array((edges, (row, column)), shape=(row.max() + 1, column.max() + 1))
+    n_rows = int(pairs.i[-1]) + 1
+    starts = np.searchsorted(pairs.i, np.arange(n_rows + 1)).astype(np.int32)
+    edges = np.ones(pairs.i.size, dtype=np.int8)
+    graph = csr_array((edges, pairs.j.astype(np.int32), starts), shape=(n_rows, int(pairs.j.max()) + 1))
     return int((maximum_bipartite_matching(graph, perm_type="column") >= 0).sum())
 
 

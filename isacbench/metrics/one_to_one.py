@@ -107,13 +107,14 @@ class OneToOne:
         truth, near = _near_merged(pair)
         if near is None:
             return {**dict.fromkeys((column.name for column in self.columns), math.nan), **found}
-        precision, recall, f_score = _shares(near, pair.radius_m, len(truth), len(pair.estimate))
+        n_matched, velocity_error_mps = _nearest_matching(pair, truth, near)
+        n_true, n_estimated = len(truth), len(pair.estimate)
         return {
-            "f_score": f_score,
-            "matched_precision": precision,
-            "matched_recall": recall,
-            "velocity_error_mps": _velocity_error_mps(pair, truth, near),
-            "f_score_area": _curve(near, RADII_M, len(truth), len(pair.estimate)).area,
+            "f_score": 2 * n_matched / (n_true + n_estimated),
+            "matched_precision": n_matched / max(n_estimated, 1),
+            "matched_recall": n_matched / n_true,
+            "velocity_error_mps": velocity_error_mps,
+            "f_score_area": _curve(near, n_true, n_estimated).area,
             **found,
         }
 
@@ -133,7 +134,7 @@ def score_curve(pair: CloudPair) -> Curve:
     truth, near = _near_merged(pair)
     if near is None:
         return Curve(RADII_M, *np.full((3, RADII_M.size), math.nan))
-    return _curve(near, RADII_M, len(truth), len(pair.estimate))
+    return _curve(near, len(truth), len(pair.estimate))
 
 
 def merged_truth(scenario: Scenario) -> PointCloud:
@@ -207,26 +208,24 @@ def _found_near(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
     return truth, near_pairs(cKDTree(truth.xyz), pair.estimate_tree, reach_m, "F-score")
 
 
-def _shares(near: Pairs, radius_m: float, n_true: int, n_estimated: int) -> tuple[float, float, float]:
-    """Precision, recall and F-score of the largest matching within a radius."""
-    n_matched = most_pairs(near.take(near.squared_m2 <= radius_m**2))
-    return n_matched / max(n_estimated, 1), n_matched / n_true, 2 * n_matched / (n_true + n_estimated)
+def _curve(near: Pairs, n_true: int, n_estimated: int) -> Curve:
+    """Precision, recall and F-score of the largest matching within each radius."""
+    inside = [near.take(near.squared_m2 <= radius_m**2) for radius_m in RADII_M.tolist()]
+    n_matched = np.array([most_pairs(pairs) for pairs in inside])
+    shares = n_matched / max(n_estimated, 1), n_matched / n_true, 2 * n_matched / (n_true + n_estimated)
+    return Curve(RADII_M, *shares)
 
 
-def _curve(near: Pairs, radii_m: Floats, n_true: int, n_estimated: int) -> Curve:
-    shares = [_shares(near, radius_m, n_true, n_estimated) for radius_m in radii_m.tolist()]
-    return Curve(radii_m, *np.array(shares).T)
-
-
-def _velocity_error_mps(pair: CloudPair, truth: PointCloud, near: Pairs) -> float:
-    """Root mean square velocity error of the largest matching within the radius, of these the nearest one."""
-    if not pair.has_velocities:
-        return math.nan
+def _nearest_matching(pair: CloudPair, truth: PointCloud, near: Pairs) -> tuple[int, float]:
+    """Size of the largest matching within the radius, and the velocity error of the nearest one of these."""
     inside = near.take(near.squared_m2 <= pair.radius_m**2)
-    errors_mps = pair.estimate.velocity[inside.j] - truth.velocity[inside.i]
-    if not errors_mps.size:
+    if not inside.i.size:
         speeds = (0.0, 0.0) if pair.region is None else pair.region.speed_mps
-        return max(float(np.ptp([*truth.velocity, *speeds, 0.0])), pair.velocity_bin_mps)
-    largest = float(np.abs(errors_mps).max()) or 1.0
-    cost = inside.squared_m2 / pair.radius_m**2 + VELOCITY_TIE * (errors_mps / largest) ** 2
-    return math.sqrt(float(np.square(errors_mps[cheapest(inside, cost, math.inf)]).mean()))
+        worst_mps = max(float(np.ptp([*truth.velocity, *speeds, 0.0])), pair.velocity_bin_mps)
+        return 0, worst_mps if pair.has_velocities else math.nan
+    errors_mps = pair.estimate.velocity[inside.j] - truth.velocity[inside.i]
+    cost = inside.squared_m2 / pair.radius_m**2
+    if pair.has_velocities:
+        cost = cost + VELOCITY_TIE * (errors_mps / (float(np.abs(errors_mps).max()) or 1.0)) ** 2
+    chosen = cheapest(inside, cost, math.inf)
+    return chosen.size, math.sqrt(float(np.square(errors_mps[chosen]).mean()))

@@ -39,6 +39,7 @@ __all__ = [
     "checked_axis",
     "checked_list",
     "checked_power",
+    "detection_rates",
     "factors",
     "share_of",
     "spread",
