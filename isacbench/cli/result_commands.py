@@ -274,10 +274,11 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, w
         comparison_grids,
         comparison_lines,
         comparison_summary,
+        effect_lines,
     )
     from isacbench.report.comparisons.words import Wording
 
-    for line in Wording(comparison).heading:
+    for line in (*Wording(comparison).heading, *effect_lines(comparison)):
         say(line)
     for grid in comparison_grids(comparison):
         print_grid(grid)

@@ -87,7 +87,8 @@ class Comparison:
         for all tests made; ``smallest_effect``, the change of the mean, in
         units of the score, that so many trials would have shown with 80 %
         power, and ``trials_needed`` to show any; ``limit``, the tolerance in
-        units of the score; ``verdict``, one of `VERDICTS`.
+        units of the score; ``verdict``, one of `VERDICTS`; ``is_better``, whether the new mean is
+        better, significant or not.
     points : DataFrame
         The same for each SNR ``snr_db``. A curve of a single SNR
         (``n_snr = 1``) is tested once: its point has the curve's p-values.

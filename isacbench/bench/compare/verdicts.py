@@ -285,4 +285,5 @@ def _conclude(table: pd.DataFrame, corrected: pd.DataFrame, alpha: float) -> pd.
         is_unchanged | table["is_within"],
     ]
     table["verdict"] = np.select(conditions, ["regression", "improvement", "same"], "inconclusive")
+    table["is_better"] = table["worsening"] < 0
     return table.drop(columns=["raw_worse", "raw_better", "attainable", "worsening", "spread", "is_within"])

@@ -13,6 +13,7 @@ from isacbench.report.comparisons.comparison_tables import (
     compared_rows,
     comparison_grids,
     comparison_lines,
+    effect_lines,
     outcome_counts,
     scene_lines,
     verdict_text,
@@ -51,7 +52,13 @@ def comparison_markdown(comparison: Comparison) -> str:
         far as they fit.
     """
     said = Wording(comparison)
-    lines = [*_head(said.outcome), _line(outcome_counts(comparison)), "", *_items(said.heading), ""]
+    lines = [
+        *_head(said.outcome),
+        _line(outcome_counts(comparison)),
+        "",
+        *_items([*said.heading, *effect_lines(comparison)]),
+        "",
+    ]
     for grid in comparison_grids(comparison):
         bounded = [[shortened(cell, MAX_LINE) for cell in row] for row in grid.rows]
         lines += markdown(grid._replace(rows=bounded)).split("\n")

@@ -10,7 +10,7 @@ import numpy as np
 
 from isacbench.bench.compare.comparison import verdict_counts
 from isacbench.bench.compare.verdicts import VERDICTS
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import counted, shortened
 from isacbench.report.comparisons.words import Wording
 from isacbench.report.tables.run_tables import Grid
 
@@ -26,6 +26,7 @@ MAX_ROWS = 40
 """Rows of a table that somebody reads: of more, the worst verdicts are shown."""
 
 CELLS_NAMED = 3
+NAME_WIDTH = 40
 
 SCENE_LINE = (
     "the scene is the unit: scores are averaged over its trials, and tests, intervals and probabilities are "
@@ -75,6 +76,44 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
             if len(table):
                 found.append(_grid(f"{tolerance}: {title}", table, tolerance, said))
     return [*found, _scene_grid(comparison.scenes, said)] if len(comparison.scenes) else found
+
+
+def effect_lines(comparison: Comparison) -> list[str]:
+    """Write the effect on each score in a line: both means, the change, and where it is better.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    list of str
+        A line for each score and pair of estimators.
+    """
+    said, found = Wording(comparison), []
+    for tolerance in comparison.tolerances:
+        curves, _ = compared_rows(comparison, tolerance)
+        keys = ["estimator", "params", "new_estimator", "new_params"]
+        for _, rows in curves[curves["n_pairs"] > 0].groupby(keys, sort=False):
+            if said.unit == "scene":
+                rows = rows.iloc[:1]  # all scenes
+            base, new = rows["base_mean"].mean(), rows["new_mean"].mean()
+            first = rows.to_dict("records")[0]
+            relative = f", {100 * (new - base) / abs(base):+.0f} %" if base else ""
+            share, n_pairs = f"{rows['is_better'].sum():.0f}", int(first["n_pairs"])
+            of, each = len(rows), " a scene"
+            if said.unit == "scene":
+                share, of, each = f"{100 * first['win_probability']:.0f} %", n_pairs, ""
+            few = ""
+            if not np.isfinite(rows["smallest_effect"]).any():
+                needed = f"{first['trials_needed']:g} needed"
+                few = f"; {counted(n_pairs, said.unit)}{each}, too few for a test ({needed})"
+            where = f"better on {share} of {counted(of, 'scene')}{few}"
+            found.append(
+                f"{tolerance.metric}{shortened(said.name(first, before=' of '), NAME_WIDTH)}: {new:.3g} against {base:.3g}"
+                f"{relative}, {where}"
+            )
+    return found
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:

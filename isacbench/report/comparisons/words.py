@@ -57,7 +57,7 @@ class Wording:
             self.legend = f"A: {first}", f"B: {second}"
             self.heading = [f"A {first}", f"B {second}", f"in {comparison.base}: isacbench {versions[0]}"]
             self._verdicts = {"regression": "worse", "improvement": "better"}
-            worse, fine = f"{second} is worse than {first}", f"{second} is not shown to be worse than {first}"
+            worse, fine = f"{second} is worse than {first}", _fine(comparison, first, second)
         lost = ", but results are missing" if comparison.is_regression else ""
         self.outcome = worse if comparison.is_worse else f"{fine}{lost}"
 
@@ -111,3 +111,13 @@ class Wording:
         """
         estimators = self.estimators(row)
         return f"{before}{' → '.join(estimators)}{after}" if estimators else ""
+
+
+def _fine(comparison: Comparison, first: str, second: str) -> str:
+    """Outcome of two estimators of which the second one is not worse by any test."""
+    curves = comparison.curves[comparison.curves["n_pairs"] > 0]
+    if (curves["verdict"] == "improvement").any():
+        return f"{second} is better than {first}"
+    if len(curves) and curves["is_better"].all():
+        return f"{second} is better than {first} everywhere, which is not tested or may be chance"
+    return f"no test shows {second} to be worse than {first}"

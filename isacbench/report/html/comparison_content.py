@@ -15,6 +15,7 @@ from isacbench.report.comparisons.comparison_tables import (
     changed_cells,
     comparison_lines,
     comparison_summary,
+    effect_lines,
     json_rows,
 )
 from isacbench.report.comparisons.words import Wording
@@ -75,7 +76,7 @@ def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[s
     ]
     content = {
         "summary": comparison_summary(comparison),
-        "heading": list(said.heading),
+        "heading": [*said.heading, *effect_lines(comparison)],
         "lines": comparison_lines(comparison),
         "sides": list(said.sides),
         "unit": comparison.unit,
