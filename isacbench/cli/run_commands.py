@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from isacbench.bench.run.progress import progress_shown
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail
+from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
 from isacbench.cli.options import (
     OUT_HELP,
     SEED_HELP,
@@ -44,6 +44,7 @@ def run_command(
     out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
     plugin: PluginFiles = None,
     metric: MetricSpecs = None,
+    block: Annotated[int, Option(help="Take the k-th next block of seeds of a population.")] = 0,
     jobs: Annotated[int | None, Option("-j", "--jobs", min=1, help="Worker processes; default 1.")] = None,
     timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
     memory: Annotated[float | None, Option(help="Most memory in MiB that a cell may add.")] = None,
@@ -61,13 +62,21 @@ def run_command(
     html: Html = True,
 ) -> None:
     """Run a suite: estimate, score, tabulate, draw. An existing folder of the same run is completed."""
+    from isacbench.bench.suites.population_kind import PopulationSuite
     from isacbench.bench.suites.suite import parse_snr
     from isacbench.bench.suites.suite_kinds import load_suite, suite_metrics, with_metrics
 
     if out is None and (rerun or mix_versions):
         raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
     register(plugin)
-    wanted = load_suite(suite).replace(
+    wanted = load_suite(suite)
+    if block:
+        if not isinstance(wanted, PopulationSuite):
+            raise InputError(
+                f"--block {block}: suite {wanted.name} is no population, which has blocks of seeds"
+            )
+        wanted = wanted.in_block(block)
+    wanted = wanted.replace(
         estimators=estimator,
         scenarios=scenario,
         snr_db=None if snr is None else parse_snr(snr),
@@ -130,8 +139,11 @@ def run_command(
 
 def _run_and_report(suite: Suite, folder: Path, execution: Execution, with_page: bool) -> Results:
     """Run a suite and make tables and figures of its rows, also after an interrupt."""
+    from isacbench.bench.run.looks import record_look
     from isacbench.bench.run.runner import run_suite
 
+    if (log := record_look(suite)) is not None:
+        say(f"{log}: this look at reporting scenes is recorded; commit it")
     with progress_shown(suite.name, is_idle=execution.is_timing) as show:
         results = run_suite(suite, folder, show, execution)
     if not results.records.empty:

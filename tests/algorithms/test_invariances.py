@@ -21,11 +21,11 @@ from isacbench.model.echo import Simulator
 from isacbench.model.radio_coordinates import rayleigh_cells, space_places
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
-from isacbench.plugins.registry import estimator_names, get_estimator
+from isacbench.plugins.registry import estimator_names, get_estimator, sees_truth
 from tests.algorithms.scenes import EMPTY
 from tests.conftest import few
 
-BLIND = {name: get_estimator(name) for name in estimator_names() if name not in ("oracle", "chance")}
+BLIND = {name: get_estimator(name) for name in estimator_names() if not sees_truth(name)}
 CROSSES = {
     f"{one.name}-element": one for one in (Fft4d(integration="element"), Music2d(integration="element"))
 }

@@ -71,7 +71,7 @@ def detection_rate(
     One look and Swerling 1 have the closed form P_fa^(1 / (1 + SNR)):
 
     >>> detection_rate(10.0, 1e-3, swerling=1).round(6).item(), round(1e-3 ** (1 / 11), 6)
-    (0.533669, 0.533669)
+    (0.53367, 0.53367)
     """
     check_pfa(pfa)
     looks = checked_looks(looks)

@@ -233,6 +233,30 @@ class FamilySpec:
         return {"name": self.name, **content}
 
 
+USES = {0: "developing", 500: "validating", 1000: "reporting"}
+"""First seeds by what they are for."""
+
+
+def use_of_seed(seed: int) -> str:
+    """Tell what the scenes of a seed are for.
+
+    Parameters
+    ----------
+    seed : int
+
+    Returns
+    -------
+    {"", "developing", "validating", "reporting"}
+        Empty for a negative number, which is no seed.
+
+    Examples
+    --------
+    >>> use_of_seed(499), use_of_seed(500), use_of_seed(1000)
+    ('developing', 'validating', 'reporting')
+    """
+    return next((use for first, use in reversed(USES.items()) if seed >= first), "")
+
+
 def is_family_spec(name_or_path: str | Path) -> bool:
     """Tell whether a scenario is spelled as one of a family: with brackets, and not as a TOML file.
 

@@ -109,10 +109,8 @@ def effect_lines(comparison: Comparison) -> list[str]:
                 needed = f"{first['trials_needed']:g} needed"
                 few = f"; {counted(n_pairs, said.unit)}{each}, too few for a test ({needed})"
             where = f"better on {share} of {counted(of, 'scene')}{few}"
-            found.append(
-                f"{tolerance.metric}{shortened(said.name(first, before=' of '), NAME_WIDTH)}: {new:.3g} against {base:.3g}"
-                f"{relative}, {where}"
-            )
+            name = shortened(said.name(first, before=" of "), NAME_WIDTH)
+            found.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
     return found
 
 

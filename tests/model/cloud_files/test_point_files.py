@@ -256,7 +256,7 @@ def test_points_are_read_with_and_without_amplitude(tmp_path: Path) -> None:
     ).amplitude.tolist() == [1, 1]
 
 
-TAKES_AMPLITUDE = "the file takes the columns x, y, z, v and optionally amplitude"
+TAKES_AMPLITUDE = "the file takes the columns x, y, z, v and optionally amplitude and object"
 
 
 @pytest.mark.parametrize(
