@@ -36,6 +36,7 @@ from isacbench.bench.studies.study import (
 )
 from isacbench.bench.suites.detection_kind import COUNTS
 from isacbench.bench.suites.scenario_digest import digest
+from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
 from isacbench.instrument.stages import stage
 from isacbench.model.numerology import System
@@ -46,7 +47,7 @@ from isacbench.specifications import spec_variants
 
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from isacbench.bench.cells.cell import MeasuredImage
     from isacbench.bench.cells.record import Cell, Outcome
@@ -96,6 +97,23 @@ def detection_scenes(suite: DetectionSuite, scenarios: Mapping[str, Scenario]) -
         ImagedScene(suite, scenario, behind, element_snrs_db(suite, gain_db(scenario)), measure=count_cells)
         for scenario in scenarios.values()
     ]
+
+
+def known_noise_rate(snr_db: ArrayLike, pfa: float) -> NDArray[np.float64]:
+    """Probability that a detector that knows the noise detects a target of a map: no CFAR finds more.
+
+    Parameters
+    ----------
+    snr_db : array_like
+        Of a target in its cell.
+    pfa : float
+
+    Returns
+    -------
+    ndarray of float64
+        In closed form: targets of maps fluctuate as Swerling's model 1, and cells have one look.
+    """
+    return detection_rate(snr_db, pfa, swerling=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from isacbench.bench.plan.labels import rows_of
-from isacbench.bench.studies.detection_study import summarise_detection
+from isacbench.bench.studies.detection_study import known_noise_rate, summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
 from isacbench.bench.studies.power_maps import MAPS
 from isacbench.bench.studies.resolution_study import summarise_resolution
@@ -44,6 +44,9 @@ UNITS = {"range": ("range_m", " [m]"), "velocity": ("velocity_mps", " [m/s]"), "
 BAND = ["value", "low", "high"]
 MAX_TICKS = 5
 ROC_SNRS_DB = 10.0, 15.0, 20.0
+
+LIMIT_LINE: dict[str, Any] = {"color": "0.1", "linestyle": (0, (1, 1)), "linewidth": 1.2}
+"""Of what a detector finds that knows the noise."""
 
 LARGEST_RATIO = 10.0
 """Errors so many times the bound are far from it, however far."""
@@ -250,12 +253,15 @@ def draw_maps(summary: pd.DataFrame) -> Figure:
     title = (
         f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(int(part['n_cells'].max()))}"
     )
-    legend = [*legend_lines(looks.values()), _nominal()]
+    legend = [*legend_lines(looks.values()), _nominal(), _known_noise()]
     figure, panels = panel_grid(2 * len(names), legend, title, max_columns=len(names))
+    snr_db = np.linspace(part["snr_gain_db"].min(), part["snr_gain_db"].max(), 61)
+    limit = known_noise_rate(snr_db, rate)
     for detected, false, name in zip(panels, panels[len(names) :], names, strict=False):
         for text, look in looks.items():
             rows = part[(part["scenario"] == name) & (part["detector"] == text)]
             _draw_rates(detected, false, look, rows["snr_gain_db"], rows)
+        detected.plot(snr_db, limit, **LIMIT_LINE)
         detected.set(title=drawable(name), ylabel="probability of detection", ylim=SHARE_LIMITS)
         false.set(
             xlabel="SNR of a target in its cell [dB]", ylabel="probability of false alarm", yscale="log"
@@ -282,7 +288,7 @@ def draw_roc(summary: pd.DataFrame) -> Figure:
     looks, names = _detector_looks(summary), list(summary["scenario"].unique())
     snrs = nearest_values(sorted(summary["snr_gain_db"].unique()), ROC_SNRS_DB)
     title = "Detection over measured false alarms, a point a nominal P_fa"
-    legend, places = legend_lines(looks.values()), list(product(snrs, names))
+    legend, places = [*legend_lines(looks.values()), _known_noise()], list(product(snrs, names))
     figure, panels = panel_grid(len(places), legend, title, max_columns=len(names))
     for axes, (snr_db, name) in zip(panels, places, strict=True):
         part = summary[(summary["snr_gain_db"] == snr_db) & (summary["scenario"] == name)].sort_values("pfa")
@@ -290,6 +296,9 @@ def draw_roc(summary: pd.DataFrame) -> Figure:
             rows = part[part["detector"] == text]
             rate = _shown_rate(rows)
             axes.plot(rate, rows["pd"], color=look.colour, linestyle=look.line, marker=look.marker)
+        rates = np.geomspace(summary["pfa"].min() / 3, 0.3, 61)
+        limits = [float(known_noise_rate(snr_db, rate)) for rate in rates.tolist()]
+        axes.plot(rates, limits, **LIMIT_LINE)
         axes.set(title=f"{drawable(name)}, {snr_db:.4g} dB", ylabel="probability of detection")
         axes.set(xscale="log", ylim=SHARE_LIMITS)
         axes.grid(True)
@@ -341,6 +350,11 @@ def draw_detection(summary: pd.DataFrame) -> Figure:
         axes.set_xlabel("SNR [dB]")
         axes.grid(True)
     return figure
+
+
+def _known_noise() -> Line2D:
+    """Legend entry of what a detector finds that knows the noise, in closed form."""
+    return Line2D([], [], label="known noise (closed form)", **LIMIT_LINE)
 
 
 def _nominal() -> Line2D:

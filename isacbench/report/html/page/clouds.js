@@ -216,8 +216,8 @@ const panelTraces = (image, scale, isLast) => {
   return traces;
 };
 
-const START_EYE = { x: 1.2, y: 1.4, z: 0.85 };
-const CENTRE = { x: 0, y: 0, z: -0.1 };
+const START_EYE = { x: 1.65, y: 1.9, z: 1.15 };
+const CENTRE = { x: 0, y: 0, z: -0.12 };
 /* Where the camera stands and looks; in the address six numbers. */
 const cameraOf = () => {
   const given = (state.camera ?? "").split(",").map(Number);
