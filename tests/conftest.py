@@ -457,7 +457,10 @@ def unknown_code():
     forget_code()
 
 
-POPULATION_SCORES = ["density", "velocity_nmse", "deviation", "chamfer_m", "gospa_m", "precision", "recall"]
+POPULATION_SCORES = [
+    *("density", "velocity_nmse", "deviation", "chamfer_m", "gospa_m", "precision", "recall"),
+    *("f_score", "objects_detected", "velocity_error_mps"),
+]
 
 
 @pytest.fixture
@@ -500,6 +503,8 @@ def population_rows():
                         "n_resolvable": 5 if family == "sparse" else 0,
                     }
                 )
-        return pd.DataFrame(found).reindex(columns=[*COLUMNS, *POPULATION.columns])
+        return pd.DataFrame(found).reindex(
+            columns=list(dict.fromkeys([*COLUMNS, *POPULATION.columns, *POPULATION_SCORES]))
+        )
 
     return rows

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from isacbench.bench.compare.scene_scores import SCENE_KINDS
 from isacbench.bench.store.run_store import read_results
-from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, summarise_scores
+from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, averaged_columns, summarise_scores
 from isacbench.errors import InputError, unknown_name
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.drawing.style import file_stems
-from isacbench.report.figures.curves import PANELS, draw_score, draw_scores, nearest_values, variant_looks
+from isacbench.report.figures.curves import draw_score, draw_scores, nearest_values, variant_looks
 from isacbench.report.figures.diagnosed_images import diagnosis_figures
 from isacbench.report.figures.run_figures import CLOUD_SNRS_DB, cloud_figures, draw_run, save_figures
 
@@ -100,7 +100,7 @@ def _chosen_rows(folder: Path, results: Results, choice: FigureChoice) -> pd.Dat
         if wanted is not None and wanted not in values:
             listed = ", ".join(f"{value:g}" for value in values)
             raise InputError(f"{folder}: no {what} of {wanted:g}; allowed are {listed}")
-    metrics = [panel.column for panel in PANELS]
+    metrics = averaged_columns(records)
     if choice.metric is not None and choice.metric not in metrics:
         raise InputError(f"{folder}: {unknown_name('score', choice.metric, metrics)}")
     return records

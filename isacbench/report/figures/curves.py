@@ -64,10 +64,15 @@ PANELS = (
     _described("hausdorff_yz_m", "Hausdorff distance yz [m]"),
     _described("chamfer_m", "chamfer distance [m]"),
     _Panel("gospa_m", "GOSPA distance: misplaced, missed and false points", "GOSPA distance [m]"),
+    _Panel("gospa_skill", "GOSPA's skill: 0 of an empty image, 1 of the truth", "GOSPA skill"),
+    _Panel("velocity_error_mps", "Velocity error of matched points", "velocity error [m/s]"),
+    _Panel("f_score", "F-score of points matched one to one within {radius_m:g} m", "F-score"),
+    _Panel("objects_detected", "Share of objects that were detected", "objects detected"),
+    _Panel("n_objects_false", "Found objects that are none", "false objects an image"),
     _Panel("precision", "Share of estimated points within {radius_m:g} m of a true scatterer", "precision"),
     _Panel("recall", "Share of true scatterers within {radius_m:g} m of an estimated point", "recall"),
 )
-SHARES = "precision", "recall"
+SHARES = "f_score", "objects_detected", "precision", "recall"
 
 
 def variant_looks(records: pd.DataFrame) -> dict[Variant, LineLook]:
@@ -169,7 +174,8 @@ def draw_scores(
     -------
     Figure
     """
-    return _draw_panels(summary, scenario, PANELS, looks, radius_m, gain_db)
+    panels = [panel for panel in PANELS if f"{panel.column}_mean" in summary]
+    return _draw_panels(summary, scenario, panels, looks, radius_m, gain_db)
 
 
 def draw_score(
@@ -187,7 +193,7 @@ def draw_score(
     summary : DataFrame
         As `isacbench.bench.studies.imaging_study.summarise_scores` returns it.
     scenario, column : str
-        Names of the scenario and of the score, one of `PANELS`.
+        Names of the scenario and of the score.
     looks : mapping of (str, str) to LineLook
     radius_m : float
         Radius of precision and recall in m.
@@ -198,7 +204,7 @@ def draw_score(
     -------
     Figure
     """
-    panels = [panel for panel in PANELS if panel.column == column]
+    panels = [panel for panel in PANELS if panel.column == column] or [_Panel(column, column, column)]
     return _draw_panels(summary, scenario, panels, looks, radius_m, gain_db)
 
 

@@ -72,10 +72,11 @@ class _Curve(NamedTuple):
 RATIO = _Curve("ratio to the oracle", "ratio_median", "ratio", "log")
 CURVES = (
     RATIO,
+    _Curve("F-score", "f_score_mean", "f_score"),
+    _Curve("objects detected", "objects_detected_mean", "objects_detected"),
+    _Curve("velocity error [m/s]", "velocity_error_mps_mean", "velocity_error_mps", "positive"),
     _Curve("precision", "precision_mean", "precision"),
     _Curve("recall", "recall_mean", "recall"),
-    _Curve("GOSPA distance [m]", "gospa_m_mean", "gospa_m", "positive"),
-    _Curve("velocity NMSE (1e-8 or more)", "velocity_nmse_median", "velocity_nmse", "log"),
 )
 TARGETS = (
     _Curve("false points an image", "n_false_mean", "n_false", "positive"),
@@ -177,21 +178,22 @@ def draw_score_curves(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) 
     whole = _by_snr(summary)
     looks = looks_over(whole["snr_db"], looks)
     families = list(whole["family"].unique())
+    curves = [curve for curve in CURVES if curve.column in summary]  # older rows lack some
     figure = new_figure(
         max(7.0, 0.6 + COLUMN_IN * len(families)),
-        0.8 + 1.85 * len(CURVES),
+        0.8 + 1.85 * len(curves),
         legend=legend_lines(looks.values()),
-        title=f"Means, and medians of ratio and NMSE, over scenes{_bands(whole)}",
+        title=f"Means, and medians of the ratio, over scenes{_bands(whole)}",
     )
-    panels = figure.subplots(len(CURVES), len(families), squeeze=False, sharex=True, sharey="row")
-    for (row, curve), (column, family) in product(enumerate(CURVES), enumerate(families)):
+    panels = figure.subplots(len(curves), len(families), squeeze=False, sharex=True, sharey="row")
+    for (row, curve), (column, family) in product(enumerate(curves), enumerate(families)):
         axes, part = panels[row, column], whole[whole["family"] == family]
         _draw_curves(axes, curve, part, looks)
         if row == 0:
             axes.set_title("all scenes" if family == ALL else drawable(family))
         if column == 0:
             axes.set_ylabel(curve.axis)
-    for axes, curve in zip(panels[:, 0], CURVES, strict=True):
+    for axes, curve in zip(panels[:, 0], curves, strict=True):
         _scale(axes, curve)
     for axes in panels[-1]:
         axes.set_xlabel(_snr_axis(whole))

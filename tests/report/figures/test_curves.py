@@ -17,6 +17,11 @@ SCORES = [
     "hausdorff_yz_m",
     "chamfer_m",
     "gospa_m",
+    "gospa_skill",
+    "velocity_error_mps",
+    "f_score",
+    "objects_detected",
+    "n_objects_false",
     "precision",
     "recall",
 ]
@@ -49,6 +54,7 @@ def test_every_score_has_a_panel_whose_axis_names_it_with_its_unit_and_shares_go
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert len(set(labels)) == len(SCORES)
     assert [label.endswith(" [m]") for label in labels] == [score.endswith("_m") for score in SCORES]
+    assert "velocity error [m/s]" in labels
     assert {axes.get_xlabel() for axes in figure.axes} == {"SNR [dB]"}
     assert "Share of estimated points within 2.5 m of a true scatterer" in panels_of(figure)
     assert {axes.get_ylim() for axes in figure.axes[-2:]} == {(-0.0309, 1.03)}

@@ -129,7 +129,7 @@ def test_maps_have_a_column_each_and_no_false_alarm_is_drawn_below_one():
     detected, false = figure.axes[0], figure.axes[2]
     np.testing.assert_allclose(detected.lines[0].get_xydata(), np.column_stack([SNRS, [0, 0.5, 1]]))
     np.testing.assert_allclose(false.lines[0].get_ydata(), [1e-4, 1e-3, 1e-3])
-    assert len(detected.lines) == 2
+    assert len(detected.lines) == 2 + 1  # the last one in closed form
     assert false.get_ylim() == figure.axes[3].get_ylim()
 
 
