@@ -147,9 +147,6 @@ def compare_command(
         list[str] | None,
         Option("--map", metavar="OLD[...]=NEW[...]", help="Pair two estimators of BASE and NEW; repeats."),
     ] = None,
-    match: Annotated[
-        list[str] | None, Option(metavar="NAME", help="Pair the one NAME of each run; repeats.")
-    ] = None,
     between: Annotated[
         str | None, Option(metavar="A[...]", help="With --and: compare two estimators of the run BASE.")
     ] = None,
@@ -190,7 +187,6 @@ def compare_command(
             base,
             new,
             map=mapped or (),
-            match=match or (),
             between=None if between is None or other is None else (between, other),
             tolerances=tolerance or (),
             alpha=alpha,

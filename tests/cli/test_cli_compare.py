@@ -124,7 +124,7 @@ def test_a_pair_that_is_mapped_is_shown_under_both_names(cli, retuned, monkeypat
     assert lines[place + 1].startswith("   → nomp4d[pfa=0.0001] ")
     assert max(len(line) for line in lines[: place + 2]) <= 100
     assert "missing" not in result.stdout
-    content = json.loads(cli("old", "new", "--match", "nomp4d", "--json").stdout)
+    content = json.loads(cli("old", "new", "--map", "nomp4d=nomp4d", "--json").stdout)
     (row,) = [row for row in content["curves"] if row["estimator"] == "nomp4d"]
     assert (row["params"], row["new_params"]) == ('{"pfa":0.001}', '{"pfa":0.0001}')
 

@@ -59,7 +59,7 @@ class Comparison:
 
     `isacbench.compare` makes it. All tables name an estimator by ``estimator``
     and ``params`` (canonical JSON) of the base; ``new_estimator`` and
-    ``new_params`` differ where a map or a match paired it with another one.
+    ``new_params`` differ where a map paired it with another one.
 
     Attributes
     ----------
@@ -182,7 +182,6 @@ def compare(
     new: str | Path | None = None,
     *,
     map: str | Iterable[str] = (),
-    match: str | Iterable[str] = (),
     between: tuple[str, str] | None = None,
     tolerances: str | Iterable[str] = (),
     alpha: float = DEFAULT_ALPHA,
@@ -201,11 +200,8 @@ def compare(
         Folder of the run to judge. Without it, `between` is needed.
     map : str or iterable of str
         ``OLD[param=value,...]=NEW[param=value,...]``: an estimator in `base`
-        and its partner in `new`; all others are paired by equal name and
-        parameters.
-    match : str or iterable of str
-        Names of estimators whose one variant in `base` is paired with the one
-        in `new`, whatever their parameters.
+        and its partner in `new`, such as ``music2d=music2d`` where its defaults have changed; all others are
+        paired by equal name and parameters.
     between : (str, str), optional
         Two estimators of the run `base`; the second one is judged by the first.
     tolerances : str or iterable of str
@@ -244,10 +240,10 @@ def compare(
                 "only one run was given; give two runs (BASE and NEW), or one run and between=(A, B)"
             )
         runs = read_run(Path(base)), read_run(Path(new))
-        partners = find_pairs(*runs, _as_list(map), _as_list(match))
+        partners = find_pairs(*runs, _as_list(map))
         return compare_tables(*runs, asked, alpha, partners)
-    if new is not None or map or match:
-        raise InputError("between needs exactly one run, and cannot be combined with map or match")
+    if new is not None or map:
+        raise InputError("between needs exactly one run, and cannot be combined with map")
     run = read_run(Path(base))
     first, second = (find_variant(run, text) for text in between)
     if first == second:
@@ -385,7 +381,7 @@ def _other_parameters(cells: CellChanges) -> list[str]:
     )
     return [
         f"{name} ran with other parameters: its cells are missing under the old ones and added under the "
-        "new; --match or --map pairs them"
+        "new; --map pairs them"
         for name in sorted({name for name, _ in gone - come} & {name for name, _ in come - gone})
     ]
 

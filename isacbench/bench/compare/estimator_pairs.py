@@ -93,21 +93,33 @@ def find_variant(run: RunTable, text: str) -> Variant:
     InputError
         If the text is broken, or fits none or several of the variants.
     """
-    return _find(run, text, "a specification that fits one of them alone")
+    name, asked = parse_spec(text)
+    variants = variants_of(run)
+    namesakes = [variant for variant in variants if variant[0] == name]
+    if not namesakes:
+        names = dict.fromkeys(estimator for estimator, _ in variants)
+        raise InputError(f"{run.label}: no estimator fits {text!r}: {did_you_mean(name, names)}")
+    stored = [json.loads(params) for _, params in namesakes]
+    fitting = [index for index, params in enumerate(stored) if _fits(params, asked)]
+    if len(fitting) == 1:
+        return namesakes[fitting[0]]
+    if not fitting:
+        raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
+    several = _listed([namesakes[index] for index in fitting], asked)
+    raise InputError(
+        f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; give a specification that fits one "
+        "of them alone"
+    )
 
 
-def find_pairs(
-    base: RunTable, new: RunTable, maps: Iterable[str], names: Iterable[str]
-) -> dict[Variant, Variant]:
-    """Find the pairs of variants that maps and names stand for.
+def find_pairs(base: RunTable, new: RunTable, maps: Iterable[str]) -> dict[Variant, Variant]:
+    """Find the pairs of variants that maps stand for.
 
     Parameters
     ----------
     base, new : RunTable
     maps : iterable of str
         A variant of the base and one of the new run each, as `parse_map` takes them.
-    names : iterable of str
-        Estimators of which each run has one variant, whatever its parameters.
 
     Returns
     -------
@@ -120,16 +132,11 @@ def find_pairs(
         If a text fits none or several of the variants, or a variant is paired twice.
     """
     pairs: dict[Variant, Variant] = {}
-    named = [(*parse_map(text), "a specification that fits one of them alone") for text in maps]
-    named += [
-        (_bare(name), name, "--map OLD[param=value,...]=NEW[param=value,...], which pairs one of them")
-        for name in names
-    ]
-    for old_text, new_text, allowed in named:
-        old, partner = _find(base, old_text, allowed), _find(new, new_text, allowed)
+    for old_text, new_text in map(parse_map, maps):
+        old, partner = find_variant(base, old_text), find_variant(new, new_text)
         if old in pairs or partner in pairs.values():
             label, text = (base.label, old_text) if old in pairs else (new.label, new_text)
-            raise InputError(f"{label}: {text!r} is paired twice; give one map or match for each variant")
+            raise InputError(f"{label}: {text!r} is paired twice; give one map for each variant")
         pairs[old] = partner
     return pairs
 
@@ -206,29 +213,6 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
         }
         texts.append(shortened(spell_spec(name, shown)))
     return texts
-
-
-def _bare(name: str) -> str:
-    if parse_spec(name).params:
-        raise InputError(f"match {name!r}: give the bare name of an estimator; only a map takes parameters")
-    return name
-
-
-def _find(run: RunTable, text: str, allowed: str) -> Variant:
-    name, asked = parse_spec(text)
-    variants = variants_of(run)
-    namesakes = [variant for variant in variants if variant[0] == name]
-    if not namesakes:
-        names = dict.fromkeys(estimator for estimator, _ in variants)
-        raise InputError(f"{run.label}: no estimator fits {text!r}: {did_you_mean(name, names)}")
-    stored = [json.loads(params) for _, params in namesakes]
-    fitting = [index for index, params in enumerate(stored) if _fits(params, asked)]
-    if len(fitting) == 1:
-        return namesakes[fitting[0]]
-    if not fitting:
-        raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
-    several = _listed([namesakes[index] for index in fitting], asked)
-    raise InputError(f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; give {allowed}")
 
 
 def _fits(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> bool:

@@ -33,12 +33,6 @@ COLUMNS_AT_ONCE = 512
 SIGNED_RANK_EFFICIENCY = 3 / math.pi
 """Efficiency of the signed-rank test in trials, relative to the t test of normal differences."""
 
-MAX_ENUMERATED = 12
-"""Number of trials up to which all flips of signs are enumerated; for more, 2^12 random flips are drawn."""
-
-SUM_ROUNDING = 1e-9
-"""Statistics that differ by less are equal: they are the same sum in another order."""
-
 
 class SignedRank(NamedTuple):
     """One-sided p-values of a signed-rank test.
@@ -292,79 +286,6 @@ def trials_needed(level: float) -> int:
     return math.ceil(-math.log2(level))
 
 
-def best_p_values(scores: ArrayLike, margin: float = 0.0, seed: int = 0) -> Floats:
-    """Test for each alternative whether its mean is the lowest, or within a margin of it.
-
-    The alternatives with a p-value above a level are a set that misses the best
-    one with at most that probability. No correction for their number is needed,
-    nor for comparing with those that the data show to be best: the best
-    alternative is dropped only if its own test errs (Gupta's subset selection).
-
-    The statistic of an alternative is a maximum over all others: of the sum of
-    paired differences beyond the margin, divided by the root of the sum of
-    their squares. If the hypothesis just holds, its distribution does not change
-    when the signs of all differences of a trial are flipped together. So no
-    normal distribution is assumed, and dependence between alternatives within a
-    trial is kept in every flip.
-
-    Parameters
-    ----------
-    scores : array_like, shape (n_trials, n_alternatives)
-        Lower is better. Finite: every alternative has a score in every trial.
-    margin : float
-        Allowed excess of a mean over the lowest one, in units of the scores.
-    seed : int
-        Seed of the flips that are drawn for more than `MAX_ENUMERATED` trials.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_alternatives,)
-        1 for the alternative of least mean; never below `smallest_p_value`.
-
-    Raises
-    ------
-    ValueError
-        If the scores are not a finite table with at least one trial.
-
-    References
-    ----------
-    Gupta, "On some multiple decision (selection and ranking) rules", Technometrics 7 (1965). Westfall and
-    Young, "Resampling-Based Multiple Testing" (1993), on the greatest of dependent statistics.
-
-    Examples
-    --------
-    The second is worse than the first in each of eight trials, the third is worse in some:
-
-    >>> trials = np.array([[1.0, 1.5, 1.0 + x] for x in (0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.1, 0.0)])
-    >>> best_p_values(trials).round(3).tolist()
-    [1.0, 0.004, 0.672]
-    """
-    table = np.asarray(scores, dtype=np.float64)
-    if table.ndim != 2 or not len(table) or not np.isfinite(table).all():
-        raise ValueError(f"scores of shape {table.shape}: allowed is a finite table of trials x alternatives")
-    signs = _signs(len(table), seed)
-    return np.array([_p_value(_excess(table, k, margin), signs) for k in range(table.shape[1])])
-
-
-def smallest_p_value(n_trials: int) -> float:
-    """Smallest p-value that `best_p_values` can give for a number of trials.
-
-    Parameters
-    ----------
-    n_trials : int
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> smallest_p_value(8)
-    0.00390625
-    """
-    return float(2.0 ** -min(n_trials, MAX_ENUMERATED))
-
-
 def _doubled_midranks(sizes: Floats) -> Integers:
     """Twice the ranks from 1 on, as whole numbers; equal values share the mean of their ranks."""
     _, inverse, counts = np.unique(sizes, return_inverse=True, return_counts=True)
@@ -423,28 +344,3 @@ def _percentiles(resampled: Floats, n_pairs: Integers) -> Floats:
     low = np.floor(ndtr(-quantile) * last).astype(np.int64)
     columns = np.arange(resampled.shape[1])
     return np.stack([ordered[low, columns], ordered[last - low, columns]])
-
-
-def _excess(table: Floats, k: int, margin: float) -> Floats:
-    """Differences (n_trials, n) of an alternative from all others beyond the margin; 0 from itself."""
-    excess = table[:, [k]] - table - margin
-    excess[:, k] = 0.0
-    return excess
-
-
-def _p_value(differences: Floats, signs: Floats) -> float:
-    """Share of flips whose greatest statistic is at least that of the differences (n_trials, n)."""
-    # Flips keep the sum of squares; given that, the sum is equivalent to Student's t.
-    size = np.sqrt(np.square(differences).sum(axis=0))
-    greatest = (signs @ (differences / np.where(size > 0, size, 1.0))).max(axis=1)
-    return float(np.mean(greatest >= greatest[0] - SUM_ROUNDING))
-
-
-def _signs(n_trials: int, seed: int) -> Floats:
-    """Rows of signs (n_flips, n_trials), all of them or a random draw; the first row has no flip."""
-    if n_trials <= MAX_ENUMERATED:
-        bits = np.arange(2**n_trials)[:, None] >> np.arange(n_trials)
-        return (1 - 2 * (bits & 1)).astype(np.float64)
-    signs: Floats = np.random.default_rng(seed).choice([-1.0, 1.0], (2**MAX_ENUMERATED, n_trials))
-    signs[0] = 1.0
-    return signs

@@ -43,10 +43,6 @@ STAGES = Tables(
 OF_TIMED_IMAGES = {
     "stages": STAGES,
     "pareto": Tables("isacbench.report.tables.pareto:summarise_times"),
-    "budgets": Tables(
-        "isacbench.report.tables.budgets:summarise_budgets",
-        "isacbench.report.tables.budgets:budget_grids",
-    ),
 }
 """Tables of timed runs whose images are scored."""
 

@@ -1,4 +1,4 @@
-"""Figures of a timed run: deviation over run time with the Pareto frontier, and shares of the stages."""
+"""Figures of a timed run: Hausdorff sum over run time with the Pareto frontier, and shares of the stages."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MARKER_SIZES = {True: 6.0, False: 4.0}
 """Sizes of marks on the frontier and elsewhere, in points."""
 
 LEAST_LOG_RATIO = 2.5
-"""Deviations that span less are drawn on a linear axis."""
+"""Errors that span less are drawn on a linear axis."""
 
 NUMBER_STYLES: dict[bool, dict[str, Any]] = {
     True: {
@@ -101,7 +101,7 @@ def shown_snrs(snr_db: Sequence[float]) -> list[float]:
 
 
 def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
-    """Draw mean deviation over median time of one scenario, a panel an SNR.
+    """Draw mean Hausdorff sum over median time of one scenario, a panel an SNR.
 
     Every point has both its 95 % intervals. Points on the frontier have full
     colour, others are pale. Crosses failed or were not run in some trials;
@@ -129,11 +129,11 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
     for axes in panels[1:]:
         axes.sharex(panels[0])
         axes.sharey(panels[0])
-    _scale(panels[0], part["deviation_mean"].dropna())
+    _scale(panels[0], part["hausdorff_sum_m_mean"].dropna())
     at_snr = {snr_db: part[part["snr_db"] == snr_db] for snr_db in snrs_db}
     for axes, (snr_db, rows) in zip(panels, at_snr.items(), strict=True):
         axes.set_title(f"{snr_db:g} dB")
-        axes.set(xlabel="median processor time of an image [ms]", ylabel="imaging deviation")
+        axes.set(xlabel="median processor time of an image [ms]", ylabel="Hausdorff sum [m]")
         axes.grid(True)
         _draw_points(axes, rows, looks)
     # Numbers and the end of the frontier take their places from the layout, which stays as it is.
@@ -192,7 +192,7 @@ def _average(part: pd.DataFrame) -> str:
     n_trials = int(part["n_trials"].max())
     if n_trials == 1:
         return "one trial"
-    return f"mean deviation over median processor time of {trials_and_band(n_trials, 'interval')}"
+    return f"mean Hausdorff sum over median processor time of {trials_and_band(n_trials, 'interval')}"
 
 
 def _legend(part: pd.DataFrame, looks: Mapping[Variant, LineLook], is_numbered: bool) -> list[Line2D]:
@@ -216,7 +216,7 @@ def _entry(rows: pd.DataFrame, look: LineLook, is_numbered: bool) -> Line2D:
     label = look.label
     if not look.is_bound:
         label = f"{first['number']}  " * is_numbered + drawable(first["label"])
-    if rows["deviation_mean"].isna().all():
+    if rows["hausdorff_sum_m_mean"].isna().all():
         label += ": no score"
     line = look.line if look.is_bound else ""
     return Line2D([], [], color=look.colour, marker=look.marker, linestyle=line, label=label)
@@ -237,16 +237,16 @@ def _scale(axes: Axes, means: pd.Series[float]) -> None:
 
 def _competitors(part: pd.DataFrame) -> pd.DataFrame:
     """Select the points that are drawn: all but limits and what has no score or no time."""
-    return part[~part["is_limit"] & part["deviation_mean"].notna() & part["time_s"].notna()]
+    return part[~part["is_limit"] & part["hausdorff_sum_m_mean"].notna() & part["time_s"].notna()]
 
 
 def _draw_points(axes: Axes, part: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> None:
     """Draw the limits and the points of one SNR."""
-    for row in _rows(part[part["is_limit"] & part["deviation_mean"].notna()]):
+    for row in _rows(part[part["is_limit"] & part["hausdorff_sum_m_mean"].notna()]):
         look = looks[_look_key(row)]
-        axes.axhline(row["deviation_mean"], color=look.colour, linestyle=look.line, linewidth=1.0)
-        if math.isfinite(row["deviation_low"]):
-            band = row["deviation_low"], row["deviation_high"]
+        axes.axhline(row["hausdorff_sum_m_mean"], color=look.colour, linestyle=look.line, linewidth=1.0)
+        if math.isfinite(row["hausdorff_sum_m_low"]):
+            band = row["hausdorff_sum_m_low"], row["hausdorff_sum_m_high"]
             axes.axhspan(*band, color=look.colour, alpha=0.1, linewidth=0)
     for row in _rows(_competitors(part)):
         _draw_point(axes, row, looks[_look_key(row)])
@@ -263,14 +263,14 @@ def _look_key(row: Mapping[Hashable, Any] | pd.Series[Any]) -> Variant:
 
 def _draw_point(axes: Axes, row: Mapping[Hashable, Any], look: LineLook) -> None:
     """Draw a point and its intervals; the NaN interval of too few trials is not drawn."""
-    time_s, deviation, wins = row["time_s"], row["deviation_mean"], row["is_on_frontier"]
+    time_s, error, wins = row["time_s"], row["hausdorff_sum_m_mean"], row["is_on_frontier"]
     # A point alone, of equal times, has a scale, too.
-    axes.update_datalim([(0.8e3 * time_s, deviation), (1.25e3 * time_s, deviation)])
+    axes.update_datalim([(0.8e3 * time_s, error), (1.25e3 * time_s, error)])
     axes.errorbar(
         1e3 * time_s,
-        deviation,
+        error,
         xerr=[[1e3 * (time_s - row["time_low_s"])], [1e3 * (row["time_high_s"] - time_s)]],
-        yerr=[[deviation - row["deviation_low"]], [row["deviation_high"] - deviation]],
+        yerr=[[error - row["hausdorff_sum_m_low"]], [row["hausdorff_sum_m_high"] - error]],
         color=look.colour,
         elinewidth=0.9,
         marker=look.marker if row["is_complete"] else "x",
@@ -285,7 +285,7 @@ def _write_numbers(axes: Axes, drawn: pd.DataFrame) -> None:
     """Number the points as the legend does: all on the frontier, of the others those that have room."""
     ordered = drawn.sort_values(["is_on_frontier", "time_s"], ascending=[False, True])
     wins = ordered["is_on_frontier"].to_numpy(dtype=np.bool_)
-    points = np.column_stack([1e3 * ordered["time_s"], ordered["deviation_mean"]])
+    points = np.column_stack([1e3 * ordered["time_s"], ordered["hausdorff_sum_m_mean"]])
     anchors = axes.transData.transform(points) * 72 / DPI
     heights = np.array([NUMBER_STYLES[win]["fontsize"] for win in wins.tolist()])
     widths = heights * (NUMBER_WIDTH * ordered["number"].astype(str).str.len() + NUMBER_SPACE)
@@ -320,7 +320,7 @@ def _draw_frontier(axes: Axes, frontier: pd.DataFrame) -> None:
     if frontier.empty:
         return
     axes.autoscale(False)
-    times_ms, means = 1e3 * frontier["time_s"].to_numpy(), frontier["deviation_mean"].to_numpy()
+    times_ms, means = 1e3 * frontier["time_s"].to_numpy(), frontier["hausdorff_sum_m_mean"].to_numpy()
     x = np.concatenate([times_ms[:1], times_ms, axes.get_xlim()[1:]])
     y = np.concatenate([axes.get_ylim()[1:], means, means[-1:]])
     axes.step(x, y, where="post", color=FRONTIER_COLOUR, linewidth=1.2, zorder=1.5)

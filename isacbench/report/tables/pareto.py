@@ -25,6 +25,7 @@ PANEL = ["scenario", "snr_db"]
 POINT = ["scenario", "estimator", "params", "snr_db"]
 """Key of a point."""
 
+ERROR = "hausdorff_sum_m"
 MEMORY = "peak_memory_mib"
 
 
@@ -108,7 +109,7 @@ def _pooled(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataFrame:
-    """Average deviation and time of every point of a timed run, with 95 % intervals, and find the frontiers.
+    """Average Hausdorff sum and time of every point of a timed run, and find the frontiers.
 
     Parameters
     ----------
@@ -124,18 +125,18 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
 
         - ``number`` of the estimator with its params in figures, ``label``;
           the counts ``n_trials``, ``n_failed``, ``n_no_detection``;
-        - ``deviation_mean``, ``deviation_low``, ``deviation_high``
+        - ``hausdorff_sum_m_mean``, ``hausdorff_sum_m_low``, ``hausdorff_sum_m_high``
           (Student's t), over the trials that did not fail;
         - ``time_s``, the median over the same
           (`isacbench.bench.studies.medians.median_times`), ``time_low_s``,
           ``time_high_s`` (order statistics), ``time_slowest_s``, and
           ``peak_memory_mib``, the median, where the records have it;
         - ``is_limit``; ``is_complete``, whether every trial of the scenario
-          and SNR has a score; ``is_on_frontier``, of mean deviation and
+          and SNR has a score; ``is_on_frontier``, of mean Hausdorff sum and
           median time among those that are complete and no limit.
 
         Limits of intervals are NaN where the trials are too few: five are
-        needed of deviations, six of times.
+        needed of Hausdorff sums, six of times.
     """
     rows = timed_rows(records)
     columns = ["estimator", "params"]
@@ -146,7 +147,9 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
     points["label"] = [labels[variant] for variant in variants]
     points = points.rename(columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"})
     for end, sign in (("low", -1), ("high", 1)):
-        points[f"deviation_{end}"] = points["deviation_mean"] + sign * points["deviation_band"]
+        points[f"hausdorff_sum_m_{end}"] = (
+            points["hausdorff_sum_m_mean"] + sign * points["hausdorff_sum_m_band"]
+        )
     points = points.merge(_times(rows[~failed(rows)]), on=POINT, how="left")
     points["is_limit"] = points["estimator"].isin(list(limits))
     all_trials = points.groupby(PANEL)["n_trials"].transform("max")
@@ -154,7 +157,7 @@ def summarise_points(records: pd.DataFrame, limits: Collection[str]) -> pd.DataF
     points["is_on_frontier"] = _on_frontiers(points)
     names = [
         *(*POINT, "number", "label", "n_trials", "n_failed", "n_no_detection"),
-        *("deviation_mean", "deviation_low", "deviation_high"),
+        *("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
         *("time_s", "time_low_s", "time_high_s", "time_slowest_s"),
         *([MEMORY] if MEMORY in points else []),
         *("is_limit", "is_complete", "is_on_frontier"),
@@ -183,5 +186,5 @@ def _on_frontiers(points: pd.DataFrame) -> NDArray[np.bool_]:
     for chosen in points[competes].groupby(PANEL, sort=False).indices.values():
         rows = np.flatnonzero(competes)[chosen]
         part = points.iloc[rows]
-        found[rows] = pareto_frontier(part["time_s"], part["deviation_mean"])
+        found[rows] = pareto_frontier(part["time_s"], part["hausdorff_sum_m_mean"])
     return found

@@ -62,8 +62,7 @@ def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging")
     -------
     list of Path
         Files that were written: ``stages.csv`` and ``stages.md``, too, where any row
-        is timed, and of images ``pareto.csv``, ``budgets.csv`` and
-        ``budgets.md``, as far as there is anything to put into them.
+        is timed, and of images ``pareto.csv``, as far as there is anything to put into them.
     """
     made, manifest = _by_stem(records, kind), recover_manifest(folder)
     written = []

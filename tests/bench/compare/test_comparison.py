@@ -423,7 +423,7 @@ def test_without_a_map_cells_under_other_parameters_are_missing_and_the_options_
     assert len(found.cells.missing) == len(found.cells.added) == 36
     (note,) = found.notes
     assert note.startswith("music2d ran with other parameters")
-    assert note.endswith("; --match or --map pairs them")
+    assert note.endswith("; --map pairs them")
 
 
 def test_a_variant_whose_equal_is_paired_with_another_is_neither_missing_nor_added_but_told(
@@ -451,10 +451,8 @@ def test_cells_of_a_pair_that_one_side_lacks_are_told_under_both_names(two_runs)
 def test_pairs_that_cannot_be_are_refused(retuned):
     refused = [
         ({"map": ["music2d=fft4d", "music2d=music2d"]}, "base: 'music2d' is paired twice"),
-        ({"map": ["fft4d=fft4d"], "match": "fft4d"}, "base: 'fft4d' is paired twice"),
         ({"map": ["fft4d=music2d", "music2d=music2d"]}, "new: 'music2d' is paired twice"),
-        ({"match": "music2d[pfa=1e-3]"}, r"match 'music2d\[pfa=1e-3\]': give the bare name"),
-        ({"match": "sbl4d"}, "base: no estimator fits 'sbl4d'"),
+        ({"map": "sbl4d=sbl4d"}, "base: no estimator fits 'sbl4d'"),
         ({"between": ("music2d", "fft4d")}, "between needs exactly one run"),
     ]
     for asked, message in refused:
@@ -466,11 +464,11 @@ def test_pairs_that_cannot_be_are_refused(retuned):
         compare(retuned[0], between=("music2d", "music2d[n=1]"))
 
 
-def test_a_name_that_stands_for_several_variants_of_a_run_asks_for_a_map(made_run, written_run):
+def test_a_name_that_stands_for_several_variants_of_a_run_asks_for_its_parameters(made_run, written_run):
     records, manifest = made_run()
     base = written_run("base", variant(records, "fft4d", OLD, estimator="music2d"), manifest)
-    with pytest.raises(InputError, match=r"'music2d' fits 2 variants, .*give --map OLD"):
-        compare(base, written_run("new", records, manifest), match="music2d")
+    with pytest.raises(InputError, match=r"'music2d' fits 2 variants, .*give a specification"):
+        compare(base, written_run("new", records, manifest), map="music2d=music2d")
 
 
 def test_two_estimators_of_a_run_are_compared_as_two_runs_are(retuned, two_runs):
@@ -512,7 +510,7 @@ def test_code_of_estimators_with_different_names_is_no_other_version(made_run):
 
 def test_a_comparison_shows_itself_in_three_lines_and_changes_nothing_on_disk(retuned):
     before = [(path, path.stat().st_mtime_ns) for folder in retuned for path in sorted(folder.iterdir())]
-    shown = repr(compare(*map(str, retuned), match="music2d")).split("\n")
+    shown = repr(compare(*map(str, retuned), map="music2d=music2d")).split("\n")
     assert shown[0].endswith("/new': regression")
     assert shown[1:] == [
         " curves: 1 regression, 1 same; points: 3 regression, 3 same",

@@ -45,11 +45,11 @@ def test_every_point_has_a_mark_and_both_its_intervals(timed):
     points = summarise_points(rows, ())
     (axes,) = draw_pareto(points, "street").axes
     marks = markers_of(axes)
-    assert set(marks) == set(zip(1e3 * points["time_s"], points["deviation_mean"], strict=True))
+    assert set(marks) == set(zip(1e3 * points["time_s"], points["hausdorff_sum_m_mean"], strict=True))
     a = points.iloc[0]
     bars = np.array([segment for bar in axes.collections for segment in bar.get_segments()])
     level = [[1e3 * a["time_low_s"], 5.0], [1e3 * a["time_high_s"], 5.0]]
-    upright = [[1e3 * a["time_s"], a["deviation_low"]], [1e3 * a["time_s"], a["deviation_high"]]]
+    upright = [[1e3 * a["time_s"], a["hausdorff_sum_m_low"]], [1e3 * a["time_s"], a["hausdorff_sum_m_high"]]]
     for expected in (level, upright):
         assert any(np.allclose(bar, expected) for bar in bars)
     assert axes.get_xscale() == "log"
@@ -86,7 +86,7 @@ def test_a_limit_is_a_level_line_and_does_not_stretch_the_time(timed):
     points = summarise_points(timed(limit=(1e-6, noisy_level()), a=(0.01, 5.0)), {"limit"})
     (axes,) = draw_pareto(points, "street").axes
     levels = [line for line in axes.lines if line.get_linestyle() == "--"]
-    assert [set(line.get_ydata()) for line in levels] == [{points.iloc[0]["deviation_mean"]}]
+    assert [set(line.get_ydata()) for line in levels] == [{points.iloc[0]["hausdorff_sum_m_mean"]}]
     assert list(markers_of(axes)) == [(10.0, 5.0)]
     assert axes.get_xlim()[0] > 1
     assert len(axes.patches) == 1  # its confidence band
@@ -132,8 +132,8 @@ def test_of_forty_crowded_points_all_on_the_frontier_are_numbered_and_no_number_
 
 def test_failures_and_empty_images_are_marked_and_the_legend_says_so(timed):
     rows = timed(good=(0.01, 5.0), shaky=(0.02, 4.0), hasty=(0.03, 3.0), broken=(0.04, 2.0))
-    rows.loc[rows.index[rows["estimator"] == "shaky"][:1], ["status", "deviation"]] = "error", np.nan
-    rows.loc[rows["estimator"] == "broken", ["status", "deviation"]] = "timeout", np.nan
+    rows.loc[rows.index[rows["estimator"] == "shaky"][:1], ["status", "hausdorff_sum_m"]] = "error", np.nan
+    rows.loc[rows["estimator"] == "broken", ["status", "hausdorff_sum_m"]] = "timeout", np.nan
     rows.loc[rows["estimator"] == "hasty", "status"] = "no_detection"
     figure = draw_pareto(summarise_points(rows, ()), "street")
     marks = markers_of(figure.axes[0])
@@ -155,7 +155,7 @@ def test_a_run_in_which_all_failed_or_with_one_trial_is_drawn(timed):
     for n_trials in (1, 8):
         rows = timed(n_trials, a=(0.01, 5.0))
         assert draw_pareto(summarise_points(rows, ()), "street").axes
-        rows[["status", "deviation"]] = "error", np.nan
+        rows[["status", "hausdorff_sum_m"]] = "error", np.nan
         assert legend_of(draw_pareto(summarise_points(rows, ()), "street"))[0] == "a: no score"
 
 
@@ -205,7 +205,7 @@ def test_stages_of_every_snr_lie_below_each_other_and_within_the_figure(timed):
 def test_without_stages_or_without_a_frontier_there_is_no_such_figure(timed):
     rows = timed(a=(0.01, 5.0))
     assert draw_stages(rows, summarise_points(rows, ()), "street") is None
-    broken = with_stages(rows).assign(status="error", deviation=np.nan)
+    broken = with_stages(rows).assign(status="error", hausdorff_sum_m=np.nan)
     assert draw_stages(broken, summarise_points(broken, ()), "street") is None
 
 

@@ -35,14 +35,14 @@ def on_frontier(points):
     return points.loc[points["is_on_frontier"], "estimator"].tolist()
 
 
-def test_a_point_has_the_mean_deviation_the_median_time_and_both_intervals(timed):
-    deviations, times_s = np.arange(8.0), 0.01 * np.array([9, 2, 3, 4, 5, 6, 7, 80])
-    (point,) = summarise_points(timed(a=(times_s, deviations)), ()).to_dict("records")
-    assert point["deviation_mean"] == 3.5
-    assert point["deviation_high"] - 3.5 == pytest.approx(
-        2.364624 * deviations.std(ddof=1) / 8**0.5, rel=1e-6
+def test_a_point_has_the_mean_error_the_median_time_and_both_intervals(timed):
+    errors_m, times_s = np.arange(8.0), 0.01 * np.array([9, 2, 3, 4, 5, 6, 7, 80])
+    (point,) = summarise_points(timed(a=(times_s, errors_m)), ()).to_dict("records")
+    assert point["hausdorff_sum_m_mean"] == 3.5
+    assert point["hausdorff_sum_m_high"] - 3.5 == pytest.approx(
+        2.364624 * errors_m.std(ddof=1) / 8**0.5, rel=1e-6
     )
-    assert point["deviation_low"] == pytest.approx(7 - point["deviation_high"])
+    assert point["hausdorff_sum_m_low"] == pytest.approx(7 - point["hausdorff_sum_m_high"])
     assert point["time_s"] == pytest.approx(0.055)
     assert (point["time_low_s"], point["time_high_s"], point["time_slowest_s"]) == (0.02, 0.8, 0.8)
 
@@ -66,20 +66,20 @@ def test_what_failed_in_a_trial_is_not_on_the_frontier_and_pushes_nobody_off(tim
     rows = timed(best=(0.01, 1.0), other=(0.02, 2.0))
     first = rows.index[rows["estimator"] == "best"][0]
     # A row that was lost before it could be timed does not say that it was.
-    rows.loc[first, ["status", "timing", "deviation"]] = status, False, np.nan
+    rows.loc[first, ["status", "timing", "hausdorff_sum_m"]] = status, False, np.nan
     points = summarise_points(rows, ())
     assert on_frontier(points) == ["other"]
     best = points.iloc[0]
-    assert (best["n_trials"], best["n_failed"], best["deviation_mean"]) == (8, 1, 1.0)
+    assert (best["n_trials"], best["n_failed"], best["hausdorff_sum_m_mean"]) == (8, 1, 1.0)
     assert not best["is_complete"]
 
 
 def test_what_failed_throughout_is_told_and_has_no_numbers(timed):
     rows = timed(broken=(0.01, 1.0), other=(0.02, 2.0))
-    rows.loc[rows["estimator"] == "broken", ["status", "deviation"]] = "error", np.nan
+    rows.loc[rows["estimator"] == "broken", ["status", "hausdorff_sum_m"]] = "error", np.nan
     points = summarise_points(rows, ())
     assert points["n_failed"].tolist() == [8, 0]
-    assert points.iloc[0][["deviation_mean", "time_s", "time_high_s", "time_slowest_s"]].isna().all()
+    assert points.iloc[0][["hausdorff_sum_m_mean", "time_s", "time_high_s", "time_slowest_s"]].isna().all()
     rows["status"] = "error"
     assert summarise_points(rows, ())["is_on_frontier"].tolist() == [False, False]
 
@@ -101,8 +101,10 @@ def test_an_empty_image_counts_with_its_score_and_is_counted(timed):
 
 def test_one_trial_has_points_and_no_intervals(timed):
     (point,) = summarise_points(timed(n_trials=1, a=(0.01, 1.0)), ()).to_dict("records")
-    assert (point["deviation_mean"], point["time_s"], point["is_on_frontier"]) == (1.0, 0.01, True)
-    assert np.isnan([point[f"{name}"] for name in ("deviation_low", "deviation_high", "time_low_s")]).all()
+    assert (point["hausdorff_sum_m_mean"], point["time_s"], point["is_on_frontier"]) == (1.0, 0.01, True)
+    assert np.isnan(
+        [point[f"{name}"] for name in ("hausdorff_sum_m_low", "hausdorff_sum_m_high", "time_low_s")]
+    ).all()
 
 
 def test_rows_whose_time_does_not_count_make_no_points(timed):
@@ -138,6 +140,6 @@ def test_many_scenarios_are_trials_of_one_and_each_counts_once(timed):
     a, b = summarise_times(rows).to_dict("records")
     assert {a["scenario"], b["scenario"]} == {"13 scenarios as trials"}
     assert (a["n_trials"], a["n_failed"], b["n_failed"]) == (13, 0, 1)
-    assert a["deviation_mean"] == pytest.approx(8.0)
+    assert a["hausdorff_sum_m_mean"] == pytest.approx(8.0)
     assert a["time_s"] == pytest.approx(0.14)
     assert (a["is_on_frontier"], b["is_complete"]) == (True, False)

@@ -11,7 +11,7 @@ const buildTime = (root) => {
   };
   const figure = new Figure({
     title: "Run time against error",
-    label: "Median time over mean deviation, with intervals",
+    label: "Median time over mean Hausdorff sum, with intervals",
     height: 470,
     onClick: (point) => setState({ bar: point.customdata }, true),
   });
@@ -55,9 +55,9 @@ const buildTime = (root) => {
             "time_s",
             "time_low_s",
             "time_high_s",
-            "deviation_mean",
-            "deviation_low",
-            "deviation_high",
+            "hausdorff_sum_m_mean",
+            "hausdorff_sum_m_low",
+            "hausdorff_sum_m_high",
             "peak_memory_mib",
             "n_trials",
             "n_failed",
@@ -82,7 +82,7 @@ const buildTime = (root) => {
         type: "scatter",
         mode: "markers+text",
         x: [one.time_s],
-        y: [one.deviation_mean],
+        y: [one.hausdorff_sum_m_mean],
         text: [plain(one.label, 28)],
         textposition: "top right",
         customdata: [one.label],
@@ -93,14 +93,14 @@ const buildTime = (root) => {
           line: { width: one.is_on_frontier ? 2.5 : 0, color: css("fg") },
         },
         error_x: error("time_s", "time_low_s", "time_high_s"),
-        error_y: error("deviation_mean", "deviation_low", "deviation_high"),
+        error_y: error("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
         hovertemplate: "%{text}: %{x:.3g} s, %{y:.3g}<extra></extra>",
         showlegend: false,
       };
     });
     figure.draw(traces, {
       xaxis: axis(axisNote("time of an estimate [s]", true)),
-      yaxis: axis({ title: { text: "imaging deviation" }, rangemode: "tozero" }),
+      yaxis: axis({ title: { text: "Hausdorff sum [m]" }, rangemode: "tozero" }),
     });
     const names2 = unique(stages.flatMap((one) => Object.keys(one))).filter((name) => /^time_(?!estimate|spread).*_s_median$/.test(name));
     const shown = stages.filter(
