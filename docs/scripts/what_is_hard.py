@@ -22,7 +22,7 @@ from isacbench import load_scenario, score
 from isacbench.bench.studies.intervals import student_band
 from isacbench.bench.studies.resolution_study import pair
 from isacbench.link.sensing.echo_waveform import observe_waveform
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
+from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.echo import Simulator
 from isacbench.model.observation import Observation
 from isacbench.model.radio_coordinates import draw_place
@@ -123,12 +123,12 @@ def measure() -> pd.DataFrame:
         observation, truth = observe(shot.snr_db), scenario.truth
         given = {"region": scenario.region, "radius_m": scenario.radius_m}
         best = score(truth, ORACLE.estimate(observation, truth), **given)
-        best_m = max(sum(best[column] for column in HAUSDORFF_COLUMNS), 0.3)
+        best_m = max(sum(best[column] for column in PROJECTIONS), 0.3)
         for name, estimator in ESTIMATORS.items():
             found = score(truth, estimator.estimate(observation), **given)
             both = found["precision"] + found["recall"]
             f_score = 2 * found["precision"] * found["recall"] / both if both else 0.0
-            ratio = sum(found[column] for column in HAUSDORFF_COLUMNS) / best_m
+            ratio = sum(found[column] for column in PROJECTIONS) / best_m
             rows.append((shot.axis, shot.value, shot.scene, name, f_score, ratio))
     return pd.DataFrame(rows, columns=["axis", "value", "scene", "estimator", "F", "ratio"])
 

@@ -1,9 +1,7 @@
 """Metrics: scores of a point cloud against the truth."""
 
 __all__ = [
-    "cloud_scores",
     "descriptions",
-    "deviation",
     "geometry",
     "gospa",
     "object_scores",

@@ -6,9 +6,8 @@ import math
 from statistics import mean, pstdev
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS, pair_deviation
 from isacbench.metrics.geometry import CloudPair
-from isacbench.metrics.paper import Paper
+from isacbench.metrics.paper import Paper, deviation_scores
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -22,8 +21,7 @@ EVERY = 4
 """Of the realisations, every fourth one is scored by all metrics: 16 of 64, which are a lattice, too."""
 
 SPREAD_COLUMNS = {
-    name: f"{name}_spread"
-    for name in ("hausdorff_sum_m", "n_estimated", *(column.name for column in Paper.columns))
+    name: f"{name}_spread" for name in ("n_estimated", *(column.name for column in Paper.columns))
 }
 """Columns with the spreads of the scores of the metric ``paper``, by score."""
 
@@ -75,7 +73,6 @@ def score_realisations(
         for name, values in columns.items()
     }
     means |= {name: round(means[name]) for name in COUNTS}
-    columns["hausdorff_sum_m"] = [sum(row[name] for name in HAUSDORFF_COLUMNS) for row in rows]
     spreads = {
         name: math.nan if math.isnan(sum(columns[name])) else pstdev(columns[name])  # which takes no NaN
         for name in SPREAD_COLUMNS
@@ -101,7 +98,7 @@ def nearest_to_mean(
         Index of the cloud; the first one of several.
     """
     pairs = (CloudPair(truth, cloud, region, velocity_bin_mps) for cloud in clouds)
-    return _nearest([pair_deviation(pair).deviation for pair in pairs])
+    return _nearest([deviation_scores(pair)["deviation"] for pair in pairs])
 
 
 def _mean_of_known(values: Sequence[float]) -> float:

@@ -2,6 +2,7 @@
 
 from functools import cache
 from itertools import product
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,9 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.oracle import Oracle
 from scipy.stats import ttest_rel
 
-from isacbench.metrics.cloud_scores import cloud_scores
-from isacbench.metrics.deviation import Deviation, paper_deviation
 from isacbench.model.echo import Simulator, observe_echo
 from isacbench.model.scenes.scenario import load_scenario
+from tests.single_scores import paper_scores
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ SNRS_DB = list(range(-30, 21, 5))
 N_TRIALS = 10
 SIGNIFICANCE = 0.05
 
-_done: dict[tuple[str, str, int], list[Deviation]] = {}
+_done: dict[tuple[str, str, int], list[SimpleNamespace]] = {}
 
 
 def deviations(scenario_name, estimator, snr_db):
@@ -40,7 +40,7 @@ def deviations(scenario_name, estimator, snr_db):
                 observation = simulator.observe(other_snr_db, trial)
                 for one in (Music2d(), Fft4d()):
                     cloud = one.estimate(observation)
-                    found = paper_deviation(scenario.truth, cloud, scenario.region, system.velocity_bin_mps)
+                    found = paper_scores(scenario.truth, cloud, scenario.region, system.velocity_bin_mps)
                     _done[scenario_name, one.name, other_snr_db].append(found)
     return _done[scenario_name, estimator, snr_db]
 
@@ -93,7 +93,7 @@ def one_deviation(scenario, estimator, snr_db):
     """Imaging deviation of an image."""
     cloud = estimator.estimate(observe_echo(scenario, snr_db))
     bin_mps = scenario.system.velocity_bin_mps
-    return paper_deviation(scenario.truth, cloud, scenario.region, bin_mps).deviation
+    return paper_scores(scenario.truth, cloud, scenario.region, bin_mps).deviation
 
 
 @SCENARIOS
@@ -137,9 +137,8 @@ def street_means(snr_db):
 def scores(scenario, cloud):
     """Scores of a cloud, in the order of `Means`."""
     truth, region = scenario.truth, scenario.region
-    found = paper_deviation(truth, cloud, region, scenario.system.velocity_bin_mps)
-    others = cloud_scores(truth, cloud, region)
-    return found.hausdorff_sum_m, found.density, found.velocity_nmse, others.gospa_m, others.precision
+    found = paper_scores(truth, cloud, region, scenario.system.velocity_bin_mps)
+    return found.hausdorff_sum_m, found.density, found.velocity_nmse, found.gospa_m, found.precision
 
 
 @pytest.mark.parametrize(("score", "ratio"), [("hausdorff_sum_m", 1.35), ("gospa_m", 1.05)])

@@ -14,7 +14,6 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench_algorithms.omp4d import Omp4d
 
-from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import observe_echo
 from isacbench.model.scenes.scenario import load_scenario
@@ -22,6 +21,7 @@ from isacbench.plugins.contracts import Needs, needs_of
 from tests.algorithms import scenes
 from tests.algorithms.scenes import BASE_M, SYSTEM, XYZ
 from tests.conftest import few
+from tests.single_scores import paper_scores
 
 ARRAY = VirtualArray((2, 2), (4, 6), 4, 1)
 simulator = partial(scenes.simulator, array=ARRAY)
@@ -123,6 +123,6 @@ def test_two_of_one_range_and_speed_are_paired_by_what_column_and_row_have_in_co
 def test_the_street_is_imaged_by_31_of_256_elements(estimator, limit_m):
     scenario = load_scenario("street")
     cloud = estimator(integration="element").estimate(OneCross(observe_echo(scenario, 10.0)))
-    found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
+    found = paper_scores(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < limit_m
     assert found.velocity_nmse < 2e-3

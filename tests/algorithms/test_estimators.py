@@ -17,13 +17,13 @@ from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.dsp.windows import Window
 from isacbench.errors import InputError
-from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.echo import Simulator, observe_echo
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Diagnoser, Estimator
 from tests.algorithms.scenes import BASE_M, NOTHING, REGION, SYSTEM, VELOCITY, XYZ, simulator
 from tests.conftest import few, slow_but
+from tests.single_scores import paper_scores
 
 BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
 CROSSES = Music2d(integration="element"), Fft4d(integration="element")
@@ -224,7 +224,7 @@ def test_a_diagnosis_of_an_empty_scene_has_a_map_and_no_cell(estimator):
 def test_the_street_is_imaged_at_full_size(estimator, limit_m):
     scenario = load_scenario("street")
     cloud = estimator().estimate(observe_echo(scenario, 10.0))
-    found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
+    found = paper_scores(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < limit_m
     assert found.velocity_nmse < 2e-3
 

@@ -14,7 +14,6 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.errors import InputError
-from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
@@ -22,6 +21,7 @@ from isacbench.model.region import Region
 from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms.scenes import NOTHING, simulator
 from tests.conftest import few, slow_but
+from tests.single_scores import paper_scores
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 
@@ -241,7 +241,7 @@ def test_wrong_parameters_of_one_method_are_refused():
 def test_the_street_is_imaged_at_full_size(estimator):
     scenario = load_scenario("street")
     cloud = estimator().estimate(observe_echo(scenario, 10.0))
-    found = paper_deviation(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
+    found = paper_scores(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < 9
     # With music2d_joint, nearest to some scatterers of a car is a point of the static street.
     assert found.velocity_nmse < (0.05 if estimator is Music2dJoint else 2e-3)

@@ -11,7 +11,6 @@ from isacbench_algorithms.chance import Chance
 from isacbench_algorithms.oracle import Oracle, lattice_offsets
 
 from isacbench.errors import InputError
-from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
@@ -19,6 +18,7 @@ from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import TruthEstimator, is_reference
 from tests.algorithms.scenes import BASE_M, REGION, SYSTEM, simulator
 from tests.conftest import few
+from tests.single_scores import paper_scores
 
 CELL = np.array([SYSTEM.range_bin_m, SYSTEM.velocity_bin_mps, 2 / 8, 2 / 8])
 
@@ -70,7 +70,7 @@ def numbers(oracle, scenario):
     """Hausdorff sum and number of points of every realisation, shape (64, 2)."""
     truth, bin_mps = scenario.truth, scenario.system.velocity_bin_mps
     clouds = oracle.realisations(scenario, truth)
-    scores = [paper_deviation(truth, cloud, scenario.region, bin_mps) for cloud in clouds]
+    scores = [paper_scores(truth, cloud, scenario.region, bin_mps) for cloud in clouds]
     return np.array(
         [(score.hausdorff_sum_m, len(cloud)) for score, cloud in zip(scores, clouds, strict=True)]
     )
@@ -293,7 +293,7 @@ def test_the_estimate_is_the_realisation_nearest_to_the_mean_deviation(reference
     truth, bin_mps = scenario.truth, scenario.system.velocity_bin_mps
     cloud = reference.estimate(Simulator(scenario).observe(0.0), truth)
     clouds = reference.realisations(scenario, truth)
-    scores = [paper_deviation(truth, other, scenario.region, bin_mps).deviation for other in clouds]
+    scores = [paper_scores(truth, other, scenario.region, bin_mps).deviation for other in clouds]
     nearest = clouds[int(np.argmin(np.abs(np.array(scores) - np.mean(scores))))]
     np.testing.assert_array_equal(cloud.to_array(), nearest.to_array())
 

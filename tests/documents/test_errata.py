@@ -15,7 +15,6 @@ from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steeri
 from isacbench.dsp.angles.model_order import eigenvalue_cfar_order, noise_order
 from isacbench.dsp.cfar.factors import ca_factor, ca_rate, osca_factor, osca_rate, paper_factor
 from isacbench.link.waveform.ofdm import layout
-from isacbench.metrics.deviation import paper_deviation
 from isacbench.model.array import VirtualArray, rectangular_positions
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator, echo_parameters, resource_grid
@@ -28,6 +27,7 @@ from isacbench.model.scene import Scatterers, Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import build_estimator
 from isacbench.plugins.scoring import score
+from tests.single_scores import paper_scores
 
 DOCS = Path(__file__).parents[2] / "docs"
 BASE_M = np.array([0.0, 100.0, 0.0])
@@ -333,11 +333,11 @@ def test_velocity_nmse():
     static = PointCloud([[0, 0, 0], [1, 1, 1]], [0, 0], [1, 1])
     bin_mps = 1.5
     off = PointCloud(static.xyz, [bin_mps, 0], [1, 1])
-    assert paper_deviation(static, static, velocity_bin_mps=bin_mps).velocity_nmse == 0
-    assert paper_deviation(static, off, velocity_bin_mps=bin_mps).velocity_nmse == pytest.approx(0.5)
+    assert paper_scores(static, static, velocity_bin_mps=bin_mps).velocity_nmse == 0
+    assert paper_scores(static, off, velocity_bin_mps=bin_mps).velocity_nmse == pytest.approx(0.5)
     missed = off.select(np.array([0]))
-    assert paper_deviation(static, missed, velocity_bin_mps=bin_mps).velocity_nmse == pytest.approx(1)
-    assert paper_deviation(static, PointCloud.empty(), velocity_bin_mps=bin_mps).velocity_nmse == 1
+    assert paper_scores(static, missed, velocity_bin_mps=bin_mps).velocity_nmse == pytest.approx(1)
+    assert paper_scores(static, PointCloud.empty(), velocity_bin_mps=bin_mps).velocity_nmse == 1
 
 
 @pytest.mark.parametrize("detector", [CaCfar(), OscaCfar(), OscaCfar(order_axis=1)])
@@ -363,7 +363,7 @@ def test_which_method_wins():
         for trial in range(5):
             observation = simulator.observe(snr_db, trial)
             music, fft = (
-                paper_deviation(
+                paper_scores(
                     scenario.truth, estimator.estimate(observation), scenario.region, bin_mps
                 ).deviation
                 for estimator in (Music2d(), Fft4d())

@@ -12,12 +12,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics.cloud_scores import cloud_scores
 from isacbench.metrics.geometry import hausdorff_m
 from isacbench.metrics.gospa import gospa_m
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 from isacbench.plugins.scoring import score
+from tests.single_scores import paper_scores
 
 
 def clouds(min_size=0):
@@ -52,8 +52,8 @@ def test_gospa_is_the_minimum_over_all_assignments_symmetric_and_bounded(truth, 
 
 @given(truth=clouds(min_size=1), estimate=clouds(), unit=st.sampled_from([0.25, 2.0, 4.0]))
 def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(truth, estimate, unit):
-    one = cloud_scores(truth, estimate)
-    scaled = cloud_scores(cloud_at(unit * truth.xyz), cloud_at(unit * estimate.xyz), radius_m=unit)
+    one = paper_scores(truth, estimate)
+    scaled = paper_scores(cloud_at(unit * truth.xyz), cloud_at(unit * estimate.xyz), radius_m=unit)
     assert scaled.gospa_m == pytest.approx(unit * one.gospa_m, abs=1e-12)
     assert (scaled.precision, scaled.recall) == (one.precision, one.recall)
 
@@ -61,7 +61,7 @@ def test_scores_with_another_radius_are_those_of_clouds_in_another_unit(truth, e
 @pytest.mark.parametrize("radius_m", [0.0, -1.0, math.inf, math.nan, 1e-200])
 def test_a_radius_that_is_none_is_refused(radius_m):
     with pytest.raises(InputError, match="radius_m"):
-        cloud_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
+        paper_scores(cloud_at([[0, 0, 0]]), PointCloud.empty(), radius_m=radius_m)
 
 
 @pytest.mark.parametrize("width_m", [0, 0.4, 2, 20])
@@ -97,7 +97,7 @@ def test_clouds_too_dense_for_a_matching_have_all_other_scores_and_one_warning(m
     rng = np.random.default_rng(2)
     truth, estimate = cloud_at(rng.uniform(size=(300, 3))), cloud_at(rng.uniform(size=(200, 3)))
     with pytest.warns(InputWarning, match="GOSPA of 300 true and 200 estimated points is left out") as warned:
-        found = cloud_scores(truth, estimate)
+        found = paper_scores(truth, estimate)
     assert len(warned) == 1
     assert math.isnan(found.gospa_m)
     assert math.isfinite(found.chamfer_m)
@@ -143,10 +143,9 @@ def test_gospa_of_hand_worked_clouds():
 def test_chamfer_precision_and_recall_equal_plain_loops(truth, estimate):
     forward = [min(math.dist(p, q) for q in estimate.xyz) for p in truth.xyz]
     backward = [min(math.dist(p, q) for p in truth.xyz) for q in estimate.xyz]
-    found = cloud_scores(truth, estimate)
-    assert found.completeness_m == pytest.approx(sum(forward) / len(forward), abs=1e-12)
-    assert found.accuracy_m == pytest.approx(sum(backward) / len(backward), abs=1e-12)
-    assert found.chamfer_m == pytest.approx((found.completeness_m + found.accuracy_m) / 2)
+    found = paper_scores(truth, estimate)
+    both = sum(forward) / len(forward) + sum(backward) / len(backward)
+    assert found.chamfer_m == pytest.approx(both / 2, abs=1e-12)
     if not any(abs(distance - 1) < 1e-12 for distance in (*forward, *backward)):
         assert found.recall == pytest.approx(sum(distance <= 1 for distance in forward) / len(forward))
         assert found.precision == pytest.approx(sum(distance <= 1 for distance in backward) / len(backward))
@@ -155,12 +154,13 @@ def test_chamfer_precision_and_recall_equal_plain_loops(truth, estimate):
 
 @given(truth=clouds(min_size=1))
 def test_the_truth_scores_perfectly_against_itself(truth):
-    found = vars(cloud_scores(truth, truth))
-    assert found == {name: float(name in ("precision", "recall")) for name in found}
+    found = vars(paper_scores(truth, truth))
+    assert (found["precision"], found["recall"]) == (1, 1)
+    assert all(found[name] == 0 for name in found if not name.startswith(("n_", "precision", "recall")))
 
 
 def test_a_point_at_one_metre_counts_as_found():
-    found = cloud_scores(cloud_at([[0, 0, 0]]), cloud_at([[1, 0, 0], [0, 1.001, 0]]))
+    found = paper_scores(cloud_at([[0, 0, 0]]), cloud_at([[1, 0, 0], [0, 1.001, 0]]))
     assert (found.precision, found.recall) == (0.5, 1)
 
 
@@ -174,26 +174,25 @@ def test_neither_translation_nor_order_matters_and_swapping_swaps_the_directions
     truth, estimate, shift, seed
 ):
     rng = np.random.default_rng(seed)
-    here = cloud_scores(truth, estimate)
-    there = cloud_scores(cloud_at(truth.xyz + shift), cloud_at(estimate.xyz + shift))
+    here = paper_scores(truth, estimate)
+    there = paper_scores(cloud_at(truth.xyz + shift), cloud_at(estimate.xyz + shift))
     assert there.chamfer_m == pytest.approx(here.chamfer_m, abs=1e-9)
     assert there.gospa_m == pytest.approx(here.gospa_m, abs=1e-6)
-    mixed = cloud_scores(cloud_at(rng.permutation(truth.xyz)), cloud_at(rng.permutation(estimate.xyz)))
+    mixed = paper_scores(cloud_at(rng.permutation(truth.xyz)), cloud_at(rng.permutation(estimate.xyz)))
     assert mixed.chamfer_m == pytest.approx(here.chamfer_m)
     assert mixed.gospa_m == pytest.approx(here.gospa_m)
     assert (mixed.precision, mixed.recall) == (here.precision, here.recall)
-    back = cloud_scores(estimate, truth)
-    assert (here.accuracy_m, here.precision) == (back.completeness_m, back.recall)
+    back = paper_scores(estimate, truth)
+    assert (here.precision, here.recall) == (back.recall, back.precision)
     assert here.chamfer_m == pytest.approx(back.chamfer_m)
 
 
 @given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
 def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(truth, estimate):
     region = Region(x_m=(-1.5, 1.5), y_m=(-1.5, 1.5), z_m=(-1.5, 1.5), speed_mps=(0, 0))
-    empty, found = (cloud_scores(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
+    empty, found = (paper_scores(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
     # A mean of equal distances can round up by a last digit.
-    assert empty.accuracy_m >= found.accuracy_m - 1e-12
-    assert empty.completeness_m >= found.completeness_m - 1e-12
+    assert empty.chamfer_m >= found.chamfer_m - 1e-12
     assert empty.precision <= found.precision
     assert empty.recall <= found.recall
     assert empty.gospa_m == pytest.approx(gospa_m(truth, PointCloud.empty()))
@@ -201,4 +200,4 @@ def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(truth, e
 
 def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty"):
-        cloud_scores(PointCloud.empty(), cloud_at([[0, 0, 0]]))
+        paper_scores(PointCloud.empty(), cloud_at([[0, 0, 0]]))

@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.metrics.deviation import Deviation, paper_deviation
+from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.paper import deviation_scores
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
+from tests.single_scores import paper_scores
 
 PROJECTIONS = {"hausdorff_xy_m": (0, 1), "hausdorff_xz_m": (0, 2), "hausdorff_yz_m": (1, 2)}
 
@@ -21,6 +23,10 @@ def clouds(min_size=1, lattice=False):
     number = st.integers(-2, 2) if lattice else st.floats(-100, 100, allow_subnormal=False)
     rows = st.lists(st.tuples(number, number, number, number), min_size=min_size, max_size=8)
     return rows.map(lambda found: PointCloud.from_array(np.array(found, dtype=float).reshape(-1, 4)))
+
+
+def components(scores):
+    return [getattr(scores, name) for name in (*PROJECTIONS, "density", "velocity_nmse")]
 
 
 any_clouds = clouds() | clouds(lattice=True)
@@ -53,7 +59,7 @@ def nmse_by_loops(truth, estimate, bin_mps):
 
 @given(truth=any_clouds, estimate=any_clouds)
 def test_every_component_equals_plain_loops(truth, estimate):
-    found = paper_deviation(truth, estimate, velocity_bin_mps=2.0)
+    found = paper_scores(truth, estimate, velocity_bin_mps=2.0)
     for name, axes in PROJECTIONS.items():
         expected = hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes])
         assert getattr(found, name) == pytest.approx(expected, abs=1e-9)
@@ -65,12 +71,12 @@ def test_every_component_equals_plain_loops(truth, estimate):
 
 @given(truth=any_clouds, estimate=any_clouds, seed=st.integers(0, 99))
 def test_the_truth_has_no_deviation_and_neither_order_nor_swapping_matters(truth, estimate, seed):
-    assert paper_deviation(truth, truth) == Deviation(0, 0, 0, 0, 0)
+    assert components(paper_scores(truth, truth)) == [0, 0, 0, 0, 0]
     rng = np.random.default_rng(seed)
-    forth, back = paper_deviation(truth, estimate), paper_deviation(estimate, truth)
+    forth, back = paper_scores(truth, estimate), paper_scores(estimate, truth)
     for name in PROJECTIONS:
         assert getattr(forth, name) == getattr(back, name)
-    shuffled = paper_deviation(
+    shuffled = paper_scores(
         truth.select(rng.permutation(len(truth))), estimate.select(rng.permutation(len(estimate)))
     )
     assert shuffled.deviation == pytest.approx(forth.deviation)
@@ -80,8 +86,8 @@ def test_the_truth_has_no_deviation_and_neither_order_nor_swapping_matters(truth
     truth=clouds(lattice=True), estimate=clouds(lattice=True), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3)
 )
 def test_translation_does_not_matter_even_where_points_are_equally_near(truth, estimate, shift):
-    there = paper_deviation(moved(truth, [*shift]), moved(estimate, [*shift]))
-    assert there.deviation == pytest.approx(paper_deviation(truth, estimate).deviation, abs=1e-9)
+    there = paper_scores(moved(truth, [*shift]), moved(estimate, [*shift]))
+    assert there.deviation == pytest.approx(paper_scores(truth, estimate).deviation, abs=1e-9)
 
 
 fraction = st.floats(0, 1)
@@ -103,8 +109,8 @@ def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
     region = Region(*limits, speed_mps=(-1, 1))
     inside = np.clip(region.lower_m + np.array(places) * region.size_m, region.lower_m, region.upper_m)
     estimate = PointCloud(xyz=inside, velocity=np.zeros(len(inside)), power=np.ones(len(inside)))
-    empty = paper_deviation(truth, PointCloud.empty(), region)
-    found = paper_deviation(truth, estimate, region)
+    empty = paper_scores(truth, PointCloud.empty(), region)
+    found = paper_scores(truth, estimate, region)
     for name in PROJECTIONS:
         assert getattr(empty, name) >= getattr(found, name)
     assert (empty.density, empty.velocity_nmse) == (1, 1)
@@ -114,59 +120,61 @@ def test_an_empty_cloud_is_never_better_than_points_inside_the_region(
 def test_an_empty_cloud_scores_the_diagonals_of_the_region():
     truth = PointCloud(xyz=[[1, 1, 1]], velocity=[3], power=[1])
     region = Region(x_m=(0, 3), y_m=(0, 4), z_m=(0, 12), speed_mps=(-9, 9))
-    found = paper_deviation(truth, PointCloud.empty(), region)
-    assert found == Deviation(5, math.hypot(3, 12), math.hypot(4, 12), density=1, velocity_nmse=1)
+    found = paper_scores(truth, PointCloud.empty(), region)
+    assert components(found) == [5, math.hypot(3, 12), math.hypot(4, 12), 1, 1]
 
 
 def test_an_empty_cloud_without_a_region_scores_the_diagonals_of_the_truth_grown_by_the_range_of_table_i():
     truth = PointCloud(xyz=[[0, 0, 0], [3, 4, 0]], velocity=[3, 3], power=[1, 1])
     x, y, z = np.array([3, 4, 0]) + 2 * System().unambiguous_range_m
-    expected = Deviation(math.hypot(x, y), math.hypot(x, z), math.hypot(y, z), density=1, velocity_nmse=1)
-    assert vars(paper_deviation(truth, PointCloud.empty())) == pytest.approx(vars(expected))
+    expected = [math.hypot(x, y), math.hypot(x, z), math.hypot(y, z), 1, 1]
+    assert components(paper_scores(truth, PointCloud.empty())) == pytest.approx(expected)
 
 
 def test_a_static_scene_measures_the_velocity_in_bins():
     truth = PointCloud(xyz=np.eye(3), velocity=np.zeros(3), power=np.ones(3))
     estimate = PointCloud(xyz=np.eye(3), velocity=[2, 0, 0], power=np.ones(3))
-    assert paper_deviation(truth, estimate, velocity_bin_mps=4).velocity_nmse == pytest.approx(1 / 12)
+    assert paper_scores(truth, estimate, velocity_bin_mps=4).velocity_nmse == pytest.approx(1 / 12)
     table_i = (2 / System().velocity_bin_mps) ** 2 / 3
-    assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(table_i)
+    assert paper_scores(truth, estimate).velocity_nmse == pytest.approx(table_i)
 
 
 def test_a_rounding_residue_of_the_true_velocity_counts_as_static():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[1e-16], power=[1])
     estimate = PointCloud(xyz=[[0, 0, 0]], velocity=[1], power=[1])
-    assert paper_deviation(truth, estimate, velocity_bin_mps=2).velocity_nmse == pytest.approx(1 / 4)
+    assert paper_scores(truth, estimate, velocity_bin_mps=2).velocity_nmse == pytest.approx(1 / 4)
 
 
 def test_the_nearest_point_in_three_dimensions_gives_the_velocity():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
     estimate = PointCloud(xyz=[[0, 0, 3], [1, 1, 1]], velocity=[10, 5], power=[1, 1])
-    assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(0.25)
+    assert paper_scores(truth, estimate).velocity_nmse == pytest.approx(0.25)
 
 
 def test_of_equally_near_points_the_smallest_velocity_error_counts():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
     for velocity in ([4, 9, 20], [20, 4, 9], [9, 20, 4]):
         estimate = PointCloud(xyz=[[1, 0, 0], [-1, 0, 0], [0, 1, 0]], velocity=velocity, power=[1, 1, 1])
-        assert paper_deviation(truth, estimate).velocity_nmse == pytest.approx(0.01)
+        assert paper_scores(truth, estimate).velocity_nmse == pytest.approx(0.01)
 
 
-def test_the_deviation_is_the_sum_of_its_five_components():
-    found = Deviation(1, 2, 4, 8, 16)
-    assert (found.hausdorff_sum_m, found.deviation) == (7, 31)
+@given(truth=any_clouds, estimate=any_clouds)
+def test_the_deviation_is_the_sum_of_its_five_components(truth, estimate):
+    found = paper_scores(truth, estimate)
+    assert found.hausdorff_sum_m == pytest.approx(sum(components(found)[:3]))
+    assert found.deviation == pytest.approx(sum(components(found)))
 
 
 def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty; a score takes at least one"):
-        paper_deviation(PointCloud.empty(), PointCloud.empty())
+        paper_scores(PointCloud.empty(), PointCloud.empty())
 
 
 @pytest.mark.parametrize("bin_mps", [0, -1, math.nan, math.inf, 1e-200])
 def test_a_velocity_bin_that_is_not_positive_is_refused(bin_mps):
     cloud = PointCloud(xyz=[[0, 0, 0]], velocity=[0], power=[1])
     with pytest.raises(InputError, match=r"velocity_bin_mps = .*: allowed is a positive number of m/s"):
-        paper_deviation(cloud, cloud, velocity_bin_mps=bin_mps)
+        paper_scores(cloud, cloud, velocity_bin_mps=bin_mps)
 
 
 @pytest.mark.parametrize("row", [[1e60, 0, 0, 0], [0, 0, 0, -1e60]])
@@ -175,13 +183,13 @@ def test_magnitudes_whose_squares_overflow_are_refused(row):
     with pytest.raises(
         InputError, match=r"estimate: coordinates and velocities take magnitudes up to 1e\+50"
     ):
-        paper_deviation(near, far)
+        paper_scores(near, far)
 
 
 def test_the_largest_magnitudes_score_finite():
     truth = PointCloud.from_array(np.full((2, 4), 1e50))
     for estimate in (moved(truth, [-2e50] * 3), PointCloud.empty()):
-        assert math.isfinite(paper_deviation(truth, estimate).deviation)
+        assert math.isfinite(paper_scores(truth, estimate).deviation)
 
 
 def test_many_scatterers_and_points_at_few_places_have_the_nearest_velocity_of_their_place():
@@ -193,5 +201,5 @@ def test_many_scatterers_and_points_at_few_places_have_the_nearest_velocity_of_t
         np.abs(velocities[1][here == place] - v).min() for place, v in zip(here, velocities[0], strict=True)
     ]
     energy = np.square(velocities[0]).sum()
-    found = paper_deviation(truth, estimate).velocity_nmse
+    found = deviation_scores(CloudPair(truth, estimate))["velocity_nmse"]
     assert found == pytest.approx(np.square(expected).sum() / energy)

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.metrics.repository import RepositoryDeviation, repository_deviation
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
+from tests.single_scores import repository_scores
 
 coordinate = st.floats(-50, 50, allow_subnormal=False) | st.integers(-2, 2).map(float)
 speed = st.integers(-3, 3).map(float)
@@ -43,7 +43,7 @@ def velocity_by_loops(true, estimated):
 
 @given(truth=clouds, estimate=clouds)
 def test_every_component_equals_plain_loops(truth, estimate):
-    found = repository_deviation(truth, estimate)
+    found = repository_scores(truth, estimate)
     position = sum(
         hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes]) for axes in ([0], [1], [0, 2])
     )
@@ -68,30 +68,30 @@ def test_every_component_equals_plain_loops(truth, estimate):
     ],
 )
 def test_hand_worked_velocities(true, estimated, expected):
-    assert repository_deviation(at_origin(true), at_origin(estimated)).velocity == pytest.approx(expected)
+    assert repository_scores(at_origin(true), at_origin(estimated)).velocity == pytest.approx(expected)
 
 
 def test_a_hand_worked_position():
     truth = PointCloud(xyz=[[0, 0, 0], [10, 2, 0]], velocity=[1, 1], power=[1, 1])
     estimate = PointCloud(xyz=[[0, 5, 4]], velocity=[1], power=[1])
     # x: 10 from the second scatterer; y: 5 from the first; xz: hypot(10, 4) from the second.
-    assert repository_deviation(truth, estimate).position == pytest.approx(10 + 5 + math.hypot(10, 4))
+    assert repository_scores(truth, estimate).position == pytest.approx(10 + 5 + math.hypot(10, 4))
 
 
 @given(truth=clouds, estimate=clouds, seed=st.integers(0, 99))
 def test_the_truth_has_no_deviation_and_the_order_of_the_points_does_not_matter(truth, estimate, seed):
-    assert repository_deviation(truth, truth) == RepositoryDeviation(0, 0, 0)
+    assert repository_scores(truth, truth).deviation == 0
     rng = np.random.default_rng(seed)
-    shuffled = repository_deviation(
+    shuffled = repository_scores(
         truth.select(rng.permutation(len(truth))), estimate.select(rng.permutation(len(estimate)))
     )
-    assert shuffled == repository_deviation(truth, estimate)
+    assert shuffled == repository_scores(truth, estimate)
 
 
 @given(truth=clouds, estimate=clouds)
 def test_an_empty_cloud_is_never_better_than_points_inside_the_region(truth, estimate):
     region = Region(x_m=(-50, 50), y_m=(-50, 50), z_m=(-50, 50), speed_mps=(-3, 3))
-    empty, found = (repository_deviation(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
+    empty, found = (repository_scores(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
     assert empty.position >= found.position
     assert empty.velocity >= found.velocity
     assert empty.density == 1
@@ -101,16 +101,16 @@ def test_an_empty_cloud_is_never_better_than_points_inside_the_region(truth, est
 def test_an_empty_cloud_scores_the_extent_of_region_and_truth():
     region = Region(x_m=(0, 3), y_m=(0, 5), z_m=(0, 4), speed_mps=(-10, 20))
     truth = PointCloud(xyz=[[1, 7, 1]], velocity=[30], power=[1])
-    found = repository_deviation(truth, PointCloud.empty(), region)
-    assert found == RepositoryDeviation(position=3 + 7 + 5, velocity=20, density=1)
+    found = repository_scores(truth, PointCloud.empty(), region)
+    assert (found.position, found.velocity, found.density) == (3 + 7 + 5, 20, 1)
 
 
 def test_an_empty_cloud_without_a_region_scores_half_the_width_of_the_unambiguous_and_true_speeds():
     largest_mps = System().unambiguous_speed_mps
-    assert repository_deviation(at_origin([8]), PointCloud.empty()).velocity == largest_mps
-    assert repository_deviation(at_origin([300]), PointCloud.empty()).velocity == (largest_mps + 300) / 2
+    assert repository_scores(at_origin([8]), PointCloud.empty()).velocity == largest_mps
+    assert repository_scores(at_origin([300]), PointCloud.empty()).velocity == (largest_mps + 300) / 2
 
 
 def test_an_empty_truth_is_refused():
     with pytest.raises(InputError, match="truth: the cloud is empty"):
-        repository_deviation(PointCloud.empty(), at_origin([1]))
+        repository_scores(PointCloud.empty(), at_origin([1]))

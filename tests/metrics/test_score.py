@@ -7,9 +7,6 @@ import pandas as pd
 import pytest
 
 from isacbench.errors import InputError
-from isacbench.metrics.cloud_scores import cloud_scores
-from isacbench.metrics.deviation import paper_deviation
-from isacbench.metrics.repository import repository_deviation
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
@@ -33,19 +30,6 @@ def test_the_answer_has_the_columns_of_the_table(pair, metric):
     assert list(found) == list(METRICS[metric])
     assert (found["n_true"], found["n_estimated"]) == (40, 30)
     assert all(type(found[name]) is (int if name.startswith("n_") else float) for name in found)
-
-
-def test_paper_scores_are_those_of_the_single_metrics(pair):
-    found = score(*pair)
-    deviation, beside = paper_deviation(*pair), cloud_scores(*pair)
-    for name in set(found) - {"n_true", "n_estimated"}:
-        assert found[name] == getattr(deviation if hasattr(deviation, name) else beside, name)
-
-
-def test_repository_scores_are_those_of_the_single_metric(pair):
-    found, expected = score(*pair, "repository"), repository_deviation(*pair)
-    for name in set(found) - {"n_true", "n_estimated"}:
-        assert found[name] == getattr(expected, name)
 
 
 @pytest.mark.parametrize("metric", METRICS)

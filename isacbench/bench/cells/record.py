@@ -13,7 +13,7 @@ from isacbench.added_fields import added_field, values_before
 from isacbench.display import brief
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
+from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
@@ -301,7 +301,7 @@ def with_added(records: pd.DataFrame) -> pd.DataFrame:
 
 def _with_sums(records: pd.DataFrame) -> pd.DataFrame:
     """Fill the Hausdorff sums of older rows."""
-    if not {*HAUSDORFF_COLUMNS} <= {*records}:
+    if not {*PROJECTIONS} <= {*records}:
         return records
-    sums_m = records[HAUSDORFF_COLUMNS].sum(axis=1, skipna=False)
+    sums_m = records[[*PROJECTIONS]].sum(axis=1, skipna=False)
     return records.assign(hausdorff_sum_m=records["hausdorff_sum_m"].fillna(sums_m))

@@ -18,7 +18,7 @@ from isacbench.bench.studies.study import (
     require_scatterers,
 )
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
+from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.radio_coordinates import gain_db
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 GROUP = ["scenario", "estimator", "params", "snr_db"]
 AVERAGED = [
     "n_estimated",
-    *HAUSDORFF_COLUMNS,
+    *PROJECTIONS,
     "hausdorff_sum_m",
     "density",
     "velocity_nmse",

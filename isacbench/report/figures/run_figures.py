@@ -17,7 +17,7 @@ from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputWarning
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted
-from isacbench.metrics.deviation import HAUSDORFF_COLUMNS
+from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.radio_coordinates import median_gain_db
@@ -277,6 +277,6 @@ def _images(results: Results, scenario: str, trial: int) -> dict[Hashable, Image
 def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
     """Cloud of one cell, and what came of it."""
     if record["status"] == "ok":
-        hausdorff_m = record[HAUSDORFF_COLUMNS].sum()
+        hausdorff_m = record[[*PROJECTIONS]].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
     return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))

@@ -98,11 +98,11 @@ def _pooled(rows: pd.DataFrame) -> pd.DataFrame:
     if n_scenarios <= MANY_SCENARIOS:
         return rows
     groups = rows.assign(failed=failed(rows)).groupby(POINT, sort=False)
-    table, has_failed = groups.first(), groups["failed"].any()
+    has_failed = groups["failed"].any()
     numbers = rows.select_dtypes(np.float64).columns.drop("snr_db", errors="ignore").tolist()
-    table[numbers] = groups[numbers].mean()[~has_failed]
-    table["status"] = table["status"].mask(has_failed, "error")
-    table = table.reset_index()
+    others = groups.first().drop(columns=numbers)
+    others["status"] = others["status"].mask(has_failed, "error")
+    table = pd.concat([others, groups[numbers].mean()[~has_failed]], axis=1).reset_index()
     return table.assign(
         trial=pd.factorize(table["scenario"])[0], scenario=f"{n_scenarios} scenarios as trials"
     )

@@ -1,0 +1,470 @@
+"""Write the tables of measured numbers into README and docs, from the rows committed in results/reference.
+
+    python docs/scripts/tables.py
+
+A page has a table between ``<!-- table NAME -->`` and ``<!-- end -->``. `pytest` fails where a page and
+the rows disagree (tests/documents/test_tables.py).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pandas as pd
+
+from isacbench.bench.compare.matching import RunTable, read_run
+from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
+from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
+from isacbench.bench.studies.detection_study import summarise_detection
+from isacbench.bench.studies.efficiency_study import summarise_efficiency
+from isacbench.bench.studies.imaging_study import summarise_scores
+from isacbench.bench.studies.population_study import ALL, summarise_population
+from isacbench.bench.studies.resolution_study import summarise_resolution
+from isacbench.report.tables.detected_objects import object_means
+from isacbench.report.tables.pareto import summarise_points
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = "README.md", "docs/results.md", "docs/estimators.md", "docs/errata.md", "docs/pareto.md"
+MARKED = re.compile(r"(?<=<!-- table )([\w-]+)( -->\n\n).*?(?=\n<!-- end -->)", re.DOTALL)
+
+Cells = Sequence[str]
+Variant = tuple[str, str]
+VARIANT = ["estimator", "params"]
+TOP_DB = 10.0
+DIMENSIONS = "range", "velocity", "u", "w"
+
+
+@cache
+def rows_of(name: str) -> RunTable:
+    """Rows and manifest of a committed run."""
+    return read_run(ROOT / "results" / "reference" / name)
+
+
+@cache
+def labels_of(name: str) -> dict[Variant, str]:
+    """Estimators of a run by name and parameters, as tables spell them, references last."""
+    records = rows_of(name).records
+    limits, labels = find_limits(records), estimator_labels(variants_in(records))
+    return dict(sorted(labels.items(), key=lambda item: item[0][0] in limits))
+
+
+def competing(name: str) -> dict[Variant, str]:
+    """Estimators of a run that do not see the truth."""
+    limits = find_limits(rows_of(name).records)
+    return {variant: label for variant, label in labels_of(name).items() if variant[0] not in limits}
+
+
+@cache
+def population() -> pd.DataFrame:
+    """Summary of the population."""
+    return summarise_population(rows_of("population").records)
+
+
+def scenes(snr_db: float, family: str = ALL, frame: str = ALL, phases: str = ALL) -> pd.DataFrame:
+    """Rows of the summary, indexed by estimator."""
+    table = population()
+    for name, value in {"snr_db": snr_db, "family": family, "frame": frame, "phases": phases}.items():
+        table = table[table[name] == value]
+    return table.set_index(VARIANT)
+
+
+@cache
+def ranking(snr_db: float) -> Ranking:
+    """Ranks of the population at one SNR."""
+    run = rows_of("population")
+    return rank_table(replace(run, records=run.records[run.records["snr_db"] == snr_db]))
+
+
+def ranks(snr_db: float) -> dict[Variant, str]:
+    """Rank sets over all scenes; empty for references."""
+    table = ranking(snr_db).ranks
+    table = table[table["group"] == table["group"].iloc[0]].set_index(VARIANT)
+    return {
+        variant: "" if row["is_reference"] else rank_text(row["rank_low"], row["rank_high"])
+        for variant, row in table.iterrows()
+    }
+
+
+def snrs_db() -> list[float]:
+    """SNRs of the population, ascending."""
+    return sorted(rows_of("population").records["snr_db"].unique())
+
+
+def number(value: float, form: str = ".2f") -> str:
+    """Write a number; nothing where there is none."""
+    return "" if math.isnan(value) else format(value, form)
+
+
+def percent(value: float) -> str:
+    """Write a share in per cent."""
+    return "" if math.isnan(value) else f"{100 * value:.0f} %"
+
+
+def seconds(time_s: float) -> str:
+    """Write a time in seconds, with two digits."""
+    return f"{time_s:#.2g}".removesuffix(".")
+
+
+def markdown(header: Cells, rows: Iterable[Cells], left: int = 1) -> str:
+    """Lay out a table, its first columns on the left."""
+    rule = ["---"] * left + ["--:"] * (len(header) - left)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [header, rule, *rows])
+
+
+def code(text: str) -> str:
+    """Write a name as code."""
+    return f"`{text}`"
+
+
+def chosen() -> str:
+    """Five estimators of the population at 10 dB."""
+    table = scenes(TOP_DB)
+    rows = []
+    for variant, label in competing("population").items():
+        if label in ("fft4d", "music2d", "esprit2d", "nomp4d", "sbl4d"):
+            row = table.loc[variant]
+            rows.append(
+                [
+                    code(label),
+                    number(row["ratio_median"]),
+                    number(row["f_score_mean"]),
+                    percent(row["objects_detected_mean"]),
+                    number(row["n_objects_false_mean"], ".1f"),
+                    seconds(row["time_estimate_s_median"]),
+                ]
+            )
+    header = ["", "ratio", "F-score", "objects detected", "false objects", "time [s]"]
+    return markdown(header, rows)
+
+
+def over_snr() -> str:
+    """Rank set, ratio and F-score of the population at each SNR."""
+    header, columns = [""], []
+    for snr_db in snrs_db():
+        header += [f"{snr_db:g} dB: rank", "ratio", "F-score", "objects"]
+        columns.append((scenes(snr_db), ranks(snr_db)))
+    rows = []
+    for variant, label in labels_of("population").items():
+        cells = [code(label)]
+        for table, rank in columns:
+            row = table.loc[variant]
+            cells += [rank[variant], number(row["ratio_median"])]
+            cells += [number(row["f_score_mean"]), number(row["objects_f_score_mean"])]
+        rows.append(cells)
+    return markdown(header, rows)
+
+
+def scores() -> str:
+    """Scores of the population at 10 dB."""
+    table, rank, rows = scenes(TOP_DB), ranks(TOP_DB), []
+    header = ["", "rank", "median ratio (95 %)", "Hausdorff sum [m]", "F-score", "precision", "recall"]
+    header += ["GOSPA skill", "velocity error [m/s]", "SSIM", "deviation", "time [s]"]
+    for variant, label in labels_of("population").items():
+        row = table.loc[variant]
+        interval = f" ({row['ratio_low']:.2f} to {row['ratio_high']:.2f})"
+        rows.append(
+            [
+                code(label),
+                rank[variant],
+                number(row["ratio_median"]) + interval,
+                f"{row['hausdorff_sum_m_mean']:.2f} ± {row['hausdorff_sum_m_band']:.2f}",
+                *(
+                    number(row[f"{name}_mean"])
+                    for name in ("f_score", "precision", "recall", "gospa_skill", "velocity_error_mps")
+                ),
+                *(number(row[f"{name}_mean"]) for name in ("ssim", "deviation")),
+                seconds(row["time_estimate_s_median"]),
+            ]
+        )
+    return markdown(header, rows)
+
+
+def objects() -> str:
+    """Objects of the population at 10 dB, by kind."""
+    records = rows_of("population").records
+    means = object_means(records[records["snr_db"] == TOP_DB])
+    kinds = [name for name in means if name.startswith("detected_")]
+    header = ["", "F-score", "detected", "false an image"]
+    header += [name.removeprefix("detected_").replace("_", " ") for name in kinds]
+    header += ["horizontal [m]", "vertical [m]", "velocity [m/s]"]
+    rows = []
+    for variant, label in labels_of("population").items():
+        row = means.loc[variant]
+        cells = [code(label), number(row["objects_f_score"]), percent(row["objects_detected"])]
+        cells += [number(row["n_objects_false"], ".1f"), *(percent(row[name]) for name in kinds)]
+        errors = "objects_horizontal_m", "objects_vertical_m", "objects_velocity_mps"
+        rows.append([*cells, *(number(row[name]) for name in errors)])
+    return markdown(header, rows)
+
+
+def families() -> str:
+    """Median ratio and F-score of each family at 10 dB."""
+    names = [name for name in population()["family"].unique() if name != ALL]
+    tables = {name: scenes(TOP_DB, name) for name in names}
+    rows = []
+    for variant, label in labels_of("population").items():
+        cells = [code(label)]
+        for table in tables.values():
+            row = table.loc[variant]
+            cells.append("; ".join(filter(None, map(number, (row["ratio_median"], row["f_score_mean"])))))
+        rows.append(cells)
+    return markdown(["median ratio; F-score", *names], rows)
+
+
+def conditions() -> str:
+    """Median ratio by frame and phases at 10 dB."""
+    tables = {
+        f"{frame}, {phases}": scenes(TOP_DB, ALL, frame, phases)
+        for frame in ("panel", "paper")
+        for phases in ("in phase", "carrier")
+    }
+    rows = [
+        [code(label), *(number(table.loc[variant]["ratio_median"]) for table in tables.values())]
+        for variant, label in labels_of("population").items()
+    ]
+    return markdown(["median ratio", *tables], rows)
+
+
+def lone() -> str:
+    """Targets of lone scatterers."""
+    tables = [scenes(snr_db, "sparse") for snr_db in snrs_db()]
+    header = ["", *(f"resolved at {snr_db:g} dB" for snr_db in snrs_db())]
+    header += [f"false points an image at {snr_db:g} dB" for snr_db in snrs_db()]
+    rows = [
+        [
+            code(label),
+            *(number(table.loc[variant]["share_resolved_mean"]) for table in tables),
+            *(number(table.loc[variant]["n_false_mean"]) for table in tables),
+        ]
+        for variant, label in competing("population").items()
+    ]
+    return markdown(header, rows)
+
+
+def places() -> str:
+    """Rank set, mean places by family, cost and resolution of each estimator."""
+    found = ranking(TOP_DB)
+    place = found.scores.rank(axis=1, ascending=found.better == "lower")
+    family = place.index.str.partition("[").get_level_values(0)
+    means, rank, table = place.groupby(family, sort=False).mean(), ranks(TOP_DB), scenes(TOP_DB)
+    apart = told_apart()
+    header = ["", "rank", "time [s]", "tells apart", "all", *means.index]
+    rows = []
+    for variant in place.mean().sort_values().index:
+        label = labels_of("population")[variant]
+        cells = [code(label), rank[variant], seconds(table.loc[variant]["time_estimate_s_median"])]
+        cells += [apart[label], number(place[variant].mean(), ".1f")]
+        rows.append([*cells, *(number(value, ".1f") for value in means[variant])])
+    return markdown(header, rows)
+
+
+def told_apart() -> dict[str, str]:
+    """Least distance along u from which nine of ten pairs are told apart, in Rayleigh cells."""
+    table = summarise_resolution(rows_of("resolution").records)
+    table = table[table["dimension"] == "u"].sort_values("separation_cells", ascending=False)
+    found = {}
+    for variant, label in labels_of("resolution").items():
+        own = table[(table[VARIANT] == variant).all(axis=1)]
+        is_told = (own["resolved"] >= 0.9).cummin()
+        found[label] = f"{own['separation_cells'][is_told].min():g} cells" if is_told.any() else "none"
+    return found
+
+
+def street() -> str:
+    """Hausdorff sum and F-score on the paper's streets."""
+    table = summarise_scores(rows_of("paper").records)
+    labels, names = labels_of("paper"), table["scenario"].unique()
+    header = ["SNR [dB]"]
+    header += [f"{name} {code(label)}" for name in names for label in labels.values()]
+    indexed = table.set_index(["scenario", *VARIANT, "snr_db"])
+    rows = []
+    for snr_db in sorted(table["snr_db"].unique()):
+        cells = [f"{snr_db:g}"]
+        for name in names:
+            for variant in labels:
+                row = indexed.loc[(name, *variant, snr_db)]
+                cells.append(f"{row['hausdorff_sum_m_mean']:.1f}; {row['f_score_mean']:.2f}")
+        rows.append(cells)
+    return markdown(header, rows)
+
+
+STREET_SCORES = {  # heading: column, form
+    "points": ("n_estimated", ".0f"),
+    "F-score": ("f_score", ".2f"),
+    "precision": ("precision", ".2f"),
+    "recall": ("recall", ".2f"),
+    "objects: F-score": ("objects_f_score", ".2f"),
+    "GOSPA skill": ("gospa_skill", ".2f"),
+    "velocity error [m/s]": ("velocity_error_mps", ".2f"),
+    "velocity NMSE": ("velocity_nmse", ".1e"),
+    "chamfer [m]": ("chamfer_m", ".2f"),
+    "density": ("density", ".2f"),
+    "SSIM": ("ssim", ".2f"),
+}
+
+
+def street_scores() -> str:
+    """Other scores on the paper's streets at 10 dB."""
+    table = summarise_scores(rows_of("paper").records)
+    table = table[table["snr_db"] == TOP_DB].set_index(["scenario", *VARIANT])
+    names, labels = table.index.get_level_values(0).unique(), labels_of("paper")
+    columns = [(name, *variant) for name in names for variant in labels]
+    header = ["", *(f"{name} {code(label)}" for name in names for label in labels.values())]
+    rows = [
+        [heading, *(number(table.loc[column][f"{score}_mean"], form) for column in columns)]
+        for heading, (score, form) in STREET_SCORES.items()
+    ]
+    return markdown(header, rows)
+
+
+def efficiency() -> str:
+    """Misses, and errors over the Cramér-Rao bound."""
+    table = summarise_efficiency(rows_of("efficiency").records)
+    gains_db = sorted(table["snr_gain_db"].unique())
+    shown_db = [gain_db for gain_db in (20.0, 30.0, 40.0) if gain_db in gains_db]
+    header = ["", *(f"missed at {gain_db:g} dB" for gain_db in (10, 15, 20, 25))]
+    header += [f"{dimension} at {gain_db:g} dB" for gain_db in shown_db for dimension in DIMENSIONS]
+    rows = []
+    for variant, label in labels_of("efficiency").items():
+        own = table[(table[VARIANT] == variant).all(axis=1)].set_index("snr_gain_db")
+        cells = [number(own["n_misses"][gain_db] / own["n_trials"][gain_db]) for gain_db in (10, 15, 20, 25)]
+        cells += [number(own[f"ratio_{name}"][gain_db]) for gain_db in shown_db for name in DIMENSIONS]
+        rows.append([code(label), *cells])
+    return markdown(header, rows)
+
+
+def resolution() -> str:
+    """Shares of pairs told apart, over their distance in each dimension."""
+    table = summarise_resolution(rows_of("resolution").records)
+    cells = sorted(table["separation_cells"].unique())
+    header = ["", "", *(f"{distance:g}" for distance in cells)]
+    rows = []
+    for dimension in DIMENSIONS:
+        for variant, label in labels_of("resolution").items():
+            own = table[(table[VARIANT] == variant).all(axis=1) & (table["dimension"] == dimension)]
+            shares = own.set_index("separation_cells")["resolved"]
+            rows.append([dimension, code(label), *(number(shares[distance]) for distance in cells)])
+    return markdown(header, rows, left=2)
+
+
+def detectors() -> str:
+    """Detectors on the street, and images behind them."""
+    table = summarise_detection(rows_of("detectors").records)
+    table = table[(table["scenario"] == "street") & (table["pfa"] == 1e-3)]
+    table = table[table["snr_db"] == table["snr_db"].max()]
+    own = table[table["estimator"] == ""].set_index("detector")
+    imaged = table[table["estimator"] == "music2d"].set_index("detector")
+    rows = [
+        [
+            code(name),
+            number(own["pd"][name]),
+            f"{own['pfa_measured'][name]:.1e}",
+            number(imaged["deviation_mean"][name]),
+        ]
+        for name in own.index
+    ]
+    header = ["", "P_d of cells", "P_fa of cells", "deviation of `music2d` behind it"]
+    return markdown(header, rows)
+
+
+STEPS = (  # the suite `printed` in its order
+    "as printed",
+    "exact threshold of `osca`",
+    "+ power of all elements",
+    "+ tapered maps",
+    "+ order statistic along Doppler",
+    "+ edge of the noise, `joint` pairing, subarrays of 10",
+    "+ limits on dynamic range",
+    "+ directions that the cell determines: `music2d`",
+    "`fft4d`",
+)
+
+
+def printed() -> str:
+    """Images from the print to the default."""
+    names = "street", "street-coherent"
+    rows = []
+    for step, scores_of in _printed():
+        for snr_db in (-20.0, -5.0, TOP_DB):
+            cells = [_four(scores_of, name, snr_db) for name in names]
+            rows.append([step if snr_db == -20.0 else "", f"{snr_db:g}", *cells])
+    return markdown(["", "SNR [dB]", *names], rows)
+
+
+def transmitter() -> str:
+    """Images with noise of the receivers and of the transmitter."""
+    names = {"street": "noise of the receivers", "street-transmitter-noise": "of the transmitter"}
+    rows = []
+    for step, scores_of in _printed():
+        if step in (STEPS[0], *STEPS[-2:]):
+            for snr_db in (-80.0, -45.0, -20.0, TOP_DB):
+                cells = [_four(scores_of, name, snr_db) for name in names]
+                rows.append([step if snr_db == -80.0 else "", f"{snr_db:g}", *cells])
+    return markdown(["", "SNR [dB]", *names.values()], rows)
+
+
+def _printed() -> list[tuple[str, pd.DataFrame]]:
+    table = summarise_scores(rows_of("printed").records).set_index([*VARIANT, "scenario", "snr_db"])
+    return [(step, table.loc[variant]) for step, variant in zip(STEPS, labels_of("printed"), strict=True)]
+
+
+def _four(table: pd.DataFrame, scenario: str, snr_db: float) -> str:
+    row = table.loc[(scenario, snr_db)]
+    shares = "".join(f", {row[f'{name}_mean']:.2f}" for name in ("precision", "recall", "f_score"))
+    return f"{row['hausdorff_sum_m_mean']:.2f}, {row['n_estimated_mean']:.0f}{shares}"
+
+
+def pareto() -> str:
+    """Time and Hausdorff sum over the scenes of the population; on the frontier in bold."""
+    records = rows_of("population").records
+    points = summarise_points(records.assign(timing=True), find_limits(records)).set_index(
+        [*VARIANT, "snr_db"]
+    )
+    header = ["", *(f"{snr_db:g} dB: time [s]" for snr_db in snrs_db())]
+    header += [f"{snr_db:g} dB: Hausdorff sum [m]" for snr_db in snrs_db()]
+    rows = []
+    for variant, label in competing("population").items():
+        own = [points.loc[(*variant, snr_db)] for snr_db in snrs_db()]
+        cells = [seconds(row["time_s"]) for row in own]
+        for row in own:
+            mean = row["hausdorff_sum_m_mean"]
+            text = f"{mean:.1f} ± {row['hausdorff_sum_m_high'] - mean:.1f}"
+            cells.append(f"**{text}**" if row["is_on_frontier"] else text)
+        rows.append([code(label), *cells])
+    return markdown(header, rows)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "chosen": chosen,
+    "over-snr": over_snr,
+    "scores": scores,
+    "objects": objects,
+    "families": families,
+    "conditions": conditions,
+    "lone": lone,
+    "places": places,
+    "street": street,
+    "street-scores": street_scores,
+    "efficiency": efficiency,
+    "resolution": resolution,
+    "detectors": detectors,
+    "printed": printed,
+    "transmitter": transmitter,
+    "pareto": pareto,
+}
+
+
+def with_tables(text: str) -> str:
+    """Replace the tables of a page by those that the rows give."""
+    return MARKED.sub(lambda found: found[1] + found[2] + TABLES[found[1]](), text)
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        path = ROOT / page
+        path.write_text(with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
