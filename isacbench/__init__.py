@@ -11,12 +11,10 @@ Examples
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from isacbench.checkout import keep_to_checkout
-from isacbench.former_paths import FormerPaths
 
 if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison, compare
@@ -86,9 +84,6 @@ _HOMES = {
     "score": "isacbench.plugins.scoring",
 }
 
-# First in the list: other finders would confuse former packages with present ones of the same name.
-if not any(isinstance(finder, FormerPaths) for finder in sys.meta_path):
-    sys.meta_path.insert(0, FormerPaths())
 keep_to_checkout()
 
 

@@ -6,15 +6,12 @@ import tomllib
 from collections import Counter, defaultdict
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
-from importlib import import_module
-from importlib.util import find_spec
 
 import pytest
 
-from isacbench.former_paths import PRESENT
 from tests.documents.sources import FILES, ROOT, statements, trees
 
-BASE = {"errors", "checkout", "choices", "cores", "added_fields", "former_paths", "number_text"}
+BASE = {"errors", "checkout", "choices", "cores", "added_fields", "number_text"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},
@@ -248,8 +245,6 @@ def resolves(dotted):
 def test_paths_that_are_written_down_exist():
     wrong = []
     for path, text in written_paths():
-        if path.name == "former_paths.py":
-            continue
         for found in DOTTED.findall(text):
             if found not in NO_MODULES and not resolves(found):
                 wrong.append(f"{path.relative_to(ROOT)}: {found}")
@@ -259,20 +254,6 @@ def test_paths_that_are_written_down_exist():
             if found not in NO_MODULES and not (ROOT / found).is_file()
         ]
     assert wrong == []
-
-
-@pytest.mark.parametrize(("former", "present"), PRESENT.items())
-def test_import_paths_of_the_first_version_give_the_module_at_its_present_place(former, present):
-    assert import_module(former) is import_module(present)
-    assert import_module(present).__spec__.name == present
-    assert find_spec(present).origin is not None
-
-
-def test_what_a_former_package_held_is_no_second_copy():
-    former = import_module("isacbench.conformance.findings")
-    assert former is import_module("isacbench.checking.contract.findings")
-    with pytest.raises(ModuleNotFoundError, match=r"isacbench\.checking\.stress\.gone"):
-        import_module("isacbench.stress.gone")
 
 
 def test_the_architecture_page_draws_every_room_and_no_other():

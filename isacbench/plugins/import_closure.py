@@ -16,8 +16,6 @@ from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec,
 from pathlib import Path
 from typing import NamedTuple
 
-from isacbench.former_paths import present_path
-
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 
 BLOCKS = "body", "orelse", "finalbody", "handlers", "cases"
@@ -183,7 +181,6 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 
 def _with_parents(name: str, packages: Collection[str]) -> Iterator[str]:
     """A module and the packages above it, which run before it; nothing outside of `packages`."""
-    name = present_path(name)
     parts = name.split(".")
     if parts[0] in packages or _is_own(parts[0]):
         yield from (".".join(parts[: n + 1]) for n in range(len(parts)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import pandas as pd
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from isacbench.bench.plan.labels import estimator_labels, find_limits, rows_of, variants_in
+from isacbench.metrics.one_to_one import Curve
 from isacbench.metrics.paper import Paper
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import assign_looks, drawable, looks_over
@@ -254,6 +256,41 @@ def draw_deviations(
         _draw_panel(axes, DEVIATION, looks, summary[summary["scenario"] == scenario])
         axes.set_title(drawable(scenario))
     share_scale(panels, "y")
+    return figure
+
+
+def draw_radii(
+    curves: Mapping[Variant, Sequence[Curve]], looks: Mapping[Variant, LineLook], title: str
+) -> Figure:
+    """Draw F-score, precision and recall of points matched one to one over the radius, means over images.
+
+    Parameters
+    ----------
+    curves : mapping of (str, str) to sequence of Curve
+        One an image.
+    looks : mapping of (str, str) to LineLook
+        Looks of the estimators, as `variant_looks` gives them.
+    title : str
+
+    Returns
+    -------
+    Figure
+        The legend has the area under each F-score.
+    """
+    means = {variant: np.nanmean(own, axis=0) for variant, own in curves.items() if own}
+    drawn = {
+        variant: replace(looks[variant], label=f"{looks[variant].label}: area {Curve(*mean).area:.2f}")
+        for variant, mean in means.items()
+    }
+    figure, panels = panel_grid(3, legend_lines(drawn.values()), title)
+    for axes, name in zip(panels, ("f_score", "precision", "recall"), strict=True):
+        for variant, look in drawn.items():
+            mean = Curve(*means[variant])
+            axes.plot(mean.radius_m, getattr(mean, name), color=look.colour, linestyle=look.line)
+        axes.set(xscale="log", xlabel="radius [m]", ylabel=name.replace("f_score", "F-score"), ylim=(0, 1.02))
+        axes.set_xticks([0.1, 0.3, 1.0, 3.0])
+        write_plain_numbers(axes.xaxis)
+        axes.grid(True)
     return figure
 
 

@@ -25,7 +25,7 @@ from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lin
 from isacbench.report.drawing.style import drawable, file_stems, looks_over, new_figure
 from isacbench.report.figures.cloud_figures import Image, draw_comparison
 from isacbench.report.figures.curves import nearest_values, variant_looks, write_plain_numbers
-from isacbench.report.figures.run_figures import tradeoffs
+from isacbench.report.figures.run_figures import radii, tradeoffs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -108,6 +108,7 @@ def population_figures(results: Results) -> Iterator[NamedFigure]:
     if cells["ratio"].notna().any():
         yield "ratios", draw_ratios(cells, looks)
     yield "scores", draw_score_curves(summary, looks)
+    yield from radii(results, looks)
     lone = summary.loc[summary["n_false_mean"].notna(), "family"].unique()
     for family, stem in file_stems(lone).items():
         yield f"targets-{stem}", draw_targets(summary, family, looks)

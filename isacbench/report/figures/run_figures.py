@@ -7,6 +7,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from isacbench.bench.cells.statuses import failed
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import (
     MANY_SCENARIOS,
@@ -17,13 +18,21 @@ from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputWarning
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted
+from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
-from isacbench.report.figures.curves import draw_deviations, draw_scores, nearest_values, variant_looks
+from isacbench.report.figures.curves import (
+    draw_deviations,
+    draw_radii,
+    draw_scores,
+    nearest_values,
+    variant_looks,
+)
 from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
 from isacbench.report.tables.pareto import summarise_points, timed_rows
 from isacbench.report.tables.run_tables import batched, mean_of_scenarios
@@ -62,13 +71,13 @@ def draw_run(folder: Path, extension: str = "png") -> list[Path]:
     Returns
     -------
     list of Path
-        What was written. Of images: ``deviation.png``; for each scenario
+        What was written. Of images: ``deviation.png``, ``radii.png``; for each scenario
         ``curves-*.png`` and ``clouds-*.png``, more than one of these where
         the estimators are many, and of the 16 best alone where they are
         more; where the time counts ``pareto-*.png`` and, where stages were
         timed, ``stages-*.png``; of more than 12 scenarios only ``deviation.png``
-        with their mean. Of a population ``ratios.png``, ``scores.png``, ``targets-*.png``
-        and ``worst-*.png``. Of another study, for each scenario that it has:
+        with their mean and ``radii.png``. Of a population ``ratios.png``, ``scores.png``, ``radii.png``,
+        ``targets-*.png`` and ``worst-*.png``. Of another study, for each scenario that it has:
         ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
         ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and
         ``trade-*.png``. Nothing where the run holds no cells.
@@ -122,9 +131,11 @@ def imaging_figures(results: Results) -> Iterator[NamedFigure]:
     looks = variant_looks(results.records)
     if _is_crowded(results):
         yield "deviation", _mean_deviation(results, looks)
+        yield from radii(results, looks)
         yield from tradeoffs(results, looks)
         return
     yield from _curves(results, looks)
+    yield from radii(results, looks)
     yield from tradeoffs(results, looks)
     yield from _clouds(results, looks)
 
@@ -181,6 +192,37 @@ def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedF
             f"curves-{stem}",
             draw_scores(summary, scenario, looks, scene.radius_m, median_gain_db(scene)),
         )
+
+
+def radii(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
+    """Draw scores of matched points over the radius, first trials at the highest SNR.
+
+    Parameters
+    ----------
+    results : Results
+
+    Yields
+    ------
+    stem : str
+        Of the file.
+    figure : Figure
+    """
+    top_db, first = results.records["snr_db"].max(), int(results.records["trial"].min())
+    rows, points = (
+        table[(table["snr_db"] == top_db) & (table["trial"] == first)]
+        for table in (results.records[~failed(results.records)], results.clouds)
+    )
+    image = ["scenario", *CELL[:2]]
+    clouds: dict[Hashable, pd.DataFrame] = dict(list(points.groupby(image, observed=True, sort=False)))
+    curves: dict[Variant, list[Curve]] = {variant: [] for variant in looks}
+    for name, *variant in rows[image].itertuples(index=False):
+        part = clouds.get((name, *variant), points[:0])
+        pair = CloudPair.of(results.scenarios[name], PointCloud.from_array(part[POINT_COLUMNS].to_numpy()))
+        curves[variant[0], variant[1]].append(score_curve(pair))
+    if any(curves.values()):
+        n_scenes = counted(rows["scenario"].nunique(), "scene")
+        title = f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}"
+        yield "radii", draw_radii(curves, looks, title)
 
 
 def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
