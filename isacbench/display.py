@@ -1,4 +1,4 @@
-"""Objects that print: a few lines on a terminal, a table and a picture in a notebook."""
+"""Objects that print a few lines."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.files.escaping import shortened
@@ -40,7 +39,7 @@ class Description(NamedTuple):
 
 
 class Displayed(ABC):
-    """Object whose ``repr`` takes one to three lines, and which a notebook shows as a table and a picture.
+    """Object whose ``repr`` takes one to three lines.
 
     A dataclass that derives from it takes ``repr=False``.
     """
@@ -59,11 +58,6 @@ class Displayed(ABC):
         if len(lines) > MOST_FACT_LINES:
             lines = _wrapped(text, len(text) // MOST_FACT_LINES + max(map(len, told)) + len(INDENT))
         return "\n".join([title, *lines]).replace(NO_BREAK, " ")
-
-    def _repr_html_(self) -> str:
-        # By name, because the model knows no figures: they are loaded where a notebook shows something.
-        page: str = import_module("isacbench.report.texts.notebook").page(self, self._description())
-        return page
 
 
 def _wrapped(text: str, width: int) -> list[str]:

@@ -1,7 +1,6 @@
 """Objects say what they are in a few lines, whatever state they are in."""
 
 import dataclasses
-import html
 
 import numpy as np
 import pandas as pd
@@ -93,7 +92,6 @@ def test_a_detection_is_told_by_what_was_detected():
 )
 def test_a_detection_that_is_none_is_shown_as_well(detection):
     assert lines_of(detection)[0].startswith("Detection: ")
-    assert "<img" not in detection._repr_html_()
 
 
 def test_parts_of_a_scene_and_of_a_diagnosis_fit_on_a_few_lines(street, seen):
@@ -127,7 +125,6 @@ def test_long_numbers_and_names_do_not_take_more_lines(extreme):
 def test_a_recorded_frame_is_told_without_being_read(street):
     observation = CubeObservation(object(), street, None, None, "all")
     assert "cells not read yet" in repr(observation)
-    assert "<img" not in observation._repr_html_()
 
 
 def test_numbers_that_are_not_finite_are_counted_and_not_spanned():
@@ -154,17 +151,9 @@ class Holder:
     __repr__ = brief
 
 
-def test_names_have_no_power_over_a_page(street):
-    hostile = dataclasses.replace(street, name="<script>alert('x')</script>")
-    page = hostile._repr_html_()
-    assert "<script>" not in page
-    assert "<script>alert" in html.unescape(page)
-
-
-def test_a_cloud_without_velocities_says_so_and_is_drawn():
+def test_a_cloud_without_velocities_says_so():
     cloud = PointCloud([[1, 2, 3], [4, 5, 6]])
     assert "velocity unknown" in repr(cloud)
-    assert "<img" in cloud._repr_html_()
     assert "velocity unknown" in repr(cloud.select([1]))
     assert list(cloud.to_dataframe()) == ["x", "y", "z", "power"]
     assert np.isnan(cloud.to_array()[:, 3]).all()

@@ -30,7 +30,7 @@ from isacbench.report.tables.pareto import summarise_points
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = "README.md", "docs/results.md", "docs/estimators.md", "docs/errata.md", "docs/pareto.md"
-MARKED = re.compile(r"(?<=<!-- table )([\w-]+)( -->\n\n).*?(?=\n<!-- end -->)", re.DOTALL)
+MARKED = re.compile(r"<!-- table ([\w-]+) -->[^<]*<!-- end -->")
 
 Cells = Sequence[str]
 Variant = tuple[str, str]
@@ -353,23 +353,54 @@ def resolution() -> str:
 
 
 def detectors() -> str:
-    """Detectors on the street, and images behind them."""
+    """Detectors on the street and at a clutter edge, and images behind them."""
     table = summarise_detection(rows_of("detectors").records)
-    table = table[(table["scenario"] == "street") & (table["pfa"] == 1e-3)]
-    table = table[table["snr_db"] == table["snr_db"].max()]
-    own = table[table["estimator"] == ""].set_index("detector")
-    imaged = table[table["estimator"] == "music2d"].set_index("detector")
+    table = table[(table["pfa"] == 1e-3) & (table["snr_gain_db"] == table["snr_gain_db"].max())]
+    street = table[table["scenario"] == "street"].set_index("detector")
+    edge = table[table["scenario"] == "clutter-edge"].set_index("detector")
     rows = [
         [
             code(name),
-            number(own["pd"][name]),
-            f"{own['pfa_measured'][name]:.1e}",
-            number(imaged["deviation_mean"][name]),
+            number(street["pd"][name]),
+            *(f"{part['pfa_measured'][name]:.1e}" for part in (street, edge)),
+            number(street["deviation_mean"][name]),
         ]
-        for name in own.index
+        for name in street.index
     ]
-    header = ["", "P_d of cells", "P_fa of cells", "deviation of `music2d` behind it"]
+    header = [
+        "",
+        "P_d of cells",
+        "P_fa of cells",
+        "P_fa at a clutter edge",
+        "deviation of `music2d` behind it",
+    ]
     return markdown(header, rows)
+
+
+def aperture() -> str:
+    """Images of 8 x 8 and of 16 x 16 virtual elements."""
+    table = summarise_scores(rows_of("aperture").records).set_index(["scenario", *VARIANT, "snr_db"])
+    labels, arrays = labels_of("aperture"), {"street-8x8": "8 x 8", "street": "16 x 16"}
+    header = [
+        "SNR [dB]",
+        *(f"{array} {code(label)}" for label in labels.values() for array in arrays.values()),
+    ]
+    rows = []
+    for snr_db in sorted(table.index.unique("snr_db")):
+        found = [table.loc[(name, *variant, snr_db)] for variant in labels for name in arrays]
+        cells = [f"{row['hausdorff_sum_m_mean']:.1f}; {row['f_score_mean']:.2f}" for row in found]
+        rows.append([f"{snr_db:g}", *cells])
+    return markdown(header, rows)
+
+
+def looks() -> str:
+    """Scenes for reporting that were looked at."""
+    table = pd.read_csv(ROOT / "results" / "looks.csv", keep_default_na=False)
+    rows = [
+        [row["date"], code(row["suite"]), f"{row['first_seed']}-{row['last_seed']}", row["estimators"]]
+        for row in table.to_dict("records")
+    ]
+    return markdown(["date", "suite", "seeds", "what"], rows, left=4)
 
 
 STEPS = (  # the suite `printed` in its order
@@ -387,34 +418,28 @@ STEPS = (  # the suite `printed` in its order
 
 def printed() -> str:
     """Images from the print to the default."""
-    names = "street", "street-coherent"
-    rows = []
-    for step, scores_of in _printed():
-        for snr_db in (-20.0, -5.0, TOP_DB):
-            cells = [_four(scores_of, name, snr_db) for name in names]
-            rows.append([step if snr_db == -20.0 else "", f"{snr_db:g}", *cells])
-    return markdown(["", "SNR [dB]", *names], rows)
+    return _steps(STEPS, (-20.0, -5.0, TOP_DB), {"street": "street", "street-coherent": "street-coherent"})
 
 
 def transmitter() -> str:
     """Images with noise of the receivers and of the transmitter."""
     names = {"street": "noise of the receivers", "street-transmitter-noise": "of the transmitter"}
+    return _steps((STEPS[0], *STEPS[-2:]), (-80.0, -45.0, -20.0, TOP_DB), names)
+
+
+def _steps(chosen: Cells, snrs: Sequence[float], names: dict[str, str]) -> str:
+    """Lay out steps of the suite `printed` at some SNRs, a column a scenario."""
+    table = summarise_scores(rows_of("printed").records).set_index([*VARIANT, "scenario", "snr_db"])
     rows = []
-    for step, scores_of in _printed():
-        if step in (STEPS[0], *STEPS[-2:]):
-            for snr_db in (-80.0, -45.0, -20.0, TOP_DB):
-                cells = [_four(scores_of, name, snr_db) for name in names]
-                rows.append([step if snr_db == -80.0 else "", f"{snr_db:g}", *cells])
+    for step, variant in zip(STEPS, labels_of("printed"), strict=True):
+        for snr_db in snrs if step in chosen else ():
+            found = [table.loc[[(*variant, name, snr_db)]].iloc[0] for name in names]
+            rows.append([step if snr_db == snrs[0] else "", f"{snr_db:g}", *map(_five, found)])
     return markdown(["", "SNR [dB]", *names.values()], rows)
 
 
-def _printed() -> list[tuple[str, pd.DataFrame]]:
-    table = summarise_scores(rows_of("printed").records).set_index([*VARIANT, "scenario", "snr_db"])
-    return [(step, table.loc[variant]) for step, variant in zip(STEPS, labels_of("printed"), strict=True)]
-
-
-def _four(table: pd.DataFrame, scenario: str, snr_db: float) -> str:
-    row = table.loc[(scenario, snr_db)]
+def _five(row: pd.Series) -> str:
+    """Hausdorff sum, points, precision, recall and F-score."""
     shares = "".join(f", {row[f'{name}_mean']:.2f}" for name in ("precision", "recall", "f_score"))
     return f"{row['hausdorff_sum_m_mean']:.2f}, {row['n_estimated_mean']:.0f}{shares}"
 
@@ -455,13 +480,17 @@ TABLES: dict[str, Callable[[], str]] = {
     "detectors": detectors,
     "printed": printed,
     "transmitter": transmitter,
+    "aperture": aperture,
     "pareto": pareto,
+    "looks": looks,
 }
 
 
 def with_tables(text: str) -> str:
     """Replace the tables of a page by those that the rows give."""
-    return MARKED.sub(lambda found: found[1] + found[2] + TABLES[found[1]](), text)
+    return MARKED.sub(
+        lambda found: f"<!-- table {found[1]} -->\n\n{TABLES[found[1]]()}\n\n<!-- end -->", text
+    )
 
 
 if __name__ == "__main__":
