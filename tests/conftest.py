@@ -386,7 +386,7 @@ def scenes_run(made_run):
         rng = np.random.default_rng(3)
         difficulty = pd.Series(np.exp(0.3 * rng.normal(size=len(names))), index=list(names))
         records["deviation"] *= records["scenario"].map(difficulty).to_numpy()
-        records["precision"] = 1 / (1 + records["deviation"])
+        records["precision"] = records["f_score"] = 1 / (1 + records["deviation"])
         for plane in ("xy", "xz", "yz"):
             records[f"hausdorff_{plane}_m"] = records["deviation"] / 4
         records["hausdorff_sum_m"] = 3 * records["deviation"] / 4

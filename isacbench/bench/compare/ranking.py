@@ -51,9 +51,6 @@ BESIDE = ("f_score", "velocity_error_mps", "objects_f_score")
 """Columns that stand beside every rank. Of the cheating estimators that were tried, none is better by the
 ratio, and none is as good by ratio, F-score and velocity error together (the tests of games)."""
 
-SHARES = ("precision", "recall")
-"""Columns beside the ranks of older runs."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ranking:
@@ -93,8 +90,7 @@ class Ranking:
         95 % interval; ``n_scenes``, ``n_ties``; ``change``, the first one's
         mean less the other's, with ``change_low`` and ``change_high``.
     worst : DataFrame
-        Scenes in which each estimator is worst, with the command that shows
-        each, as `isacbench.bench.compare.worst_scenes.worst_scenes` lists them.
+        Scenes in which each estimator is worst (`isacbench.bench.compare.worst_scenes.worst_scenes`).
     notes : tuple of str
         Cells that were left out, failures that were counted as worst scores, and the pair that decides how
         wide the sets are.
@@ -261,7 +257,7 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
         name: pd.DataFrame(
             {variant: average_alone(records, name, variant, scored.cells) for variant in ranked}
         ).rename_axis(columns=VARIANT)
-        for name in (BESIDE if BESIDE[0] in records else SHARES)
+        for name in BESIDE
         if name in records and name != metric
     }
     beside = {
@@ -296,7 +292,7 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
         scores=scored.scenes,
         ranks=_in_front(rank_rows, first),
         wins=_in_front(pd.concat(wins, ignore_index=True), first),
-        worst=worst_scenes(records, run.manifest, scored, better, labels),
+        worst=worst_scenes(records, run.manifest, scored, better),
         notes=(*scored.notes, *critical),
         is_descriptive=is_descriptive,
     )

@@ -1,4 +1,4 @@
-"""Scenes to look at: where an estimator does worst, and the command that shows its image there."""
+"""Scenes to look at: where an estimator does worst or changed most, and the command that shows an image."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.scene_scores import SCENE_CELL, scene_families
+from isacbench.bench.compare.scene_scores import SCENE_CELL, VARIANT, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
 from isacbench.bench.plan.labels import rows_of, variants_in
 from isacbench.bench.store.run_store import scenario_texts
@@ -30,11 +30,7 @@ PICTURE = "image.png"
 
 
 def worst_scenes(
-    records: pd.DataFrame,
-    manifest: Mapping[str, Any],
-    scored: SceneScores,
-    better: str,
-    labels: Mapping[Variant, str],
+    records: pd.DataFrame, manifest: Mapping[str, Any], scored: SceneScores, better: str
 ) -> pd.DataFrame:
     """List the scenes in which each estimator has its worst scores.
 
@@ -45,40 +41,31 @@ def worst_scenes(
     manifest : mapping of str to Any
     scored : SceneScores
     better : {"lower", "higher"}
-    labels : mapping of (str, str) to str
-        Names of estimators, which are specifications.
 
     Returns
     -------
     DataFrame
         A row for each of three scenes of each estimator: ``estimator``,
         ``params``, ``scenario``, ``family``, ``score`` of the scene; of its worst
-        cell ``snr_db``, ``trial``, ``cell_score``, ``status``, and ``precision``
-        and ``recall`` where the run has them; ``command``, which shows the cell.
+        cell ``snr_db``, ``trial``, ``cell_score`` and ``status``.
     """
     families, found = scene_families(manifest), []
-    of_cell = ["snr_db", "trial", "cell_score", "status"]
-    of_cell += [name for name in ("precision", "recall") if name in records]
     for variant in variants_in(scored.scenes.columns.to_frame()):
         own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
         scores = scored.scenes[variant].sort_values(ascending=better == "higher", kind="stable")
-        cells = own.copy().join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
+        cells = own[["status"]].join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
         cells = cells.sort_values("cell_score", ascending=better == "higher", kind="stable")
-        for scene, score in scores.head(N_WORST).items():
-            cell = cells[cells["scenario"] == scene].iloc[0]
-            name, at = str(scene), (cell["snr_db"], cell["trial"])
-            found.append(
-                {
-                    "estimator": variant[0],
-                    "params": variant[1],
-                    "scenario": name,
-                    "family": families.get(name, ""),
-                    "score": score,
-                    **{column: cell[column] for column in of_cell},
-                    "command": command_to_show(manifest, name, labels[variant], *at),
-                }
+        worst = cells.drop_duplicates("scenario").set_index("scenario").loc[scores.index[:N_WORST]]
+        found.append(
+            worst.reset_index().assign(
+                estimator=variant[0],
+                params=variant[1],
+                family=[families.get(str(scene), "") for scene in worst.index],
+                score=scores.to_numpy()[: len(worst)],
             )
-    return pd.DataFrame(found)
+        )
+    columns = [*VARIANT, "scenario", "family", "score", "snr_db", "trial", "cell_score", "status"]
+    return pd.concat(found, ignore_index=True)[columns]
 
 
 def most_changed(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.compare.ranking import BESIDE, SHARES, rank_text
+from isacbench.bench.compare.ranking import BESIDE, rank_text
 from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES, VARIANT
 from isacbench.files.escaping import counted
 from isacbench.report.comparisons.comparison_tables import json_rows, signed
@@ -47,7 +47,7 @@ def ranking_grids(ranking: Ranking) -> list[Grid]:
 
 
 def ranking_lines(ranking: Ranking) -> list[str]:
-    """Write what the tables do not show: commands for the worst images, what was left out, what sets are.
+    """Write what the tables do not show: what was left out, and what sets are.
 
     Parameters
     ----------
@@ -58,8 +58,6 @@ def ranking_lines(ranking: Ranking) -> list[str]:
     list of str
     """
     return [
-        "commands that show these images:",
-        *(f"  {command}" for command in ranking.worst["command"]),
         *ranking.notes,
         "of fewer than six scenes, nothing can be said of unseen ones"
         if ranking.is_descriptive
@@ -98,7 +96,7 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
 
 def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Grid:
     """One row an estimator, references last."""
-    shares = [name for name in (*BESIDE, *SHARES) if name in ranks]
+    shares = [name for name in BESIDE if name in ranks]
     n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
     what = f"descriptive: {n_scenes}, means" if ranking.is_descriptive else f"{n_scenes}, ranks"
     title = f"{group}: {what} by {ranking.metric}, {ranking.better} is better"
@@ -155,16 +153,14 @@ def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFr
 
 def _worst_grid(ranking: Ranking) -> Grid:
     """One row each scene in which an estimator is worst."""
-    shares = [name for name in SHARES if name in ranking.worst]
     rows = [
         [
             ranking.labels[row["estimator"], row["params"]],
             row["scenario"],
             f"{row['score']:.4g}",
             f"{row['cell_score']:.4g}{'' if row['status'] == 'ok' else ' (' + row['status'] + ')'}",
-            *(written(row[name], "{:.2f}") for name in shares),
         ]
         for row in ranking.worst.to_dict("records")
     ]
-    header = ["estimator", "scene", ranking.metric, "worst image", *shares]
+    header = ["estimator", "scene", ranking.metric, "worst image"]
     return Grid(f"worst scenes by {ranking.metric}", header, rows)

@@ -1,6 +1,5 @@
 import dataclasses
 import re
-import shlex
 
 import numpy as np
 import pandas as pd
@@ -49,11 +48,8 @@ def fail(records, estimator, scenario, **equal):
     records.loc[chosen, "status"] = "timeout"
 
 
-def test_scores_of_scenes_are_means_and_the_worst_are_listed_with_the_command_that_shows_the_worst_cell(
-    scenes_run,
-):
+def test_scores_of_scenes_are_means_and_the_worst_are_listed_with_their_worst_cell(scenes_run):
     run = scenes_run(town=8, trials=2)
-    run.manifest["seed"] = 5
     found = rank_table(run, "deviation")
     scores, own = found.scores["music2d", "{}"], run.records[run.records["estimator"] == "music2d"]
     means = own.groupby("scenario")["deviation"].mean()
@@ -64,17 +60,6 @@ def test_scores_of_scenes_are_means_and_the_worst_are_listed_with_the_command_th
     row = worst.iloc[0]
     place = own.loc[own.loc[own["scenario"] == row["scenario"], "deviation"].idxmax()]
     assert (row["snr_db"], row["trial"]) == (place["snr_db"], place["trial"])
-    words = shlex.split(row["command"])
-    options = dict(zip(words[2::2], words[3::2], strict=True))
-    trial = {"--trial": str(place["trial"])} if place["trial"] else {}
-    assert options == {
-        "-s": row["scenario"],
-        "-e": "music2d",
-        "--snr": f"{place['snr_db']:g}",
-        **trial,
-        "--seed": "5",
-        "--plot": "image.png",
-    }
 
 
 def test_more_trials_of_a_scene_are_no_more_scenes(run, ranked):
@@ -92,7 +77,7 @@ def test_estimators_are_sorted_best_first_and_references_stand_beside_without_a_
     assert ranks["rank_low"].isna().tolist() == [False, False, False, True]
     oracle = of(ranks, "oracle")
     assert oracle["mean"] > ranks["mean"].iloc[2]  # the made-up one is the worst
-    assert 0 < oracle["precision"] < 1
+    assert 0 < oracle["f_score"] < 1
 
 
 def test_a_score_whose_better_direction_is_up_is_ranked_from_above(scenes_run):
@@ -173,28 +158,18 @@ def test_the_ratio_is_to_the_oracle_and_not_formed_for_lone_scatterers(scenes_ru
         rank_table(scenes_run(sparse=9), "ratio")
 
 
-def test_the_command_spells_a_scene_as_the_suite_does_whatever_the_name_of_its_file(scenes_run):
-    run = scenes_run(town=8, estimators=PAIR)
-    texts = [f"made/scene{seed}.toml" for seed in range(8)]
-    run.manifest["suite"]["scenarios"] = texts
-    found = rank_table(run, "deviation").worst
-    shown = {row["scenario"]: shlex.split(row["command"])[3] for row in found.to_dict("records")}
-    named = dict(zip(run.manifest["scenarios"], texts, strict=True))
-    assert shown == {name: named[name] for name in shown}
-
-
-def test_an_estimator_that_always_failed_has_neither_precision_nor_recall(scenes_run):
+def test_an_estimator_that_always_failed_has_no_scores_beside(scenes_run):
     names = [f"town[seed={seed}]" for seed in range(8)]
 
     def fail_all(records):
-        records["recall"] = 0.5
+        records["velocity_error_mps"] = 0.5
         for name in names:
             fail(records, "fft4d", name)
 
     ranks = rank_table(scenes_run(fail_all, town=8, estimators=PAIR)).ranks
-    assert np.isnan(of(ranks, "fft4d")["precision"])
-    assert np.isnan(of(ranks, "fft4d")["recall"])
-    assert of(ranks, "music2d")["recall"] == 0.5
+    assert np.isnan(of(ranks, "fft4d")["f_score"])
+    assert np.isnan(of(ranks, "fft4d")["velocity_error_mps"])
+    assert of(ranks, "music2d")["velocity_error_mps"] == 0.5
 
 
 def test_counts_of_lone_scatterers_rank_over_scenes_of_lone_scatterers_alone(scenes_run):

@@ -214,7 +214,6 @@ const worstTable = (metric) => {
     { title: metric, get: (row) => row.score },
     { title: "worst image", get: (row) => row.cell_score },
     { title: "SNR [dB]", get: (row) => row.snr_db },
-    { title: "command", isText: true, style: "command", get: (row) => row.command },
   ];
   return [
     heading("Worst scenes"),
