@@ -104,7 +104,7 @@ class OneToOne:
             "gospa_false": false,
             "ospa_m": gospa.ospa_m,
         }
-        truth, near = _near_merged(pair)
+        truth, near = pair.remembered(_near_merged)
         if near is None:
             return {**dict.fromkeys((column.name for column in self.columns), math.nan), **found}
         n_matched, velocity_error_mps = _nearest_matching(pair, truth, near)
@@ -131,12 +131,13 @@ def score_curve(pair: CloudPair) -> Curve:
     Curve
         NaN where a cloud is too dense.
     """
-    truth, near = _near_merged(pair)
+    truth, near = pair.remembered(_near_merged)
     if near is None:
         return Curve(RADII_M, *np.full((3, RADII_M.size), math.nan))
     return _curve(near, len(truth), len(pair.estimate))
 
 
+@lru_cache(maxsize=4)
 def merged_truth(scenario: Scenario) -> PointCloud:
     """Merge scatterers that fit into half a Rayleigh cell in range, velocity, u and w: complete linkage.
 
@@ -160,11 +161,6 @@ def merged_truth(scenario: Scenario) -> PointCloud:
     ----------
     D. Defays, "An efficient algorithm for a complete link method", Comput. J. 20 (1977).
     """
-    return _merged(scenario)
-
-
-@lru_cache(maxsize=4)
-def _merged(scenario: Scenario) -> PointCloud:
     truth = scenario.truth
     places = radio_places(scenario, truth) / (MERGED_CELLS * rayleigh_cells(scenario))
     group = np.zeros(len(truth), dtype=np.intp)
@@ -185,11 +181,7 @@ def _merged(scenario: Scenario) -> PointCloud:
 
 
 def _near_merged(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
-    """Merged truth, and its pairs with the estimate up to the largest radius that is asked for."""
-    return pair.remembered(_found_near)
-
-
-def _found_near(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
+    """Merge the truth, and find its pairs with the estimate up to the largest radius that is asked for."""
     truth = pair.truth
     if pair.scenario is None:
         warnings.warn(

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.descriptions import ANY_KIND, ScoreColumn, expanded, object_kind
-from isacbench.metrics.geometry import RADIUS_M, CloudPair
+from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.paper import Paper
 from isacbench.model.cloud import PointCloud
-from isacbench.model.numerology import System
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
 from isacbench.plugins.parameters import canonical_params, python_number
@@ -91,20 +91,14 @@ def score(
     (5.0, 0.5, 0.5)
     """
     chosen = build_metric(metric) if isinstance(metric, str) else metric
-    scenario = truth if isinstance(truth, Scenario) else None
-    if scenario is not None:
-        region = scenario.region if region is None else region
-        velocity_bin_mps = scenario.system.velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps
-        radius_m = scenario.radius_m if radius_m is None else radius_m
-    pair = CloudPair(
-        scenario.truth if scenario else _as_cloud(truth, "truth"),
-        _as_cloud(estimate, "estimate"),
-        region,
-        System().velocity_bin_mps if velocity_bin_mps is None else velocity_bin_mps,
-        RADIUS_M if radius_m is None else radius_m,
-        scenario,
-    )
-    if lack := lacks_of(chosen, scenario):
+    cloud = _as_cloud(estimate, "estimate")
+    if isinstance(truth, Scenario):
+        pair = CloudPair.of(truth, cloud)
+    else:
+        pair = CloudPair(_as_cloud(truth, "truth"), cloud)
+    given: dict[str, Any] = {"region": region, "velocity_bin_mps": velocity_bin_mps, "radius_m": radius_m}
+    pair = replace(pair, **{name: value for name, value in given.items() if value is not None})
+    if lack := lacks_of(chosen, pair.scenario):
         warnings.warn(f"metric {chosen.name}: {lack}; its scores are NaN", InputWarning, stacklevel=2)
     return {**_counts(pair), **metric_scores(chosen, pair)}
 
@@ -261,23 +255,21 @@ class Metrics:
             scores |= dict(zip(named, metric_scores(metric, pair).values(), strict=True))
         return scores
 
-    def versions(self) -> dict[str, int]:
-        """Versions by name.
+    def described(self) -> dict[str, dict[str, Any]]:
+        """Versions and parameters by name, in terms of JSON.
 
         Returns
         -------
-        dict of str to int
+        dict of str to dict
+            With the keys ``version`` and ``params``.
         """
-        return {metric.name: getattr(metric, "version", 1) for metric in self._all()}
-
-    def params(self) -> dict[str, str]:
-        """Parameters by name, as canonical JSON.
-
-        Returns
-        -------
-        dict of str to str
-        """
-        return {metric.name: canonical_params(metric) for metric in self._all()}
+        return {
+            metric.name: {
+                "version": getattr(metric, "version", 1),
+                "params": json.loads(canonical_params(metric)),
+            }
+            for metric in self._all()
+        }
 
     def _all(self) -> tuple[Metric, ...]:
         return Paper(), *self.further

@@ -178,9 +178,8 @@ def test_too_dense_clouds_are_left_out_in_words(monkeypatch):
     with pytest.warns(InputWarning, match="F-score of 5 true and 5 estimated points is left out"):
         assert math.isnan(OneToOne().score(pair)["f_score"])
     monkeypatch.setattr("isacbench.metrics.one_to_one.MOST_MERGED", 5)
-    from isacbench.metrics import one_to_one
 
-    one_to_one._merged.cache_clear()
+    merged_truth.cache_clear()
     with pytest.raises(InputError, match=r"street: \d+ scatterers hang together; allowed are at most 5"):
         merged_truth(STREET)
     assert near_pairs(pair.truth_tree, pair.estimate_tree, 1e-6, "x").i.size == 0

@@ -14,7 +14,7 @@ from isacbench.metrics.descriptions import ScoreColumn
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
-    from isacbench.bench.suites.kind import Direction
+    from isacbench.metrics.descriptions import Direction
 
 FORM = re.compile(
     r"\s*(?P<metric>\w+)\s*=\s*(?P<number>([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)\s*(?P<percent>%?)\s*",

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 LOG = Path(isacbench.__file__).parents[1] / "results" / "looks.csv"
 """In a checkout; a package that is installed has none."""
 
-COLUMNS = "date", "suite", "first_seed", "last_seed", "n_scenes", "estimators", "commit"
-
 
 def record_look(suite: Suite, log: Path = LOG) -> Path | None:
     """Record that a suite looks at scenes for reporting, in a checkout of isacbench.

@@ -1,16 +1,12 @@
-"""Progress of long work: a bar on a terminal, a line in a notebook, and a line a minute elsewhere."""
+"""Progress of long work: a bar on a terminal, and a line a minute elsewhere."""
 
 from __future__ import annotations
 
-import math
-import sys
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from datetime import timedelta
-from html import escape
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 from isacbench.files.escaping import visible
 
@@ -25,13 +21,10 @@ Progress = Callable[[int, int], None]
 LINE_S = 60.0
 """Time between two lines of a log."""
 
-NOTEBOOK_S = 0.3
-"""Time between two updates of a notebook, each of which is a message to the browser."""
-
 
 @contextmanager
 def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> Iterator[Progress]:
-    """Show progress below the cell of a notebook, on a terminal, or in the log that stderr leads to.
+    """Show progress on a terminal, or in the log that stderr leads to.
 
     Parameters
     ----------
@@ -49,41 +42,21 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
     """
     from rich.console import Console
 
-    display, console = notebook_display(), Console(stderr=True)
-    if display is not None:
-        yield paced_progress(noun, _notebook_line(title, display), NOTEBOOK_S, with_ends=True)
-    elif console.is_terminal:
+    console = Console(stderr=True)
+    if console.is_terminal:
         with _bar(title, console, is_idle) as show:
             yield show
     else:
         # The console's file is a null device if stderr is closed.
         yield paced_progress(
-            noun, lambda text, *_: print(f"isacbench: {text}", file=console.file, flush=True), LINE_S
+            noun, lambda text: print(f"isacbench: {text}", file=console.file, flush=True), LINE_S
         )
-
-
-def notebook_display() -> Callable[..., Any] | None:
-    """Find the function that shows objects below the cell of a notebook.
-
-    Returns
-    -------
-    callable or None
-        ``IPython.display.display`` in the kernel of a notebook. None elsewhere: in scripts, in
-        Python's own shell, and in IPython on a terminal.
-    """
-    ipython = sys.modules.get("IPython")  # a kernel has loaded it already
-    shell = None if ipython is None else ipython.get_ipython()
-    if getattr(shell, "kernel", None) is None:
-        return None
-    display: Callable[..., Any] = import_module("IPython.display").display
-    return display
 
 
 def paced_progress(
     noun: str,
-    tell: Callable[[str, int, int], object],
+    tell: Callable[[str], object],
     period_s: float,
-    with_ends: bool = False,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
     """Put progress into words, at most once in a period.
@@ -93,11 +66,9 @@ def paced_progress(
     noun : str
         Name of the pieces.
     tell : callable
-        Takes the text, the number of pieces done and of all.
+        Takes the text.
     period_s : float
         Time between two texts.
-    with_ends : bool
-        True to tell the first and the last piece in any case.
     clock : callable
         Returns the time in s.
 
@@ -105,8 +76,7 @@ def paced_progress(
     -------
     Progress
     """
-    begun_s = clock()
-    told_s = -math.inf if with_ends else begun_s
+    begun_s = told_s = clock()
     n_before: int | None = None
 
     def show(n_done: int, n_all: int) -> None:
@@ -114,48 +84,19 @@ def paced_progress(
         if n_before is None:
             n_before = n_done - 1  # done by an earlier call of the same run
         now_s = clock()
-        if now_s - told_s < period_s and not (with_ends and n_done == n_all):
+        if now_s - told_s < period_s:
             return
         told_s, elapsed_s = now_s, now_s - begun_s
         text = f"{n_done} of {n_all} {noun}, {_duration(elapsed_s)}"
         if n_done < n_all:
             text += f", about {_duration(elapsed_s * (n_all - n_done) / (n_done - n_before))} left"
-        tell(text, n_done, n_all)
+        tell(text)
 
     return show
 
 
 def _duration(time_s: float) -> str:
     return str(timedelta(seconds=round(time_s)))
-
-
-class _Line(NamedTuple):
-    """Line of a notebook: a bar with text, or the text alone."""
-
-    text: str
-    n_done: int
-    n_all: int
-
-    def __repr__(self) -> str:
-        return self.text
-
-    def _repr_html_(self) -> str:
-        return f'<progress value="{self.n_done}" max="{self.n_all}"></progress> {escape(self.text)}'
-
-
-def _notebook_line(title: str, display: Callable[..., Any]) -> Callable[[str, int, int], None]:
-    """Line below the cell of a notebook, which appears with the first text and changes in place."""
-    handle: Any = None
-
-    def show(text: str, n_done: int, n_all: int) -> None:
-        nonlocal handle
-        line = _Line(f"{visible(title)}: {text}", n_done, n_all)
-        if handle is None:
-            handle = display(line, display_id=True)
-        else:
-            handle.update(line)
-
-    return show
 
 
 @contextmanager

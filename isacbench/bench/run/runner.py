@@ -18,7 +18,7 @@ from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.run_plan import Shard
-from isacbench.bench.run.progress import Progress, notebook_display, progress_shown
+from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.store import run_store
 from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.resume import Rerun, keep, parse_reruns
@@ -140,7 +140,7 @@ def run(
     mix_versions: bool = False,
     timing: bool = False,
     repeats: int | None = None,
-    progress: bool | None = None,
+    progress: bool = False,
 ) -> pd.DataFrame:
     """Run a suite and return its records.
 
@@ -182,10 +182,8 @@ def run(
         rows of `out` that were not timed are made again.
     repeats : int, optional
         Timed repeats of each estimate, with `timing`; 5 by default.
-    progress : bool, optional
-        True to show progress: below the cell of a notebook, as a bar on a
-        terminal, or as a line a minute on stderr. By default only in a
-        notebook.
+    progress : bool
+        True to show progress: as a bar on a terminal, or as a line a minute on stderr.
 
     Returns
     -------
@@ -226,10 +224,9 @@ def run(
     wanted = with_metrics(wanted, metrics)
     if estimators is not None:
         wanted = wanted.with_estimators(estimators)
-    is_shown = notebook_display() is not None if progress is None else progress
     with (
         isolated_plugins(),
-        progress_shown(wanted.name, is_idle=timing) if is_shown else nullcontext() as show,
+        progress_shown(wanted.name, is_idle=timing) if progress else nullcontext() as show,
     ):
         for path in plugins:
             load_plugin_file(path)

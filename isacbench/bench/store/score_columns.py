@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -57,17 +56,11 @@ def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str
         In terms of JSON.
     """
     kinds = sorted({kind for scenario in scenarios for kind in object_kinds(scenario)})
-    versions, params = metrics.versions(), metrics.params()
     columns = {name: asdict(column) for name, column in metrics.columns(kinds).items()}
     for column in columns.values():
         if column["empty"] is not None and math.isnan(column["empty"]):
             column["empty"] = "none"  # JSON has no NaN
-    return {
-        "metrics": {
-            name: {"version": versions[name], "params": json.loads(params[name])} for name in versions
-        },
-        "columns": columns,
-    }
+    return {"metrics": metrics.described(), "columns": columns}
 
 
 def stored_columns(manifest: Mapping[str, Any]) -> dict[str, ScoreColumn]:
@@ -121,8 +114,7 @@ def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
     """
     if not manifest:  # damaged
         return
-    wanted = describe_scores(metrics, ())["metrics"]
-    stored = stored_metrics(manifest)
+    wanted, stored = metrics.described(), stored_metrics(manifest)
     for name in wanted | stored:
         if wanted.get(name) != stored.get(name):
             found, now = (

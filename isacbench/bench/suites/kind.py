@@ -6,15 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.bench.suites.suite import Suite
 
 if TYPE_CHECKING:
     from isacbench.bench.studies.study import Scene
+    from isacbench.metrics.descriptions import Direction
     from isacbench.model.scene import Scenario
-
-Direction = Literal["lower", "higher", "neither"]
 
 
 class Tables(NamedTuple):
