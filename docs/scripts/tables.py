@@ -23,13 +23,27 @@ from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
 from isacbench.bench.studies.imaging_study import summarise_scores
-from isacbench.bench.studies.population_study import ALL, summarise_population
+from isacbench.bench.studies.population_study import ALL, scene_cells, summarise_population
 from isacbench.bench.studies.resolution_study import summarise_resolution
+from isacbench.report.comparisons.ranking_figure import draw_ranking
+from isacbench.report.comparisons.ranking_tables import ranking_grids
+from isacbench.report.drawing.style import save, styled
+from isacbench.report.figures.curves import variant_looks
+from isacbench.report.figures.pareto_figures import draw_pareto
+from isacbench.report.figures.population_figures import draw_ratios
 from isacbench.report.tables.detected_objects import object_means
 from isacbench.report.tables.pareto import summarise_points
+from isacbench.report.tables.run_tables import markdown as grid_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = "README.md", "docs/results.md", "docs/estimators.md", "docs/errata.md", "docs/pareto.md"
+PAGES = (
+    "README.md",
+    "docs/results.md",
+    "docs/estimators.md",
+    "docs/errata.md",
+    "docs/pareto.md",
+    "docs/rank.md",
+)
 MARKED = re.compile(r"<!-- table ([\w-]+) -->[^<]*<!-- end -->")
 
 Cells = Sequence[str]
@@ -122,11 +136,11 @@ def code(text: str) -> str:
 
 
 def chosen() -> str:
-    """Five estimators of the population at 10 dB."""
+    """Four estimators and the oracle on the population at 10 dB."""
     table = scenes(TOP_DB)
     rows = []
-    for variant, label in competing("population").items():
-        if label in ("fft4d", "music2d", "esprit2d", "nomp4d", "sbl4d"):
+    for variant, label in labels_of("population").items():
+        if label in ("fft4d", "music2d", "nomp4d", "sbl4d", "oracle"):
             row = table.loc[variant]
             rows.append(
                 [
@@ -228,6 +242,13 @@ def conditions() -> str:
         for variant, label in labels_of("population").items()
     ]
     return markdown(["median ratio", *tables], rows)
+
+
+def rank_example() -> str:
+    """Ranks and win probabilities of five estimators, as `isacbench rank` prints them."""
+    five = ["sbl4d", "nomp4d", "esprit2d", "music2d", "fft4d"]
+    grids = ranking_grids(rank_table(rows_of("population"), estimators=five))
+    return "\n".join(map(grid_markdown, grids[:2])).strip()
 
 
 def lone() -> str:
@@ -444,12 +465,16 @@ def _five(row: pd.Series) -> str:
     return f"{row['hausdorff_sum_m_mean']:.2f}, {row['n_estimated_mean']:.0f}{shares}"
 
 
+@cache
+def population_points() -> pd.DataFrame:
+    """Time and error of each estimator over all scenes, from processor times of cells that were not alone."""
+    records = rows_of("population").records
+    return summarise_points(records.assign(timing=True), find_limits(records))
+
+
 def pareto() -> str:
     """Time and Hausdorff sum over the scenes of the population; on the frontier in bold."""
-    records = rows_of("population").records
-    points = summarise_points(records.assign(timing=True), find_limits(records)).set_index(
-        [*VARIANT, "snr_db"]
-    )
+    points = population_points().set_index([*VARIANT, "snr_db"])
     header = ["", *(f"{snr_db:g} dB: time [s]" for snr_db in snrs_db())]
     header += [f"{snr_db:g} dB: Hausdorff sum [m]" for snr_db in snrs_db()]
     rows = []
@@ -482,6 +507,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "transmitter": transmitter,
     "aperture": aperture,
     "pareto": pareto,
+    "ranks": rank_example,
     "looks": looks,
 }
 
@@ -493,7 +519,21 @@ def with_tables(text: str) -> str:
     )
 
 
+def draw() -> None:
+    """Draw the pictures that belong to the tables."""
+    run, points = rows_of("population"), population_points()
+    (name,) = points["scenario"].unique()
+    with styled():
+        for stem, figure in {
+            "pareto-scenes": draw_pareto(points, name),
+            "population-ranks": draw_ranking(ranking(TOP_DB)),
+            "population-ratios": draw_ratios(scene_cells(run.records), variant_looks(run.records)),
+        }.items():
+            save(figure, ROOT / "docs" / "images" / f"{stem}.png")
+
+
 if __name__ == "__main__":
     for page in PAGES:
         path = ROOT / page
         path.write_text(with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
+    draw()

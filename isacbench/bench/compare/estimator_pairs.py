@@ -76,7 +76,7 @@ def find_variant(run: RunTable, text: str) -> Variant:
 
     A variant fits if its name is the specification's and its stored parameters
     have every value that is given. A detector given by its name alone fits
-    with any parameters.
+    with any parameters. Of several that fit, one that is spelled just so is meant.
 
     Parameters
     ----------
@@ -105,6 +105,9 @@ def find_variant(run: RunTable, text: str) -> Variant:
         return namesakes[fitting[0]]
     if not fitting:
         raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
+    spelt = spell_apart(namesakes)
+    if text in spelt:
+        return namesakes[spelt.index(text)]
     several = _listed([namesakes[index] for index in fitting], asked)
     raise InputError(
         f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; give a specification that fits one "

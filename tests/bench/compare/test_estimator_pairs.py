@@ -99,3 +99,13 @@ def test_a_map_is_cut_at_its_own_equals_sign():
     assert parse_map("a=b") == ("a", "b")
     with pytest.raises(InputError, match=r"map 'a\[b=c\]': allowed is OLD"):
         parse_map("a[b=c]")
+
+
+def test_of_several_that_fit_the_one_that_is_spelled_so_is_meant(made_run):
+    records, manifest = made_run(estimators=["0", "1"], trials=1)
+    # Fields that were added later are left out at their default, as `search` of music2d is.
+    stored = ['{"pfa":0.001}', '{"pfa":0.001,"search":"root"}']
+    records["params"] = [stored[int(name)] for name in records["estimator"]]
+    run = RunTable("r", records.assign(estimator="music2d"), manifest)
+    assert find_variant(run, "music2d") == ("music2d", stored[0])
+    assert find_variant(run, "music2d[search=root]") == ("music2d", stored[1])
