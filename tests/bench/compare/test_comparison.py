@@ -466,7 +466,8 @@ def test_pairs_that_cannot_be_are_refused(retuned):
 
 def test_a_name_that_stands_for_several_variants_of_a_run_asks_for_its_parameters(made_run, written_run):
     records, manifest = made_run()
-    base = written_run("base", variant(records, "fft4d", OLD, estimator="music2d"), manifest)
+    retuned = variant(records, "music2d", NEW)
+    base = written_run("base", variant(retuned, "fft4d", OLD, estimator="music2d"), manifest)
     with pytest.raises(InputError, match=r"'music2d' fits 2 variants, .*give a specification"):
         compare(base, written_run("new", records, manifest), map="music2d=music2d")
 
