@@ -244,6 +244,38 @@ def conditions() -> str:
     return markdown(["median ratio", *tables], rows)
 
 
+PAIRS = (
+    ("music2d", "fft4d"),
+    ("capon2d", "music2d"),
+    ("music2d[search=root]", "music2d"),
+    ("iaa2d", "music2d"),
+    ("esprit2d", "music2d"),
+    ("nomp4d", "omp4d"),
+    ("nomp4d", "music2d"),
+    ("sbl4d", "nomp4d"),
+)
+
+
+def pairs() -> str:
+    """Change of the mean ratio and win probability of some pairs, at each SNR."""
+    variants = {label: variant for variant, label in labels_of("population").items()}
+    header, tables = ["", "than"], []
+    for snr_db in snrs_db():
+        header += [f"{snr_db:g} dB: ratio", "better on"]
+        wins = ranking(snr_db).wins
+        wins = wins[wins["group"] == wins["group"].iloc[0]]
+        tables.append(wins.set_index([*VARIANT, "other", "other_params"]).sort_index())
+    rows = []
+    for one, other in PAIRS:
+        cells = [code(one), code(other)]
+        for table in tables:
+            row = table.loc[(*variants[one], *variants[other])]
+            cells.append(f"{row['change']:+.2f} ({row['change_low']:+.2f} to {row['change_high']:+.2f})")
+            cells.append(percent(row["probability"]))
+        rows.append(cells)
+    return markdown(header, rows, left=2)
+
+
 def rank_example() -> str:
     """Ranks and win probabilities of five estimators, as `isacbench rank` prints them."""
     five = ["sbl4d", "nomp4d", "esprit2d", "music2d", "fft4d"]
@@ -507,6 +539,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "transmitter": transmitter,
     "aperture": aperture,
     "pareto": pareto,
+    "pairs": pairs,
     "ranks": rank_example,
     "looks": looks,
 }

@@ -41,10 +41,10 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = "os^Dvp"
 LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
 BOUND_COLOUR = "0.15"
-BOUND_LINES: tuple[LineStyle, ...] = ("--", ":", "-.")
+BOUND_LINES: tuple[LineStyle, ...] = ("--", ":", "-.", "-")
 BOUND_MARKERS = "_x+"
 
-ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread"}
+ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread", "empty": "no point"}
 """Meaning of the built-in references in legends, with that of their band."""
 
 CONTEXT = "0.72"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -194,8 +195,9 @@ def draw_score_curves(summary: pd.DataFrame, looks: Mapping[Variant, LineLook]) 
             axes.set_title("all scenes" if family == ALL else drawable(family))
         if column == 0:
             axes.set_ylabel(curve.axis)
+    seeing = {name for (name, _), look in looks.items() if look.is_bound}
     for axes, curve in zip(panels[:, 0], curves, strict=True):
-        _scale(axes, curve)
+        _scale(axes, curve, whole.loc[~whole["estimator"].isin(seeing), curve.column].max())
     for axes in panels[-1]:
         axes.set_xlabel(_snr_axis(whole))
     return figure
@@ -312,8 +314,8 @@ def _with_ends(rows: pd.DataFrame, curve: _Curve) -> list[pd.Series[float]]:
     return [values.clip(lower=SMALLEST_NMSE) if curve.scale == "log" else values for values in found]
 
 
-def _scale(axes: Axes, curve: _Curve) -> None:
-    """Scale an axis by the sort of its score."""
+def _scale(axes: Axes, curve: _Curve, most: float = math.nan) -> None:
+    """Scale an axis by the sort of its score, and up to the largest of those that do not see the truth."""
     if curve.scale == "log":
         axes.set_yscale("log")
         axes.yaxis.set_minor_formatter(NullFormatter())
@@ -323,7 +325,7 @@ def _scale(axes: Axes, curve: _Curve) -> None:
     elif curve.scale == "share":
         axes.set_ylim(-0.03, 1.03)
     else:
-        top = axes.get_ylim()[1]
+        top = 1.1 * most if most > 0 else axes.get_ylim()[1]
         axes.set_ylim(-0.03 * top, top)
 
 
