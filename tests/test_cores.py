@@ -146,7 +146,7 @@ def cube_cells():
         ),
         ("isacbench.link.waveform.propagation._Receiver._arriving", lambda: observe_waveform(SCENE, 10.0)),
         ("isacbench.cubes.transform.GateTransform._summed", cube_cells),
-        ("isacbench.metrics.paper.pair_scores", lambda: score(SCENE.truth, SCENE.truth)),
+        ("isacbench.metrics.paper.deviation_scores", lambda: score(SCENE.truth, SCENE.truth)),
     ],
 )
 def test_observations_and_scores_are_made_on_one_thread(inside, call, callers, monkeypatch):

@@ -47,7 +47,8 @@ def files_of(folder):
 
 
 def test_a_run_leaves_the_page_out_where_it_is_told_to_and_a_report_writes_it(cli):
-    figures = {"figures/deviation.png", "figures/curves-tiny.png", "figures/clouds-tiny.png"}
+    figures = {"figures/deviation.png", "figures/curves-tiny.png"}
+    figures |= {"figures/radii.png", "figures/clouds-tiny.png"}
     words = "run quick -s tiny.toml -e fft4d --snr 0 -n 1 -o new --no-html"
     made = cli(*words.split())
     assert made.exit_code == 0, made.output

@@ -146,10 +146,10 @@ def _is_crowded(results: Results) -> bool:
 
 
 def _mean_deviation(results: Results, looks: dict[Variant, LineLook]) -> Figure:
-    """Deviation over SNR as a mean over scenarios, and a warning that nothing else is drawn."""
+    """Deviation over SNR as a mean over scenarios, and a warning that says what is not drawn."""
     n_scenarios = results.records["scenario"].nunique()
     warnings.warn(
-        f"of more than {MANY_SCENARIOS} scenarios only the mean deviation is drawn; isacbench image -s "
+        f"of more than {MANY_SCENARIOS} scenarios only means are drawn; isacbench image -s "
         "SCENARIO -e ESTIMATOR --plot draws one",
         InputWarning,
         stacklevel=2,

@@ -121,6 +121,7 @@ def test_without_a_choice_all_figures_of_all_scenarios_are_drawn_in_the_format(r
         "deviation.pdf",
         "curves-tiny.pdf",
         "curves-tiny1.pdf",
+        "radii.pdf",
         "clouds-tiny.pdf",
         "clouds-tiny1.pdf",
     ]

@@ -2,9 +2,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.metrics.one_to_one import Curve
 from isacbench.report.drawing.style import assign_looks, styled
 from isacbench.report.figures import curves
-from isacbench.report.figures.curves import draw_deviations, draw_scores
+from isacbench.report.figures.curves import draw_deviations, draw_radii, draw_scores
 
 SNR_DB = [-10.0, 0.0, 10.0]
 SCORES = [
@@ -127,3 +128,15 @@ def test_long_labels_do_not_overlap_in_the_legend(monkeypatch):
 def test_the_title_tells_the_snr_after_all_gains():
     figure = draw_scores(summary_of(a=0.1, limit=0.2), "street", LOOKS, radius_m=1.0, gain_db=54.03)
     assert figure.get_suptitle().endswith("\na median scatterer after all gains: SNR +54.0 dB")
+
+
+def test_scores_over_the_radius_are_means_over_images_and_the_legend_has_the_area():
+    radius_m = np.array([0.1, 1.0, 4.0])
+    one, other = (Curve(radius_m, *(share * np.ones((3, 3)))) for share in (0.2, 0.6))
+    figure = draw_radii({("a", "{}"): [one, other], ("limit", "{}"): []}, LOOKS, "title")
+    assert [axes.get_ylabel() for axes in figure.axes] == ["F-score", "precision", "recall"]
+    for axes in figure.axes:
+        (line,) = axes.lines
+        np.testing.assert_allclose(line.get_xdata(), radius_m)
+        np.testing.assert_allclose(line.get_ydata(), 0.4)
+    assert legend_of(figure) == ["a: area 0.40"]

@@ -227,6 +227,7 @@ def test_a_run_draws_them_where_its_times_count(plugins, tiny, tmp_path, monkeyp
     assert names == [
         "deviation.png",
         "curves-tiny.png",
+        "radii.png",
         "pareto-tiny.png",
         "stages-tiny.png",
         "clouds-tiny.png",

@@ -131,6 +131,7 @@ def test_every_figure_of_a_population_is_written_with_the_worst_scene_of_each_es
     assert [path.name for path in paths] == [
         "ratios.png",
         "scores.png",
+        "radii.png",
         "targets-sparse.png",
         "worst-blob.png",
     ]
@@ -143,4 +144,8 @@ def test_without_an_oracle_there_are_no_ratios(population, tmp_path, monkeypatch
     for name in ("draw_score_curves", "draw_targets"):
         monkeypatch.setattr(population_figures, name, lambda *_: None)
     run_suite(population(estimators=["blob"], snr_db=[0]), tmp_path / "run")
-    assert [path.name for path in draw_run(tmp_path / "run")] == ["scores.png", "targets-sparse.png"]
+    assert [path.name for path in draw_run(tmp_path / "run")] == [
+        "scores.png",
+        "radii.png",
+        "targets-sparse.png",
+    ]

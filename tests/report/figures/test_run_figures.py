@@ -39,6 +39,7 @@ def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes
     assert [path.relative_to(folder).as_posix() for path in paths] == [
         "figures/deviation.png",
         "figures/curves-tiny.png",
+        "figures/radii.png",
         "figures/clouds-tiny.png",
     ]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
@@ -49,7 +50,7 @@ def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes
 def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(plugins, tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(curves, "PANELS", [curves.DEVIATION, curves.PANELS[3], curves.PANELS[-1]])
     folder = run_into(tmp_path / "run", tiny, ["trouble", "trouble[kind=empty]"], snr_db=[3], trials=1)
-    assert len(draw_run(folder)) == 3
+    assert len(draw_run(folder)) == 4
 
 
 def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(
@@ -62,9 +63,9 @@ def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(
         name="t", scenarios=[str(tiny), str(other)], estimators=["blob", "seer"], snr_db=[0], trials=1
     )
     run_suite(suite, tmp_path / "run")
-    with pytest.warns(InputWarning, match="of more than 1 scenarios only the mean deviation is drawn"):
+    with pytest.warns(InputWarning, match="of more than 1 scenarios only means are drawn"):
         draw_run(tmp_path / "run")
-    assert drawn["saved"] == ["deviation"]
+    assert drawn["saved"] == ["deviation", "radii"]
 
 
 def test_a_run_without_cells_draws_nothing(plugins, tiny, tmp_path):
@@ -80,7 +81,7 @@ def test_names_that_no_file_could_have_are_drawn_in_files_that_can_and_a_note_sa
 ):
     tiny.write_text(tiny.read_text().replace('"tiny"', r'"../$a\n街 b"'), encoding="utf-8")
     draw_run(run_into(tmp_path / "run", tiny, ["blob", "trouble", "trouble[kind=empty]"], snr_db=[0]))
-    assert drawn["saved"] == ["deviation", "curves-a-b", "clouds-a-b"]
+    assert drawn["saved"] == ["deviation", "curves-a-b", "radii", "clouds-a-b"]
     assert drawn["clouds"][0][0] == "../\\$a\ufffd\ufffd b, trial 0"
     notes = [image.note for image in drawn["clouds"][0][4][0]]
     assert notes[0].startswith("4 points, Hausdorff sum ")

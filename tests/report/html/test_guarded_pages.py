@@ -33,7 +33,7 @@ def _empty_here(monkeypatch):
 
 def test_figures_and_page_of_a_run_are_written_and_the_page_can_be_left_out(run_of):
     folder = run_of("music2d")
-    names = ["deviation.png", "curves-tiny.png", "clouds-tiny.png"]
+    names = ["deviation.png", "curves-tiny.png", "radii.png", "clouds-tiny.png"]
     assert [path.name for path in draw_run_and_page(folder, with_page=False)] == names
     assert not (folder / "report.html").exists()
     assert [path.name for path in draw_run_and_page(folder)] == [*names, "report.html"]
@@ -44,7 +44,7 @@ def test_a_run_of_too_many_rows_has_its_figures_and_a_warning_in_place_of_the_pa
     monkeypatch.setattr(page_content, "MOST_ROWS", 0)
     with pytest.warns(InputWarning, match="no page: .*1 rows are too many for a page; allowed are 0"):
         drawn = [path.name for path in draw_run_and_page(folder)]
-    assert drawn == ["deviation.png", "curves-tiny.png", "clouds-tiny.png"]
+    assert drawn == ["deviation.png", "curves-tiny.png", "radii.png", "clouds-tiny.png"]
 
 
 def test_a_diagnosis_that_fails_is_told_and_costs_neither_figures_nor_page(run_of, monkeypatch):
@@ -58,4 +58,6 @@ def test_a_diagnosis_that_fails_is_told_and_costs_neither_figures_nor_page(run_o
         folder = run_of(f"showing[deed={deed}]")
         with pytest.warns(InputWarning, match=message):
             drawn = [path.name for path in draw_run_and_page(folder)]
-        assert drawn == ["deviation.png", "curves-tiny.png", "clouds-tiny.png", "report.html"], deed
+        assert drawn == ["deviation.png", "curves-tiny.png", "radii.png", "clouds-tiny.png", "report.html"], (
+            deed
+        )
