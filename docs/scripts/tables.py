@@ -20,6 +20,7 @@ import pandas as pd
 from isacbench.bench.compare.matching import RunTable, read_run
 from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
 from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
+from isacbench.bench.plan.labels import rows_of as own_rows
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
 from isacbench.bench.studies.imaging_study import summarise_scores
@@ -322,7 +323,7 @@ def told_apart() -> dict[str, str]:
     table = table[table["dimension"] == "u"].sort_values("separation_cells", ascending=False)
     found = {}
     for variant, label in labels_of("resolution").items():
-        own = table[(table[VARIANT] == variant).all(axis=1)]
+        own = own_rows(table, variant)
         is_told = (own["resolved"] >= 0.9).cummin()
         found[label] = f"{own['separation_cells'][is_told].min():g} cells" if is_told.any() else "none"
     return found
@@ -384,7 +385,7 @@ def efficiency() -> str:
     header += [f"{dimension} at {gain_db:g} dB" for gain_db in shown_db for dimension in DIMENSIONS]
     rows = []
     for variant, label in labels_of("efficiency").items():
-        own = table[(table[VARIANT] == variant).all(axis=1)].set_index("snr_gain_db")
+        own = own_rows(table, variant).set_index("snr_gain_db")
         cells = [number(own["n_misses"][gain_db] / own["n_trials"][gain_db]) for gain_db in (10, 15, 20, 25)]
         cells += [number(own[f"ratio_{name}"][gain_db]) for gain_db in shown_db for name in DIMENSIONS]
         rows.append([code(label), *cells])
@@ -399,7 +400,7 @@ def resolution() -> str:
     rows = []
     for dimension in DIMENSIONS:
         for variant, label in labels_of("resolution").items():
-            own = table[(table[VARIANT] == variant).all(axis=1) & (table["dimension"] == dimension)]
+            own = own_rows(table[table["dimension"] == dimension], variant)
             shares = own.set_index("separation_cells")["resolved"]
             rows.append([dimension, code(label), *(number(shares[distance]) for distance in cells)])
     return markdown(header, rows, left=2)
