@@ -139,7 +139,7 @@ def _draw_differences(axes: Axes, own: pd.DataFrame, looks: Mapping[Variant, Lin
 def _draw_references(
     axes: Axes, references: pd.DataFrame, own: pd.DataFrame, labels: Mapping[Variant, str]
 ) -> None:
-    """Draw the mean of every reference as a line, named above the panel; name far ones at the edge."""
+    """Draw the mean of every reference as a line, named above the panel; name far ones at the lower edge."""
     best = own["mean"].iloc[0]
     low, high = min(own["change_low"].min(), 0.0), max(own["change_high"].max(), 0.0)
     reach = FAR * (high - low)
@@ -152,9 +152,9 @@ def _draw_references(
             axes.axvline(place, color=BOUND_COLOUR, linestyle="--", linewidth=1.0)
             _annotate(axes, name, (place, 1.0), axes.get_xaxis_transform(), rotation=35)
         elif place > high:
-            _annotate(axes, f"{name} at {place:+.3g} →", (1.0, 1.0), axes.transAxes, ha="right")
+            _annotate(axes, f"{name} at {place:+.3g} →", (0.99, 0.0), axes.transAxes, ha="right")
         else:
-            _annotate(axes, f"← {name} at {place:+.3g}", (0.0, 1.0), axes.transAxes, ha="left")
+            _annotate(axes, f"← {name} at {place:+.3g}", (0.01, 0.0), axes.transAxes, ha="left")
 
 
 def _annotate(

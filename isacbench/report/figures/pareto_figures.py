@@ -119,13 +119,15 @@ def draw_pareto(points: pd.DataFrame, scenario: str) -> Figure:
     Figure
         Of more than four SNRs, `shown_snrs`.
     """
-    part = points[points["scenario"] == scenario]
+    # No point at all takes no time, and its error would be most of the axis.
+    part = points[(points["scenario"] == scenario) & (points["estimator"] != "empty")]
     labels = {_look_key(row): row["label"] if row["is_limit"] else row["estimator"] for row in _rows(part)}
     looks = assign_looks(labels, set(part.loc[part["is_limit"], "estimator"]))
     is_numbered = bool(part.groupby("estimator")["number"].nunique().max() > 1)
     snrs_db = shown_snrs(part["snr_db"].tolist())
     legend, title = _legend(part, looks, is_numbered), f"{drawable(scenario)}: {_average(part)}"
-    figure, panels = panel_grid(len(snrs_db), legend, title, MAX_COLUMNS, PANEL_IN)
+    n_columns = 3 if len(snrs_db) == 3 else MAX_COLUMNS
+    figure, panels = panel_grid(len(snrs_db), legend, title, n_columns, PANEL_IN)
     for axes in panels[1:]:
         axes.sharex(panels[0])
         axes.sharey(panels[0])
