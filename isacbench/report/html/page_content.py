@@ -12,7 +12,8 @@ from scipy.special import stdtrit
 from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.matching import code_version
-from isacbench.bench.compare.ranking import rank_table
+from isacbench.bench.compare.ranking import default_metric, rank_table
+from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.store.run_store import scenario_texts
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from isacbench.report.html.joined_runs import JoinedRuns
 
 DEFAULT_METRIC = "deviation"
-"""Metric that a page shows first: the paper's curve."""
+"""Metric that a page of fewer than six scenes shows first. A page of more shows what `rank` goes by."""
 
 RANKED = ("ratio", "hausdorff_sum_m", "f_score", "objects_f_score", "deviation")
 """Metrics with rank sets; each takes a second for a hundred scenes."""
@@ -76,7 +77,7 @@ MOST_ROWS = 200_000
 
 def page_content(
     joined: JoinedRuns,
-    metric: str = DEFAULT_METRIC,
+    metric: str | None = None,
     first: NDArray[np.bool_] | None = None,
 ) -> tuple[dict[str, Any], bytes]:
     """Describe runs for a page.
@@ -84,8 +85,9 @@ def page_content(
     Parameters
     ----------
     joined : JoinedRuns
-    metric : str
-        The metric that is shown first; ranked even if it is none of `RANKED`.
+    metric : str, optional
+        The metric that is shown first; ranked even if it is none of `RANKED`. By default `DEFAULT_METRIC`
+        of fewer than six scenes, and what `rank` goes by of more.
     first : ndarray of bool, optional
         Rows whose clouds must be in the page.
 
@@ -119,6 +121,7 @@ def page_content(
     points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
     looks = assign_looks(joined.labels, find_limits(records))
     metrics = _metrics(joined)
+    metric = metric or _first_metric(records)
     estimators = [_estimator(joined, variant, look) for variant, look in looks.items()]
     content = {
         "metric": metric,
@@ -263,6 +266,11 @@ def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
         "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "",
     }
     return {"name": run.name, "facts": facts}
+
+
+def _first_metric(records: pd.DataFrame) -> str:
+    is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records
+    return default_metric(records) if is_many else DEFAULT_METRIC
 
 
 def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:

@@ -53,14 +53,14 @@ def write_run_page(folder: Path, maps: Mapping[str, Any] | None = None, run: Rea
     return path
 
 
-def write_rank_page(folder: Path, metric: str = DEFAULT_METRIC) -> Path:
+def write_rank_page(folder: Path, metric: str | None = None) -> Path:
     """Write the page of a ranking into the folder of its run.
 
     Parameters
     ----------
     folder : Path
         Of a run.
-    metric : str
+    metric : str, optional
 
     Returns
     -------

@@ -52,12 +52,9 @@ const drawOverview = (box) => {
       };
     });
   const sign = metric.better === "higher" ? "down" : "up";
+  const beside = ["ratio", "hausdorff_sum_m", "f_score", "objects_f_score", "velocity_error_mps", "deviation", "time_estimate_s"];
   const shown = data.metrics
-    .filter(
-      (each) =>
-        each.name === metric.name ||
-        ["deviation", "hausdorff_sum_m", "ratio", "precision", "recall", "gospa_m", "time_estimate_s"].includes(each.name),
-    )
+    .filter((each) => each.name === metric.name || beside.includes(each.name))
     .sort((a, b) => (b.name === metric.name) - (a.name === metric.name));
   const columns = [
     {
@@ -117,7 +114,7 @@ const drawOverview = (box) => {
         { class: "note" },
         data.ranks[metric.name]?.ranks
           ? "Rank sets are over all SNRs, and over all scenes or families of 20 scenes or more."
-          : `No rank sets: ${reason ? short(reason, 600) : "they are made of deviation, Hausdorff sum, ratio and GOSPA, and of the metric of isacbench rank"}`,
+          : `No rank sets: ${reason ? short(reason, 600) : "they are made of the ratio, the Hausdorff sum, the F-scores of points and objects, the deviation, and of the metric of isacbench rank"}`,
       ),
     );
   for (const note of data.ranks[metric.name]?.notes ?? []) parts.push(h("p", { class: "note" }, note));
