@@ -75,6 +75,10 @@ def run_command(
             raise InputError(
                 f"--block {block}: suite {wanted.name} is no population, which has blocks of seeds"
             )
+        if scenario:
+            raise InputError(
+                f"--block {block} takes other scenes than -s {scenario[0]}; allowed is one of them"
+            )
         wanted = wanted.in_block(block)
     wanted = wanted.replace(
         estimators=estimator,

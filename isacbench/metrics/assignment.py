@@ -73,7 +73,7 @@ def near_pairs(first: cKDTree, second: cKDTree, radius_m: float, what: str) -> P
     if n_near > MOST_PAIRS:
         warnings.warn(
             f"{what} of {first.n} true and {second.n} estimated points is left out (NaN): {n_near} pairs "
-            f"are within {radius_m:g} m, more than {MOST_PAIRS}; thin both clouds or choose a smaller radius",
+            f"are within {radius_m:g} m, more than {MOST_PAIRS}; thin the clouds",
             InputWarning,
             stacklevel=2,
         )

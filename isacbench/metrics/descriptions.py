@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
+
+from isacbench.errors import require
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,6 +34,11 @@ class ScoreColumn:
         Direction that is better.
     empty : float or None
         Score of an image without points, NaN if it has none; None where it depends on the scene.
+
+    Raises
+    ------
+    InputError
+        If `better` is another word.
     """
 
     name: str
@@ -39,6 +46,10 @@ class ScoreColumn:
     unit: str = ""
     better: Direction = "lower"
     empty: float | None = None
+
+    def __post_init__(self) -> None:
+        words = get_args(Direction)
+        require(self.better in words, f"score column {self.name}: better", self.better, ", ".join(words))
 
     @property
     def title(self) -> str:

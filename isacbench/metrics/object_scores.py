@@ -230,6 +230,8 @@ class Objects:
         Matches
         """
         truth = true_objects(scenario)
+        # Of equally good assignments, which one is found does not depend on the order of points.
+        estimate = estimate.select(np.lexsort(estimate.to_array().T))
         found = described(estimate, group_points(scenario, estimate, self.voxel))
         distance_m = np.linalg.norm(truth.centre_m[:, None] - found.centre_m[None], axis=2)
         inside = distance_m <= self.gate_m

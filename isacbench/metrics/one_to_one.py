@@ -92,8 +92,9 @@ class OneToOne:
         Returns
         -------
         dict of str to float
-            NaN where a cloud is too dense to be matched or merged, and for the velocity error if velocities
-            are unknown. Without matched points the velocity error is the largest that the region allows.
+            NaN where a cloud is too dense to be matched or merged (the area at 4 m, the others at the
+            radius), and for the velocity error if velocities are unknown. Without matched points the
+            velocity error is the largest that the region allows.
         """
         gospa = pair.remembered(pair_gospa)
         localisation, missed, false = gospa.shares
@@ -104,17 +105,17 @@ class OneToOne:
             "gospa_false": false,
             "ospa_m": gospa.ospa_m,
         }
-        truth, near = pair.remembered(_near_merged)
-        if near is None:
+        truth, inside, _ = pair.remembered(_near_merged)
+        if inside is None:
             return {**dict.fromkeys((column.name for column in self.columns), math.nan), **found}
-        n_matched, velocity_error_mps = _nearest_matching(pair, truth, near)
+        n_matched, velocity_error_mps = _nearest_matching(pair, truth, inside)
         n_true, n_estimated = len(truth), len(pair.estimate)
         return {
             "f_score": 2 * n_matched / (n_true + n_estimated),
             "matched_precision": n_matched / max(n_estimated, 1),
             "matched_recall": n_matched / n_true,
             "velocity_error_mps": velocity_error_mps,
-            "f_score_area": _curve(near, n_true, n_estimated).area,
+            "f_score_area": score_curve(pair).area,
             **found,
         }
 
@@ -131,10 +132,14 @@ def score_curve(pair: CloudPair) -> Curve:
     Curve
         NaN where a cloud is too dense.
     """
-    truth, near = pair.remembered(_near_merged)
+    truth, _, near = pair.remembered(_near_merged)
     if near is None:
         return Curve(RADII_M, *np.full((3, RADII_M.size), math.nan))
-    return _curve(near, len(truth), len(pair.estimate))
+    within = [near.take(near.squared_m2 <= radius_m**2) for radius_m in RADII_M.tolist()]
+    n_matched = np.array([most_pairs(pairs) for pairs in within])
+    n_true, n_estimated = len(truth), len(pair.estimate)
+    shares = n_matched / max(n_estimated, 1), n_matched / n_true, 2 * n_matched / (n_true + n_estimated)
+    return Curve(RADII_M, *shares)
 
 
 @lru_cache(maxsize=4)
@@ -180,8 +185,8 @@ def merged_truth(scenario: Scenario) -> PointCloud:
     return PointCloud(np.column_stack([x, y, z]) / n_points[:, None], v / n_points, power)
 
 
-def _near_merged(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
-    """Merge the truth, and find its pairs with the estimate up to the largest radius that is asked for."""
+def _near_merged(pair: CloudPair) -> tuple[PointCloud, Pairs | None, Pairs | None]:
+    """Merge the truth, and pair it with the estimate within the radius, and up to the curve's last radius."""
     truth = pair.truth
     if pair.scenario is None:
         warnings.warn(
@@ -195,22 +200,16 @@ def _near_merged(pair: CloudPair) -> tuple[PointCloud, Pairs | None]:
             truth = merged_truth(pair.scenario)
         except InputError as error:
             warnings.warn(f"F-scores are left out (NaN): {error}", InputWarning, stacklevel=2)
-            return truth, None
-    reach_m = max(pair.radius_m, RADII_M[-1])
-    return truth, near_pairs(cKDTree(truth.xyz), pair.estimate_tree, reach_m, "F-score")
+            return truth, None, None
+    tree = cKDTree(truth.xyz)
+    near = near_pairs(tree, pair.estimate_tree, RADII_M[-1], "f_score_area")
+    if near is None or pair.radius_m > RADII_M[-1]:
+        return truth, near_pairs(tree, pair.estimate_tree, pair.radius_m, "F-score"), near
+    return truth, near.take(near.squared_m2 <= pair.radius_m**2), near
 
 
-def _curve(near: Pairs, n_true: int, n_estimated: int) -> Curve:
-    """Precision, recall and F-score of the largest matching within each radius."""
-    inside = [near.take(near.squared_m2 <= radius_m**2) for radius_m in RADII_M.tolist()]
-    n_matched = np.array([most_pairs(pairs) for pairs in inside])
-    shares = n_matched / max(n_estimated, 1), n_matched / n_true, 2 * n_matched / (n_true + n_estimated)
-    return Curve(RADII_M, *shares)
-
-
-def _nearest_matching(pair: CloudPair, truth: PointCloud, near: Pairs) -> tuple[int, float]:
+def _nearest_matching(pair: CloudPair, truth: PointCloud, inside: Pairs) -> tuple[int, float]:
     """Size of the largest matching within the radius, and the velocity error of the nearest one of these."""
-    inside = near.take(near.squared_m2 <= pair.radius_m**2)
     if not inside.i.size:
         speeds = (0.0, 0.0) if pair.region is None else pair.region.speed_mps
         worst_mps = max(float(np.ptp([*truth.velocity, *speeds, 0.0])), pair.velocity_bin_mps)

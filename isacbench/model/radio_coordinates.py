@@ -125,11 +125,14 @@ def radio_places(radio: Radio, points: PointCloud | Scatterers) -> Floats:
     Returns
     -------
     ndarray of float64, shape (n, 4)
-        Range in m, velocity in m/s, direction cosines u and w.
+        Range in m, velocity in m/s, direction cosines u and w, which are 0 at the base station itself.
     """
     offset_m = points.xyz - radio.base_station_m
-    u, w = radio.frame.direction_cosines(offset_m)
-    return np.stack([np.linalg.norm(offset_m, axis=1), points.velocity, u, w], axis=1)
+    range_m = np.linalg.norm(offset_m, axis=1)
+    is_away = range_m > 0
+    u, w = np.zeros((2, range_m.size))
+    u[is_away], w[is_away] = radio.frame.direction_cosines(offset_m[is_away])
+    return np.stack([range_m, points.velocity, u, w], axis=1)
 
 
 def space_places(scenario: Scenario, places: ArrayLike) -> tuple[Floats, Floats]:

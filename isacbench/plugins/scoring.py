@@ -17,6 +17,7 @@ from isacbench.metrics.paper import Paper
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
+from isacbench.plugins.error_places import error_place
 from isacbench.plugins.parameters import canonical_params, python_number
 from isacbench.plugins.registry import build_metric
 from isacbench.streams import plugin_output
@@ -142,12 +143,21 @@ def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
     Raises
     ------
     InputError
-        If the metric returns other columns than it describes, or something that is no number.
+        If the metric raises an exception, returns other columns than it describes, or what is no number.
     """
     known = expanded(metric.columns, () if pair.scenario is None else object_kinds(pair.scenario))
     if lacks_of(metric, pair.scenario):
         return dict.fromkeys(known, math.nan)
-    found = dict(metric.score(pair))
+    try:
+        found = dict(metric.score(pair))
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        place = error_place(error, type(metric).__module__)
+        raise InputError(
+            f"metric {metric.name}: score() raised {type(error).__name__}: {error}"
+            + f" ({place})" * bool(place)
+        ) from error
     always = [column.name for column in metric.columns if ANY_KIND not in column.name]
     missing, unknown = [name for name in always if name not in found], sorted(found.keys() - known.keys())
     if missing or unknown:

@@ -419,6 +419,10 @@ def test_a_mistake_in_a_scenario_ends_in_one_message_exit_code_2_and_nothing_wri
         hold_to_one_message(cli, "image -s bad.toml -e blob -o cloud.csv", ["bad.toml", *fragments])
 
 
+def test_a_block_of_seeds_and_scenes_by_name_exclude_each_other(cli):
+    hold_to_one_message(cli, "run population-quick --block 1 -s street", ["--block 1", "-s street"])
+
+
 def test_wrong_usage_exits_2(cli):
     for words in ("", "run -n 0", "run --bogus", "score one.csv", "nothing"):
         assert cli(*words.split()).exit_code == 2, words

@@ -108,7 +108,7 @@ def test_clouds_too_dense_for_a_matching_take_no_memory_for_their_pairs():
     cloud = cloud_at(np.random.default_rng(2).uniform(size=(10_000, 3)))
     tracemalloc.start()
     try:
-        with pytest.warns(InputWarning, match="pairs are within 1 m, more than 4194304; thin both clouds"):
+        with pytest.warns(InputWarning, match="pairs are within 1 m, more than 4194304; thin the clouds"):
             assert math.isnan(gospa_m(cloud, cloud))
         peak = tracemalloc.get_traced_memory()[1]
     finally:

@@ -145,20 +145,54 @@ def test_a_cloud_without_velocities_has_no_objects():
     assert math.isnan(scores(STREET, PointCloud(STREET.truth.xyz))["objects_detected"])
 
 
-def test_a_csv_may_name_the_object_of_each_point(tmp_path):
-    (tmp_path / "points.csv").write_text(
-        "x,y,z,v,object\n1,2,0.5,0,Drone 1\n1.2,2,0.5,0,Drone 1\n20,9,0,1,car 2\n"
-    )
-    text = (
-        'name = "own"\n[array]\nframe = "panel"\n[base_station]\nposition_m = [15.0, 100.0, 20.0]\n'
-        "[region]\nx_m = [0.0, 30.0]\ny_m = [0.0, 20.0]\nz_m = [0.0, 20.0]\nspeed_mps = [-15.0, 15.0]\n"
-        '[[objects]]\nkind = "points"\nfile = "points.csv"\n'
-    )
-    (tmp_path / "own.toml").write_text(text)
-    scenario = load_scenario(tmp_path / "own.toml")
+HEAD = (
+    'name = "own"\n[array]\nframe = "panel"\n[base_station]\nposition_m = [15.0, 100.0, 20.0]\n'
+    "[region]\nx_m = [0.0, 30.0]\ny_m = [0.0, 20.0]\nz_m = [0.0, 20.0]\nspeed_mps = [-15.0, 15.0]\n"
+)
+POINTS = '[[objects]]\nkind = "points"\nfile = "{}"\n'
+
+
+@pytest.fixture
+def own_scene(tmp_path):
+    """Return a function that loads a scene of csv files by name, and of further objects."""
+
+    def load(further="", **files):
+        for name, rows in files.items():
+            (tmp_path / f"{name}.csv").write_text(f"x,y,z,v,object\n{rows}")
+        objects = "".join(POINTS.format(f"{name}.csv") for name in files)
+        (tmp_path / "own.toml").write_text(HEAD + objects + further)
+        return load_scenario(tmp_path / "own.toml")
+
+    return load
+
+
+def test_a_csv_may_name_the_object_of_each_point(own_scene):
+    scenario = own_scene(points="1,2,0.5,0,Drone 1\n1.2,2,0.5,0,Drone 1\n20,9,0,1,car 2\n")
     assert scenario.scatterers.objects == ("Drone 1", "Drone 1", "car 2")
     found = scores(scenario, scenario.truth)
     assert (found["detected_drone"], found["detected_car"]) == (1, 1)
+
+
+def test_objects_of_one_name_in_several_entries_of_a_file_are_several_objects(own_scene):
+    car = '[[objects]]\nkind = "car"\nposition_m = [6, 10, 0]\n'
+    first, second = "1,2,1,0,car 1\n1.5,2,1,0,car 1\n", "20,18,1,0,car 1\n20.5,18,1,0,car 2\n"
+    scenario = own_scene(car, first=first, second=second)
+    names = scenario.scatterers.objects
+    assert names[:4] == ("car 1", "car 1", "car 3", "car 2")
+    assert len(true_objects(scenario)) == len(set(names)) == 4
+
+
+def test_a_point_at_the_base_station_is_a_point_like_others():
+    there = PointCloud([STREET.base_station_m, STREET.truth.xyz[0]], [0.0, STREET.truth.velocity[0]])
+    alone = there.select([1])
+    assert scores(STREET, there)["n_objects_false"] == scores(STREET, alone)["n_objects_false"] + 1
+
+
+def test_of_equally_near_objects_the_same_one_is_matched_in_every_order_of_points():
+    centre = true_objects(TOWN).centre_m[0]
+    sides = np.array([[-1.5, 0, 0], [1.5, 0, 0]])
+    cloud = PointCloud(centre + sides, true_objects(TOWN).velocity_mps[0] + np.array([0.0, 4.0]))
+    np.testing.assert_equal(scores(TOWN, cloud.select([1, 0])), scores(TOWN, cloud))
 
 
 @pytest.mark.parametrize("name", ["gate_m", "gate_mps", "voxel"])

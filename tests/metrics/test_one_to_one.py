@@ -1,5 +1,6 @@
 """One-to-one scores: matchings against plain loops and Stone Soup, merged truth, invariances."""
 
+import dataclasses
 import itertools
 import math
 from datetime import datetime
@@ -174,15 +175,31 @@ def test_the_largest_matching_is_found_where_the_nearest_first_would_miss_it():
 
 def test_too_dense_clouds_are_left_out_in_words(monkeypatch):
     monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 3)
-    pair = CloudPair(cloud_of(np.random.default_rng(0), 5), cloud_of(np.random.default_rng(1), 5))
-    with pytest.warns(InputWarning, match="F-score of 5 true and 5 estimated points is left out"):
+    pair = CloudPair(
+        cloud_of(np.random.default_rng(0), 5), cloud_of(np.random.default_rng(1), 5), radius_m=3.9
+    )
+    with pytest.warns(InputWarning) as warned:
         assert math.isnan(OneToOne().score(pair)["f_score"])
+    told = [str(each.message) for each in warned]
+    assert any(text.startswith("F-score of 5 true and 5 estimated points is left out") for text in told)
     monkeypatch.setattr("isacbench.metrics.one_to_one.MOST_MERGED", 5)
 
     merged_truth.cache_clear()
     with pytest.raises(InputError, match=r"street: \d+ scatterers hang together; allowed are at most 5"):
         merged_truth(STREET)
     assert near_pairs(pair.truth_tree, pair.estimate_tree, 1e-6, "x").i.size == 0
+
+
+def test_a_cloud_too_dense_for_the_curve_has_all_scores_at_its_radius(monkeypatch):
+    line = np.column_stack([np.arange(40.0) * 1.5, np.zeros((40, 2))])
+    pair = CloudPair(PointCloud(line, np.ones(40)), PointCloud(line + 0.1, np.ones(40)))
+    with pytest.warns(InputWarning, match="not merged"):
+        expected = OneToOne().score(dataclasses.replace(pair))
+    monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 100)
+    with pytest.warns(InputWarning, match="f_score_area of 40 true and 40 estimated points is left out"):
+        found = OneToOne().score(dataclasses.replace(pair))
+    assert math.isnan(found.pop("f_score_area"))
+    assert found == {name: value for name, value in expected.items() if name != "f_score_area"}
 
 
 def test_without_a_scenario_the_truth_is_not_merged_and_a_warning_says_so():

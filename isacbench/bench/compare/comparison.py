@@ -79,7 +79,8 @@ class Comparison:
         Scores that are compared, and by how much each may get worse.
     curves : DataFrame
         A row for each metric, scenario, estimator and params: ``n_snr``,
-        ``n_pairs`` (trials); mean and half width of its 95 % confidence band
+        ``n_pairs`` (trials), of which the new run is better in ``n_better``
+        and equal in ``n_equal``; mean and half width of its 95 % confidence band
         (Student's t) of both runs, ``base_mean``, ``base_band``,
         ``new_mean``, ``new_band``; ``change`` and ``relative``, the change
         over the base's mean, each with the limits ``_low`` and ``_high`` of

@@ -148,7 +148,9 @@ def rank_text(low: float, high: float) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def rank(folder: str | Path, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
+def rank(
+    folder: str | Path, metric: str | None = None, estimators: str | Sequence[str] | None = None
+) -> Ranking:
     """Rank the estimators of a run over its scenes, as ``isacbench rank`` does. Nothing is written.
 
     Estimators that see the truth are references: they are shown, not ranked.
@@ -161,7 +163,7 @@ def rank(folder: str | Path, metric: str | None = None, estimators: Sequence[str
         Column of the rows with a better direction, or
         ``ratio``, the Hausdorff sum over that of the oracle. By default the ratio; of a run without
         the oracle, or without any ratio, ``hausdorff_sum_m``.
-    estimators : sequence of str, optional
+    estimators : str or sequence of str, optional
         Those to rank, as ``name[param=value,...]``, chosen before looking: a set of ranks depends on who
         competes. By default all that do not see the truth.
 
@@ -186,9 +188,10 @@ def rank(folder: str | Path, metric: str | None = None, estimators: Sequence[str
     ...     _ = run("quick", estimators=["fft4d", "oracle"], snr_db=[10], trials=1, out=folder)
     ...     rank(folder)
     Traceback (most recent call last):
-    isacbench.errors.InputError: ...: a ranking needs two estimators or more that do not see the truth; ...
+    isacbench.errors.InputError: ...: a ranking needs two estimators or more that are no references; ...
     """
-    return rank_table(read_run(Path(folder)), metric, estimators)
+    chosen = [estimators] if isinstance(estimators, str) else estimators
+    return rank_table(read_run(Path(folder)), metric, chosen)
 
 
 def default_metric(records: pd.DataFrame) -> str:
@@ -241,12 +244,13 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
     if estimators is not None:
         chosen = {find_variant(run, text) for text in estimators}
         if seeing := sorted({name for name, _ in chosen} & limits):
-            raise InputError(f"{run.label}: {seeing[0]} sees the truth and is not ranked; give others")
+            raise InputError(f"{run.label}: {seeing[0]} is a reference and is not ranked; give others")
         ranked = [variant for variant in ranked if variant in chosen]
     references = [variant for variant in variants if variant[0] in limits]
     if len(ranked) < 2:
         raise InputError(
-            f"{run.label}: a ranking needs two estimators or more that do not see the truth; the run has "
+            f"{run.label}: a ranking needs two estimators or more that are no references; "
+            f"{'the run has' if estimators is None else 'wanted is'} "
             f"{', '.join(name for name, _ in ranked) or 'none'}"
         )
     scored = average_scenes(records, metric, better, ranked)

@@ -163,6 +163,7 @@ def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataF
     base, new = pd.DataFrame(scores.base), pd.DataFrame(scores.new)
     worsening = new - base if better == "lower" else base - new
     table["n_pairs"] = base.count()
+    table["n_better"], table["n_equal"] = (worsening < 0).sum(), (worsening == 0).sum()
     for name, values in (("base", base), ("new", new)):
         table[f"{name}_mean"] = values.mean()
         table[f"{name}_band"] = student_band(values.std(), table["n_pairs"])

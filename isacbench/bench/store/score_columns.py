@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.suites.suite_kinds import kind_of, suite_metrics
+from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
+from isacbench.bench.suites.suite_kinds import KINDS, kind_of, suite_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.scoring import Metrics, object_kinds
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
+    from isacbench.plugins.contracts import Metric
 
 SCORES = "scores"
 """Key of a manifest with the metrics and their columns."""
@@ -36,9 +37,31 @@ def metrics_of(suite: Suite) -> Metrics:
     Raises
     ------
     InputError
-        If one is unknown, or listed twice.
+        If one is unknown, is listed twice, or has a column that rows have without it.
     """
-    return Metrics.of(suite_metrics(suite))
+    metrics = Metrics.of(suite_metrics(suite))
+    for metric in metrics.further:
+        if taken := taken_columns(metric):
+            raise InputError(
+                f"metric {metric.name}: rows have a column {taken[0]} already; allowed are other names"
+            )
+    return metrics
+
+
+def taken_columns(metric: Metric) -> list[str]:
+    """List the columns of a metric that would replace others of rows: keys, times, or those of a study.
+
+    Parameters
+    ----------
+    metric : Metric
+
+    Returns
+    -------
+    list of str
+    """
+    others = {*COLUMNS, "label", "ratio", *TIMING_COLUMNS, *REFERENCE_COLUMNS} - Metrics().columns(()).keys()
+    others |= {name for kind in KINDS.values() for name in kind.columns}
+    return [column.name for column in metric.columns if column.name in others]
 
 
 def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:
@@ -122,7 +145,8 @@ def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
             )
             raise InputError(
                 f"its cells were scored by the metric {name}: {found}, wanted: {now}; "
-                "rescore it first (isacbench rescore), or use a new folder"
+                + ("rescore it first (isacbench rescore)" if name in wanted else f"add --metric {name}")
+                + ", or use a new folder"
             )
 
 

@@ -85,13 +85,13 @@ def suite_metrics(suite: Suite) -> tuple[str, ...]:
     return kind_of(suite).metrics if suite.metrics is None else suite.metrics
 
 
-def with_metrics(suite: S, further: Iterable[str]) -> S:
+def with_metrics(suite: S, further: str | Iterable[str]) -> S:
     """Give a suite further metrics, each in place of one of the same name.
 
     Parameters
     ----------
     suite : Suite
-    further : iterable of str
+    further : str or iterable of str
         As ``name[param=value,...]``.
 
     Returns
@@ -99,7 +99,7 @@ def with_metrics(suite: S, further: Iterable[str]) -> S:
     Suite
         The same if there are none.
     """
-    added = tuple(further)
+    added = (further,) if isinstance(further, str) else tuple(further)
     named = {parse_spec(spec).name: spec for spec in (*suite_metrics(suite), *added)}
     return suite.replace(metrics=tuple(named.values())) if added else suite
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.bench.store.score_columns import taken_columns
 from isacbench.checking.contract.class_checks import (
     BUILT,
     CALLABLE,
@@ -109,9 +110,18 @@ def _describes_its_columns(subject: MetricSubject) -> str:
         raise BrokenPromiseError("columns has none, or two of one name: give each score a name of its own")
     if bare := [column.name for column in columns if not column.description]:
         raise BrokenPromiseError(f"column {bare[0]} has no description: say in a line what it is")
+    if taken := taken_columns(subject.plugin_class):
+        raise BrokenPromiseError(
+            f"rows of a run have a column {taken[0]} already: give the score another name"
+        )
     for column in columns:
-        if not column.name.endswith((suffix := SUFFIXES.get(column.unit, ""), *PUBLISHED)):
-            raise DoubtfulError(f"column {column.name} is in {column.unit}: let its name end in {suffix}")
+        suffix = SUFFIXES.get(column.unit, "")
+        others = tuple(end for unit, end in SUFFIXES.items() if unit != column.unit)
+        if not column.name.endswith((suffix, *PUBLISHED)) or (not suffix and column.name.endswith(others)):
+            raise DoubtfulError(
+                f"column {column.name} has the unit {column.unit!r}: let the name end in that of the unit; "
+                f"{', '.join(f'{unit!r} ends in {end}' for unit, end in SUFFIXES.items())}"
+            )
     return ", ".join(column.name for column in columns)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import compress
+from itertools import compress, count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,7 +66,7 @@ class PlacedObject:
 
 
 def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
-    """Join the scatterers of all objects.
+    """Join the scatterers of all objects. One whose name an earlier one has, is given another number.
 
     Parameters
     ----------
@@ -81,10 +81,26 @@ def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
         np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
         np.concatenate([np.empty(0), *(part.velocity for part in parts)]),
         np.concatenate([np.empty(0), *(part.amplitude for part in parts)]),
-        objects=tuple(
-            name for each in placed for name in each.scatterers.objects or [each.name] * len(each.scatterers)
+        objects=_own_names(
+            [each.scatterers.objects or (each.name,) * len(each.scatterers) for each in placed]
         ),
     )
+
+
+def _own_names(names: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """Name the objects of all scatterers; a name that an earlier entry of the file has gets a free number."""
+    used: set[str] = set()
+    found: list[str] = []
+    for own in names:
+        named = {name: name for name in own}
+        again = [name for name in named if name and name in used]
+        used |= named.keys()
+        for name in again:
+            stem = name.rstrip("0123456789 ")
+            named[name] = next(one for number in count(2) if (one := f"{stem} {number}") not in used)
+            used.add(named[name])
+        found += [named[name] for name in own]
+    return tuple(found)
 
 
 def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list[PlacedObject]:

@@ -100,15 +100,20 @@ def effect_lines(comparison: Comparison) -> list[str]:
             base, new = rows["base_mean"].mean(), rows["new_mean"].mean()
             first = rows.to_dict("records")[0]
             relative = f", {100 * (new - base) / abs(base):+.0f} %" if base else ""
-            share, n_pairs = f"{rows['is_better'].sum():.0f}", int(first["n_pairs"])
+            n_better, n_equal, n_pairs = (
+                rows["is_better"].sum(),
+                (rows["change"] == 0).sum(),
+                first["n_pairs"],
+            )
             of, each = len(rows), " a scene"
             if said.unit == "scene":
-                share, of, each = f"{100 * first['win_probability']:.0f} %", n_pairs, ""
+                n_better, n_equal, of, each = first["n_better"], first["n_equal"], n_pairs, ""
             few = ""
             if not np.isfinite(rows["smallest_effect"]).any():
                 needed = f"{first['trials_needed']:g} needed"
                 few = f"; {counted(n_pairs, said.unit)}{each}, too few for a test ({needed})"
-            where = f"better on {share} of {counted(of, 'scene')}{few}"
+            equal = f", equal on {n_equal}" if n_equal else ""
+            where = f"better on {n_better} of {counted(of, 'scene')}{equal}{few}"
             name = shortened(said.name(first, before=" of "), NAME_WIDTH)
             found.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
     return found

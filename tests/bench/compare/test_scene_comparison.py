@@ -18,6 +18,8 @@ from isacbench.report.comparisons.comparison_tables import (
     comparison_content,
     comparison_grids,
     comparison_lines,
+    comparison_summary,
+    effect_lines,
 )
 
 PAIR = ("fft4d", "music2d")
@@ -109,6 +111,29 @@ def test_estimators_of_one_run_are_compared_over_scenes(scenes_run):
     assert "P(B better)" in grid.header
     assert "scenes" in grid.header
     assert "trials" not in grid.header
+
+
+def test_the_first_lines_count_the_scenes_where_the_new_side_is_better_or_equal(two_runs):
+    def change(records):
+        chosen = records["estimator"] == "music2d"
+        records.loc[chosen & records["scenario"].isin(["town[seed=1]", "town[seed=7]"]), "deviation"] *= 0.5
+        records.loc[chosen & (records["scenario"] == "town[seed=2]"), "deviation"] *= 2
+
+    unchanged, changed = effect_lines(compare_tables(*two_runs(change, town=8)))
+    assert "+0 %, better on 0 of 8 scenes, equal on 8" in unchanged
+    assert "better on 2 of 8 scenes, equal on 5" in changed
+
+
+def test_an_estimator_better_in_one_score_and_worse_in_another_is_told_as_both(scenes_run):
+    def change(records):
+        records.loc[records["estimator"] == "music2d", "deviation"] *= 3
+        records.loc[records["estimator"] == "music2d", "precision"] = 1.0
+
+    run = scenes_run(change, town=12)
+    scores = [Tolerance("deviation", 0.05, True), Tolerance("precision", 0.05, True)]
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    told = comparison_summary(compare_tables(run, run, scores, partners=partners, is_between=True))
+    assert told.startswith("music2d is worse than fft4d in one part and better in another: ")
 
 
 def test_scenes_that_changed_most_are_listed_with_the_command_that_shows_them(two_runs):

@@ -114,6 +114,16 @@ def test_the_manifest_has_the_metric_and_the_call_and_a_run_goes_on(street, tmp_
     assert len(run(street, trials=3, out=tmp_path / "run")) == 9
 
 
+def test_a_run_rescored_by_a_further_metric_goes_on_with_that_metric(street, done):
+    rescore(done, ["repository"])
+    with pytest.raises(
+        InputError, match="metric repository: version 1, wanted: not at all; add --metric repo"
+    ):
+        run(street, trials=3, out=done)
+    rows = run(street, trials=3, out=done, metrics=["repository"])
+    assert np.isfinite(rows.loc[rows["estimator"] != "trouble", "velocity"]).all()
+
+
 def test_a_killed_run_is_scored_with_the_rows_of_its_journal(street, done, tmp_path, monkeypatch):
     monkeypatch.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
     run(street, out=tmp_path / "run")

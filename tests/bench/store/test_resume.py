@@ -314,7 +314,7 @@ def test_damage_to_what_can_be_written_anew_costs_no_cell(
         folder = shutil.copytree(complete, tmp_path / f"{place}")
         damage(folder / name, how, place)
         if name == "manifest.json" and (version := other_metric_version(folder)):
-            with pytest.raises(InputError, match=f"by version {version} of the metric, not 1; rescore"):
+            with pytest.raises(InputError, match=f"metric paper: version {version}, wanted: version 1; re"):
                 go_despite_damage(suite, folder)
         else:
             assert go_despite_damage(suite, folder)[0] == 0
