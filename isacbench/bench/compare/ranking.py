@@ -256,7 +256,7 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
     scored = average_scenes(records, metric, better, ranked)
     _require_scenes(run, scored, metric)
     groups = scene_groups(scored.scenes.index, scene_families(run.manifest))
-    # Failed cells have no precision and recall: these are means over the images that there are.
+    # Failed cells have none of these scores: they are means over the images that there are.
     shares = {
         name: pd.DataFrame(
             {variant: average_alone(records, name, variant, scored.cells) for variant in ranked}
