@@ -167,10 +167,11 @@ class Objects:
         """
         if scenario is None:
             return "it needs a scenario as truth, which says what the objects are"
-        if not all(map(object_kind, set(scenario.scatterers.objects) or {""})):
+        names = scenario.scatterers.objects or ("",) * len(scenario.scatterers)
+        if alone := sum(not object_kind(name) for name in names):
             return (
-                f"scenario {scenario.name}: points belong to no object; give the objects of a csv of points "
-                "in a column object, such as car 1"
+                f"scenario {scenario.name}: {alone} of {len(names)} points belong to no object; give the "
+                "objects of a csv of points in a column object, such as car 1"
             )
         return ""
 

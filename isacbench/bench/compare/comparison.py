@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
@@ -30,7 +30,7 @@ from isacbench.bench.compare.matching import (
     version_differences,
     with_partners,
 )
-from isacbench.bench.compare.scene_scores import compared_scenes
+from isacbench.bench.compare.scene_scores import compared_scenes, with_ratios
 from isacbench.bench.compare.tolerance import Tolerance, direction, merge_tolerances, parse_tolerance
 from isacbench.bench.compare.verdicts import (
     VERDICTS,
@@ -311,6 +311,10 @@ def compare_tables(
     if reasons:
         raise NotComparableError(reasons)
     asked = merge_tolerances(tolerances)
+    if any(tolerance.metric == "ratio" for tolerance in asked):
+        base, new = (
+            replace(run, records=run.records.assign(ratio=with_ratios(run)["ratio"])) for run in (base, new)
+        )
     better = _directions(base, new, asked)
     variants = tuple(dict.fromkeys([*variants_of(base), *variants_of(new)]))
     between, sides = None, ("the base", "the new run")

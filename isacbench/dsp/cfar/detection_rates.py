@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 Swerling = Literal[0, 1, 2, 3, 4]
 
 NEGLIGIBLE = 1e-17
+MOST_SNR = 300.0
 AT_ONCE = 256
 
 
@@ -77,7 +78,7 @@ def detection_rate(
     looks = checked_looks(looks)
     require(swerling in get_args(Swerling), "swerling", swerling, "a model from 0 to 4")
     given = checked_array("snr_db", snr_db)
-    snr = 10 ** (given.ravel() / 10)
+    snr = 10 ** np.minimum(given.ravel() / 10, MOST_SNR)
     shape = {0: np.inf, 1: 1.0, 2: looks, 3: 2.0, 4: 2.0 * looks}[swerling]
     if n_training is None:
         threshold = float(special.gammainccinv(looks, pfa))
@@ -95,7 +96,7 @@ def detection_rate(
         )
         missed += np.exp(_log_weights(k, looks * snr[:, None], shape)) @ below
         if below[-1] < NEGLIGIBLE:  # it falls with k, whatever the echo is
-            return np.clip(1 - missed, 0.0, 1.0).reshape(given.shape)
+            return np.clip(1 - missed, pfa, 1.0).reshape(given.shape)
         first += AT_ONCE
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.statistics import bootstrap_changes, signed_rank_test
 from isacbench.bench.compare.tolerance import Tolerance
 from isacbench.report.comparisons.ci_files import comparison_junit, comparison_markdown
@@ -122,6 +123,16 @@ def test_the_first_lines_count_the_scenes_where_the_new_side_is_better_or_equal(
     unchanged, changed = effect_lines(compare_tables(*two_runs(change, town=8)))
     assert "+0 %, better on 0 of 8 scenes, equal on 8" in unchanged
     assert "better on 2 of 8 scenes, equal on 5" in changed
+
+
+def test_the_ratio_that_rankings_go_by_is_compared_as_well(scenes_run):
+    run = scenes_run(town=9, estimators=("fft4d", "music2d", "oracle"))
+    partners = {("fft4d", "{}"): ("music2d", "{}")}
+    found = compare_tables(run, run, [Tolerance("ratio", 0.05, True)], partners=partners, is_between=True)
+    row = found.curves[found.curves["metric"] == "ratio"].squeeze()
+    scores = rank_table(run, "ratio").scores
+    assert row["base_mean"] == pytest.approx(scores[("fft4d", "{}")].mean())
+    assert row["new_mean"] == pytest.approx(scores[("music2d", "{}")].mean())
 
 
 def test_an_estimator_better_in_one_score_and_worse_in_another_is_told_as_both(scenes_run):
