@@ -250,7 +250,7 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
     if len(ranked) < 2:
         raise InputError(
             f"{run.label}: a ranking needs two estimators or more that are no references; "
-            f"{'the run has' if estimators is None else 'wanted is'} "
+            f"{'the run has' if estimators is None else 'chosen:'} "
             f"{', '.join(name for name, _ in ranked) or 'none'}"
         )
     scored = average_scenes(records, metric, better, ranked)

@@ -235,7 +235,7 @@ def test_a_subset_is_ranked_by_itself_and_a_reference_is_refused(scenes_run):
     assert "oracle" in set(found.ranks["estimator"])
     with pytest.raises(InputError, match="oracle is a reference and is not ranked"):
         rank_table(run, "deviation", ["oracle", "fft4d"])
-    with pytest.raises(InputError, match=r"two estimators or more .* wanted is fft4d"):
+    with pytest.raises(InputError, match=r"two estimators or more .* chosen: fft4d"):
         rank_table(run, "deviation", ["fft4d"])
 
 
