@@ -40,6 +40,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Typed:
+    "Without this, Python 3.11.2 writes a docstring with the default, and fails where it is too long."
     name: ClassVar[str] = "typed"
     value: HINT = VALUE
 
