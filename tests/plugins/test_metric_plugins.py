@@ -34,7 +34,7 @@ class Height:
 
 
 def check_of_columns(path):
-    """What the check of the columns says of the metric of a file."""
+    """Check the metric of a file, and return the message about its columns."""
     (plugin,) = check(path).plugins
     (finding,) = [finding for finding in plugin.findings if finding.check == "columns"]
     return finding.message

@@ -165,7 +165,7 @@ def rank(
         the oracle, or without any ratio, ``hausdorff_sum_m``.
     estimators : str or sequence of str, optional
         Those to rank, as ``name[param=value,...]``, chosen before looking: a set of ranks depends on who
-        competes. By default all that do not see the truth.
+        competes. By default all but references.
 
     Returns
     -------

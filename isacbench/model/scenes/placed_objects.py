@@ -66,7 +66,7 @@ class PlacedObject:
 
 
 def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
-    """Join the scatterers of all objects. One whose name an earlier one has, is given another number.
+    """Join the scatterers of all objects. An object whose name is taken gets the next free number.
 
     Parameters
     ----------
