@@ -133,7 +133,15 @@ class Comparison:
     @property
     def is_worse(self) -> bool:
         """Tell whether a curve or point got worse."""
-        return any((table["verdict"] == "regression").any() for table in (self.curves, self.points))
+        return self._has("regression")
+
+    @property
+    def is_better(self) -> bool:
+        """Tell whether a curve or point got better."""
+        return self._has("improvement")
+
+    def _has(self, verdict: str) -> bool:
+        return any((table["verdict"] == verdict).any() for table in (self.curves, self.points))
 
     @property
     def is_regression(self) -> bool:

@@ -100,12 +100,8 @@ def effect_lines(comparison: Comparison) -> list[str]:
             base, new = rows["base_mean"].mean(), rows["new_mean"].mean()
             first = rows.to_dict("records")[0]
             relative = f", {100 * (new - base) / abs(base):+.0f} %" if base else ""
-            n_better, n_equal, n_pairs = (
-                rows["is_better"].sum(),
-                (rows["change"] == 0).sum(),
-                first["n_pairs"],
-            )
-            of, each = len(rows), " a scene"
+            n_better, n_equal = rows["is_better"].sum(), (rows["change"] == 0).sum()
+            n_pairs, of, each = first["n_pairs"], len(rows), " a scene"
             if said.unit == "scene":
                 n_better, n_equal, of, each = first["n_better"], first["n_equal"], n_pairs, ""
             few = ""

@@ -58,10 +58,8 @@ class Wording:
             self.heading = [f"A {first}", f"B {second}", f"in {comparison.base}: isacbench {versions[0]}"]
             self._verdicts = {"regression": "worse", "improvement": "better"}
             worse, fine = f"{second} is worse than {first}", _fine(comparison, first, second)
-            if any(
-                (table["verdict"] == "improvement").any() for table in (comparison.curves, comparison.points)
-            ):
-                worse = f"{second} is worse than {first} in one part and better in another"
+            if comparison.is_better:
+                worse += " in one part and better in another"
         lost = ", but results are missing" if comparison.is_regression else ""
         self.outcome = worse if comparison.is_worse else f"{fine}{lost}"
 
