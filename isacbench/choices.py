@@ -26,4 +26,4 @@ Dimension = Literal["range", "velocity", "u", "w"]
 """Dimensions in which the radio tells scatterers apart."""
 
 MapName = Literal["homogeneous", "clutter-edge", "close-targets", "interferers"]
-"""Synthetic power maps, see `isacbench.bench.studies.power_maps.draw_power_map`."""
+"""Synthetic power maps, see `isacbench.bench.kinds.power_maps.draw_power_map`."""

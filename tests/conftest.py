@@ -471,9 +471,9 @@ def population_rows():
     error is a third of each Hausdorff distance's sum and every other score.
     """
     import pandas as pd
+    from isacbench.bench.suites.population_kind import POPULATION
 
     from isacbench.bench.cells.record import COLUMNS
-    from isacbench.bench.suites.population_kind import POPULATION
 
     def rows(families=("town", "sparse"), n_scenes=8, snrs_db=(0.0, 10.0), **errors):
         found = []

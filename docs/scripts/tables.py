@@ -16,25 +16,26 @@ from functools import cache
 from pathlib import Path
 
 import pandas as pd
-
-from isacbench.bench.compare.matching import RunTable, read_run
-from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
-from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
-from isacbench.bench.plan.labels import rows_of as own_rows
 from isacbench.bench.studies.detection_study import summarise_detection
 from isacbench.bench.studies.efficiency_study import summarise_efficiency
 from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.studies.population_study import ALL, scene_cells, summarise_population
 from isacbench.bench.studies.resolution_study import summarise_resolution
 from isacbench.report.comparisons.ranking_figure import draw_ranking
-from isacbench.report.comparisons.ranking_tables import ranking_grids
-from isacbench.report.drawing.style import save, styled
 from isacbench.report.figures.curves import variant_looks
 from isacbench.report.figures.pareto_figures import draw_pareto
 from isacbench.report.figures.population_figures import draw_ratios
 from isacbench.report.tables.detected_objects import object_means
 from isacbench.report.tables.pareto import summarise_points
 from isacbench.report.tables.run_tables import markdown as grid_markdown
+
+from isacbench.bench.compare.matching import RunTable, read_run
+from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
+from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.plan.labels import rows_of as own_rows
+from isacbench.charts import variants_in
+from isacbench.report.comparisons.ranking_tables import ranking_grids
+from isacbench.report.drawing.style import save, styled
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (

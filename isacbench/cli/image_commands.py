@@ -27,7 +27,7 @@ from isacbench.cli.options import (
     register,
     require_names,
 )
-from isacbench.cli.printing import print_grid, print_json, print_scores
+from isacbench.cli.printing import print_json, print_scores, print_table
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
@@ -218,7 +218,7 @@ def plan_command(
     for line in plan_lines(planned, scene.system):
         say(line)
     for grid in plan_grids(planned):
-        print_grid(grid)
+        print_table(grid)
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from typing import TYPE_CHECKING
 
 import typer
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from isacbench.report.tables.run_tables import Grid
+    from isacbench.charts import Table
 
-MAX_TABLE_WIDTH = 1000
+PLAIN_WIDTH = 100
 
 
 def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool = True) -> None:
@@ -36,32 +37,29 @@ def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool =
         Whether to write the page.
     """
     from isacbench.report.html.guarded_pages import draw_run_and_page
-    from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+    from isacbench.report.run_tables import tables_of, write_run_tables
 
     written = [*write_run_tables(folder, records, kind), *draw_run_and_page(folder, with_page)]
-    for grid in grids_of(records, kind):
-        if not grid.is_detail:
-            print_grid(grid)
+    for table in tables_of(records, kind):
+        if not table.is_detail:
+            print_table(table)
     has_score = records.reindex(columns=["deviation", "gospa_m"]).notna()
     if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
         say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
     say(f"{folder}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
 
 
-def print_grid(grid: Grid) -> None:
-    """Print a table, in lines longer than the terminal rather than with cropped numbers.
-
-    Parameters
-    ----------
-    grid : Grid
-    """
+def print_table(table: Table) -> None:
+    """Print a table within the width of the terminal or of COLUMNS, otherwise 100 characters."""
     from rich.console import Console
 
-    from isacbench.report.tables.run_tables import rich_table
+    from isacbench.report.table_texts import terminal_tables
 
-    table = rich_table(grid)
-    width = max(Console().width, Console(width=MAX_TABLE_WIDTH).measure(table).maximum)
-    Console(width=width).print(table)
+    console = Console()
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console = Console(width=PLAIN_WIDTH)
+    for laid_out in terminal_tables(table, console.width):
+        console.print(laid_out)
 
 
 def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | None = None) -> None:

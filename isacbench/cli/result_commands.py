@@ -20,7 +20,7 @@ from isacbench.cli.options import (
     register,
     require_names,
 )
-from isacbench.cli.printing import print_grid, print_json, report_run
+from isacbench.cli.printing import print_json, print_table, report_run
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
 
@@ -176,7 +176,7 @@ def compare_command(
         incomparable_junit,
         incomparable_markdown,
     )
-    from isacbench.report.comparisons.comparison_figure import comparison_paths, draw_comparison_files
+    from isacbench.report.comparisons.comparison_charts import comparison_paths, draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import comparison_content
 
     if (between is None) != (other is None):
@@ -232,7 +232,7 @@ def rank_command(
 ) -> None:
     """Rank the estimators of a run over its scenes: rank sets, win probabilities, worst scenes."""
     from isacbench.bench.compare.ranking import rank as rank_run
-    from isacbench.report.comparisons.ranking_figure import draw_ranking_file
+    from isacbench.report.comparisons.ranking_charts import draw_ranking_file
     from isacbench.report.comparisons.ranking_tables import ranking_content, ranking_grids, ranking_lines
 
     found = rank_run(folder, metric, estimator)
@@ -240,7 +240,7 @@ def rank_command(
         print_json(ranking_content(found))
         return
     for grid in ranking_grids(found):
-        print_grid(grid)
+        print_table(grid)
     for line in ranking_lines(found):
         say(line)
     if not found.is_descriptive:
@@ -265,7 +265,7 @@ def _require_own_places(paths: list[Path]) -> None:
 
 def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, with_page: bool) -> None:
     """Print a comparison and draw it, by default into the folder of the new run, with its page."""
-    from isacbench.report.comparisons.comparison_figure import draw_comparison_files
+    from isacbench.report.comparisons.comparison_charts import draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import (
         comparison_grids,
         comparison_lines,
@@ -277,7 +277,7 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, w
     for line in (*Wording(comparison).heading, *effect_lines(comparison)):
         say(line)
     for grid in comparison_grids(comparison):
-        print_grid(grid)
+        print_table(grid)
     for line in comparison_lines(comparison):
         say(line)
     if plot is None:

@@ -62,9 +62,9 @@ def run_command(
     html: Html = True,
 ) -> None:
     """Run a suite: estimate, score, tabulate, draw. An existing folder of the same run is completed."""
-    from isacbench.bench.suites.population_kind import PopulationSuite
+    from isacbench.bench.kinds.population import PopulationSuite
     from isacbench.bench.suites.suite import parse_snr
-    from isacbench.bench.suites.suite_kinds import load_suite, suite_metrics, with_metrics
+    from isacbench.bench.suites.suite_kinds import kind_of, load_suite, with_metrics
 
     if out is None and (rerun or mix_versions):
         raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
@@ -89,7 +89,10 @@ def run_command(
     )
     wanted = with_metrics(wanted, metric or ())
     require_names(
-        wanted.scenarios, wanted.estimators, getattr(wanted, "detectors", ()), suite_metrics(wanted)
+        wanted.scenarios,
+        wanted.estimators,
+        getattr(wanted, "detectors", ()),
+        kind_of(wanted).metric_specs(wanted),
     )
     if dask is None:
         from isacbench.bench.workers.process_server import start_process_server

@@ -10,7 +10,7 @@ import typer
 
 from isacbench.cli.app import EXIT_FAILED_CELLS, EXIT_INTERRUPTED, app, fail, say, say_lines
 from isacbench.cli.options import SEED_HELP, AsJson, EstimatorSpecs, PluginFiles, register, require_names
-from isacbench.cli.printing import print_grid, print_json
+from isacbench.cli.printing import print_json, print_table
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
@@ -105,8 +105,8 @@ def stress_command(
         print_json(stress_findings.describe_stress(examined))
     else:
         if search is None and examined:
-            print_grid(stress_findings.promise_grid(stress_table.promise_table(examined)))
-            print_grid(stress_findings.family_grid(stress_table.case_table(examined)))
+            print_table(stress_findings.promise_grid(stress_table.promise_table(examined)))
+            print_table(stress_findings.family_grid(stress_table.case_table(examined)))
         if search is None or interrupted:
             say(stress_findings.summary(examined))
         else:

@@ -10,7 +10,7 @@ from typer import Option
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli.app import app, say
 from isacbench.cli.options import AsJson, ScenarioName, Seed, require_names
-from isacbench.cli.printing import print_grid, print_json
+from isacbench.cli.printing import print_json, print_table
 
 
 @app.command("waveform")
@@ -49,7 +49,7 @@ def waveform_command(
     else:
         say(scene.name)
         for grid in waveform_grids(system, merits, papr_db):
-            print_grid(grid)
+            print_table(grid)
     if out is not None:
         from isacbench.report.figures.waveform_figures import draw_waveform
 

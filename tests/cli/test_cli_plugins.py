@@ -4,10 +4,10 @@ import json
 
 import pandas as pd
 import pytest
-
-from isacbench.bench.run.runner import run
 from isacbench.bench.studies.study import build_estimators
 from isacbench.bench.suites.detection_kind import DetectionSuite
+
+from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 

@@ -1,8 +1,8 @@
 import pandas as pd
 import pytest
+from isacbench.report.tables.run_tables import Grid
 
 from isacbench.cli.printing import report_run
-from isacbench.report.tables.run_tables import Grid
 
 
 @pytest.fixture(autouse=True)

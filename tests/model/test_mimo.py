@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-
 from isacbench.bench.studies.link_study import link_scenes
 from isacbench.bench.studies.lone_targets import scene_bound
+
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes.frame_observation import observe_cube

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-
 from isacbench.bench.studies.efficiency_study import efficiency_scenes
 from isacbench.bench.studies.link_study import link_scenes
+
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.dsp.rangedoppler import range_doppler_map

@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 import pandas as pd
-
-from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.link_kind import LinkSuite
-from isacbench.report.figures import run_figures
 from isacbench.report.figures.link_figures import draw_link, draw_trade
-from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.tables.link_tables import receiver_labels, signal_label
 from isacbench.report.tables.tables_by_kind import grids_of
+
+from isacbench.bench.run.runner import run_suite
+from isacbench.report.figures import run_figures
+from isacbench.report.figures.run_figures import draw_run
 
 PARAMS = {name: json.dumps({"knowledge": name, "time_order": 0}) for name in ("perfect", "prs")}
 SNRS = [0.0, 10.0, 20.0]

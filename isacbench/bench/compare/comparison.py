@@ -48,7 +48,7 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
 
 DEFAULT_ALPHA = 0.01
 

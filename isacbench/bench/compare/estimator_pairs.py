@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.plan.labels import Variant
+from isacbench.charts import Variant
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import shortened
 from isacbench.specifications import Spec, parse_spec, spell_spec

@@ -26,7 +26,7 @@ from isacbench.files.checked_files import is_there
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
 
 CURVE = ["scenario", "estimator", "params"]
 CELL = CLOUD_KEYS

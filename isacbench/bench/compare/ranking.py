@@ -31,8 +31,9 @@ from isacbench.bench.compare.statistics import (
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import without_rounding
 from isacbench.bench.compare.worst_scenes import worst_scenes
-from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
+from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.score_columns import stored_columns
+from isacbench.charts import variants_in
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
     from isacbench.bench.compare.matching import RunTable
     from isacbench.bench.compare.scene_scores import SceneScores
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
 
     Floats = NDArray[np.float64]
 

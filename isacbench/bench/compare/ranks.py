@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isacbench.bench.compare.statistics import N_RESAMPLES
-from isacbench.bench.studies.intervals import CONFIDENCE
+from isacbench.bench.statistics import CONFIDENCE
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

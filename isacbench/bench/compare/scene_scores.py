@@ -10,7 +10,7 @@ import pandas as pd
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.compare.estimator_pairs import spell_apart
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
-from isacbench.bench.studies.ratios import POINT_FAMILIES, hausdorff_ratios
+from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from isacbench.bench.compare.matching import RunTable
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
 
 MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""
@@ -66,7 +66,7 @@ def with_ratios(run: RunTable) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``ratio`` is that of `isacbench.bench.studies.ratios.hausdorff_ratios`.
+        ``ratio`` is that of `isacbench.bench.kinds.ratios.hausdorff_ratios`.
     """
     records, families = run.records, scene_families(run.manifest)
     if "n_resolvable" in records:

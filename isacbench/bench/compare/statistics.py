@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr, ndtri, stdtrit
 
-from isacbench.bench.studies.intervals import CONFIDENCE, exact_interval
+from isacbench.bench.statistics import CONFIDENCE, exact_interval
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -202,7 +202,7 @@ def win_shares(base: Floats, new: Floats, better: str) -> pd.DataFrame:
     DataFrame
         A row for each point: ``probability``, the share of pairs in which the
         new score is better, ties counting half; the limits ``low`` and
-        ``high`` of `isacbench.bench.studies.intervals.exact_interval`; and
+        ``high`` of `isacbench.bench.statistics.exact_interval`; and
         the number of ties, ``n_ties``. NaN without pairs.
 
     Examples

@@ -18,7 +18,7 @@ from isacbench.bench.compare.statistics import (
     trials_needed,
     win_shares,
 )
-from isacbench.bench.studies.intervals import student_band
+from isacbench.bench.statistics import student_band
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

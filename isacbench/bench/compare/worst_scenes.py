@@ -10,15 +10,15 @@ import pandas as pd
 
 from isacbench.bench.compare.scene_scores import SCENE_CELL, VARIANT, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
-from isacbench.bench.plan.labels import rows_of, variants_in
 from isacbench.bench.store.run_store import scenario_texts
+from isacbench.charts import rows_of, variants_in
 from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from isacbench.bench.compare.scene_scores import SceneScores
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
 
 N_WORST = 3
 """Number of scenes that are listed for each estimator."""

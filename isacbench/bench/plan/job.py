@@ -11,7 +11,6 @@ import pandas as pd
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.plan.run_plan import Plan
-from isacbench.bench.store.score_columns import metrics_of
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
@@ -23,7 +22,7 @@ from isacbench.plugins.registry import build_variants
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from isacbench.bench.studies.study import Scene
+    from isacbench.bench.kinds.scenes import Scene
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
     from isacbench.plugins.discovery import PluginKind
@@ -93,7 +92,11 @@ class Job:
     def _of_owner(self, owner: tuple[str, ...]) -> Job:
         kinds: tuple[tuple[str, PluginKind], ...] = ("estimators", "estimator"), ("detectors", "detector")
         changes = {key: self._texts_of(owner, key, kind) for key, kind in kinds if hasattr(self.suite, key)}
-        scored_by = [name for metric in metrics_of(self.suite).further for name in foreign_classes(metric)]
+        scored_by = [
+            name
+            for metric in kind_of(self.suite).metrics_of(self.suite).further
+            for name in foreign_classes(metric)
+        ]
         needed = *owner, *scored_by
         files = [
             one for one in self.plugins if any(name.startswith(f"{one.module_name}.") for name in needed)

@@ -8,6 +8,7 @@ from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults, sees_truth
@@ -16,45 +17,10 @@ from isacbench.specifications import spell_spec
 if TYPE_CHECKING:
     import pandas as pd
 
-Variant = tuple[str, str]
-"""Name and canonical parameters of an estimator."""
-
 Params = Mapping[str, Any]
 Known = Callable[[PluginKind, str], tuple[Params, Params] | None]
 
 _NONE = object()
-
-
-def variants_in(table: pd.DataFrame) -> list[Variant]:
-    """List the estimators of a table.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns estimator and params.
-
-    Returns
-    -------
-    list of (str, str)
-        Names and canonical parameters, each pair once, in order.
-    """
-    return list(dict.fromkeys(zip(table["estimator"], table["params"], strict=True)))
-
-
-def rows_of(table: pd.DataFrame, variant: Variant) -> pd.DataFrame:
-    """Select the rows of one estimator.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns estimator and params.
-    variant : (str, str)
-
-    Returns
-    -------
-    DataFrame
-    """
-    return table[(table["estimator"] == variant[0]) & (table["params"] == variant[1])]
 
 
 def find_limits(records: pd.DataFrame) -> set[str]:
@@ -119,13 +85,9 @@ def labelled(records: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
-    """Name estimators for tables and figures: the bare name, with parameters where they are needed.
+    """Name estimators for tables and figures: the bare name, with parameters that differ from the defaults.
 
-    A label shows the parameters that distinguish variants of one name, except
-    values that more than half of them share. It also shows parameters that
-    differ from their defaults, and a detector that could be mistaken for
-    another one of the same name. The defaults of a plugin that is not installed
-    are unknown: its parameters count as equal to them.
+    Of plugins that are not installed the defaults are unknown: variants of one name show what they differ in.
 
     Parameters
     ----------
@@ -135,8 +97,7 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     Returns
     -------
     dict of (str, str) to str
-        Labels; where the plugins are registered, they are also specifications
-        of the same variants.
+        Labels; where the plugins are registered, they are also specifications of the same variants.
 
     Examples
     --------
@@ -144,42 +105,34 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     >>> list(labels.values())
     ['a', 'b[n=1]', 'b[n=2]']
     """
-    parsed = {(name, params): json.loads(params) for name, params in dict.fromkeys(variants)}
-    namesakes: dict[str, list[Params]] = {}
-    for (name, _), own in parsed.items():
-        namesakes.setdefault(name, []).append(own)
-    known = cache(_defaults)  # of a few plugins that many variants share
+    labels = {variant: variant_label(*variant) for variant in dict.fromkeys(variants)}
+    namesakes: dict[str, list[Variant]] = {}
+    for variant, label in labels.items():
+        namesakes.setdefault(label, []).append(variant)
+    for same in namesakes.values():
+        if len(same) > 1:
+            labels |= _told_apart(same)
+    return labels
+
+
+def _told_apart(variants: Sequence[Variant]) -> dict[Variant, str]:
+    """Labels of variants of one name with the parameters in which they differ."""
+    parsed = [json.loads(params) for _, params in variants]
+    keys = dict.fromkeys(key for own in parsed for key in own)
+    differing = [key for key in keys if any(own.get(key) != parsed[0].get(key) for own in parsed)]
     return {
-        (name, params): _label(name, own, namesakes[name], known) for (name, params), own in parsed.items()
+        variant: spell_spec(variant[0], {key: _told(own[key], _defaults) for key in differing if key in own})
+        for variant, own in zip(variants, parsed, strict=True)
     }
 
 
+@cache
 def _defaults(kind: PluginKind, name: str) -> tuple[Params, Params] | None:
     """Defaults of a plugin, and the values of missing parameters; None where they are unknown."""
     try:
         return parameter_defaults(kind, name)
     except InputError:  # not registered, or broken: its rows can be shown all the same
         return None
-
-
-def _label(name: str, own: Params, namesakes: Sequence[Params], known: Known) -> str:
-    unlike = _unlike_defaults(known("estimator", name), own) or {}
-    told = {
-        key: value
-        for key, value in own.items()
-        if key in unlike or _sets_apart(value, [other.get(key) for other in namesakes])
-    }
-    return spell_spec(name, {key: _told(value, known) for key, value in {**told, **unlike}.items()})
-
-
-def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
-    """Tell whether at most half share a value, or a detector among them could be confused with it."""
-    if 2 * values.count(value) <= len(values):
-        return True
-    names = [other.get("name") if isinstance(other, dict) else None for other in values]
-    return isinstance(value, dict) and any(
-        name == value["name"] and other != value for name, other in zip(names, values, strict=True)
-    )
 
 
 def _unlike_defaults(known: tuple[Params, Params] | None, own: Params) -> dict[str, Any] | None:

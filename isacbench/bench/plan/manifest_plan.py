@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Plan
-from isacbench.bench.studies.study import Entry
 from isacbench.bench.suites.scenario_digest import canonical_json
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from isacbench.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from isacbench.bench.studies.study import Entry, Scene
+    from isacbench.bench.kinds.scenes import Entry, Scene
 
 
 class Block(NamedTuple):

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, Results, typed
+from isacbench.bench.kinds.population import PopulationSuite
 from isacbench.bench.plan.job import Job
 from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.manifest_plan import ENTRIES, restore_plan
@@ -24,7 +25,6 @@ from isacbench.bench.store.resume import differing_versions, has_its_cloud
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
 from isacbench.bench.store.score_columns import SCORES, row_columns
-from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.bench.suites.scenario_digest import canonical_json
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import restore_suite

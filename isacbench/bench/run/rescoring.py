@@ -20,12 +20,12 @@ from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.record import N_STORED, stored_points
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.cells.statuses import failed
+from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store import run_store
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
-from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair

@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
-from isacbench.bench.suites.suite_kinds import KINDS, kind_of, suite_metrics
+from isacbench.bench.cells.record import COLUMNS
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.scoring import Metrics, object_kinds
@@ -17,51 +17,14 @@ if TYPE_CHECKING:
 
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Metric
 
 SCORES = "scores"
 """Key of a manifest with the metrics and their columns."""
 
 
 def metrics_of(suite: Suite) -> Metrics:
-    """Build the metrics that images of a suite are scored by.
-
-    Parameters
-    ----------
-    suite : Suite
-
-    Returns
-    -------
-    Metrics
-
-    Raises
-    ------
-    InputError
-        If one is unknown, is listed twice, or has a column that rows have without it.
-    """
-    metrics = Metrics.of(suite_metrics(suite))
-    for metric in metrics.further:
-        if taken := taken_columns(metric):
-            raise InputError(
-                f"metric {metric.name}: rows have a column {taken[0]} already; allowed are other names"
-            )
-    return metrics
-
-
-def taken_columns(metric: Metric) -> list[str]:
-    """List the columns of a metric that would replace others of rows: keys, times, or those of a study.
-
-    Parameters
-    ----------
-    metric : Metric
-
-    Returns
-    -------
-    list of str
-    """
-    others = {*COLUMNS, "label", "ratio", *TIMING_COLUMNS, *REFERENCE_COLUMNS} - Metrics().columns(()).keys()
-    others |= {name for kind in KINDS.values() for name in kind.columns}
-    return [column.name for column in metric.columns if column.name in others]
+    """Metrics that images of a suite are scored by."""
+    return kind_of(suite).metrics_of(suite)
 
 
 def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:

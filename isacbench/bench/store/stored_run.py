@@ -14,8 +14,8 @@ import pandas as pd
 
 from isacbench.bench.cells.record import CLOUD_KEYS, stored_points
 from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store.run_store import read_manifest, read_scenes, read_sound_rows
-from isacbench.bench.studies.study import ImagedScene
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError, unknown_name

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, field_validator
 
-from isacbench.bench.suites.detection_kind import DETECTION
-from isacbench.bench.suites.efficiency_kind import EFFICIENCY
-from isacbench.bench.suites.imaging_kind import IMAGING
-from isacbench.bench.suites.link_kind import LINK
-from isacbench.bench.suites.population_kind import POPULATION
-from isacbench.bench.suites.resolution_kind import RESOLUTION
+from isacbench.bench.kinds.detection import Detection
+from isacbench.bench.kinds.efficiency import Efficiency
+from isacbench.bench.kinds.imaging import Imaging
+from isacbench.bench.kinds.link import Link
+from isacbench.bench.kinds.population import Population
+from isacbench.bench.kinds.resolution import Resolution
 from isacbench.bench.suites.suite import Suite, find_suite
 from isacbench.errors import InputError
 from isacbench.files.toml_files import read_toml
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from isacbench.bench.suites.kind import Kind
+    from isacbench.bench.kinds.kind import Kind
 
 S = TypeVar("S", bound=Suite)
 
 KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (IMAGING, EFFICIENCY, RESOLUTION, DETECTION, LINK, POPULATION)
+    kind.name: kind() for kind in (Imaging, Efficiency, Resolution, Detection, Link, Population)
 }
 """Kinds of suites by the value of the key ``kind``. A new one is entered here, and nowhere else."""
 
-PLANNERS = tuple(kind.plan.partition(":")[0] for kind in KINDS.values())
+PLANNERS = tuple(type(kind).__module__ for kind in KINDS.values())
 """Modules that plan scenes and measure them: the code of the kinds that rows follow from."""
 
 
 class _KindOnly(BaseModel):
     """Key that decides which other keys a suite has."""
 
-    kind: str = IMAGING.name
+    kind: str = Imaging.name
 
     @field_validator("kind")
     @classmethod
@@ -70,21 +70,6 @@ def kind_of(suite: Suite) -> Kind:
     return kind
 
 
-def suite_metrics(suite: Suite) -> tuple[str, ...]:
-    """Metrics beside ``paper`` that score the images of a suite: those that it names, or those of its kind.
-
-    Parameters
-    ----------
-    suite : Suite
-
-    Returns
-    -------
-    tuple of str
-        As ``name[param=value,...]``.
-    """
-    return kind_of(suite).metrics if suite.metrics is None else suite.metrics
-
-
 def with_metrics(suite: S, further: str | Iterable[str]) -> S:
     """Give a suite further metrics, each in place of one of the same name.
 
@@ -100,7 +85,7 @@ def with_metrics(suite: S, further: str | Iterable[str]) -> S:
         The same if there are none.
     """
     added = (further,) if isinstance(further, str) else tuple(further)
-    named = {parse_spec(spec).name: spec for spec in (*suite_metrics(suite), *added)}
+    named = {parse_spec(spec).name: spec for spec in (*kind_of(suite).metric_specs(suite), *added)}
     return suite.replace(metrics=tuple(named.values())) if added else suite
 
 

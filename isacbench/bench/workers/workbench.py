@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from isacbench.bench.cells.record import CellStatus, Outcome
+    from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
     from isacbench.bench.store.provenance import Environment
-    from isacbench.bench.studies.study import Entry, Scene, SharedObservation
 
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.bench.store.score_columns import taken_columns
+from isacbench.bench.kinds.kind import taken_columns
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.checking.contract.class_checks import (
     BUILT,
     CALLABLE,
@@ -110,7 +111,9 @@ def _describes_its_columns(subject: MetricSubject) -> str:
         raise BrokenPromiseError("columns has none, or two of one name: give each score a name of its own")
     if bare := [column.name for column in columns if not column.description]:
         raise BrokenPromiseError(f"column {bare[0]} has no description: say in a line what it is")
-    if taken := taken_columns(subject.plugin_class):
+    if taken := taken_columns(
+        subject.plugin_class, [name for kind in KINDS.values() for name in kind.columns]
+    ):
         raise BrokenPromiseError(
             f"rows of a run have a column {taken[0]} already: give the score another name"
         )

@@ -20,7 +20,7 @@ from isacbench.report.comparisons.comparison_tables import (
     win_text,
 )
 from isacbench.report.comparisons.words import Wording
-from isacbench.report.tables.run_tables import markdown
+from isacbench.report.table_texts import markdown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,9 +10,9 @@ import numpy as np
 
 from isacbench.bench.compare.comparison import verdict_counts
 from isacbench.bench.compare.verdicts import VERDICTS
+from isacbench.charts import Table, text_table
 from isacbench.files.escaping import counted, shortened
 from isacbench.report.comparisons.words import Wording
-from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -55,7 +55,7 @@ def compared_rows(comparison: Comparison, tolerance: Tolerance) -> tuple[pd.Data
     return curves, points[(points["n_snr"] > 1) & is_changed]
 
 
-def comparison_grids(comparison: Comparison) -> list[Grid]:
+def comparison_grids(comparison: Comparison) -> list[Table]:
     """Lay out every curve of a comparison, and the points that got worse or better.
 
     Parameters
@@ -64,7 +64,7 @@ def comparison_grids(comparison: Comparison) -> list[Grid]:
 
     Returns
     -------
-    list of Grid
+    list of Table
         For each score one of its curves and one of its changed points, without empty ones; and one of
         the scenes that changed most, where scenes were compared.
     """
@@ -249,7 +249,7 @@ def json_rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
     return values.where(values.notna(), None).to_dict("records")
 
 
-def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) -> Grid:
+def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) -> Table:
     """One row a curve or point, the worst verdicts first where they are too many for a screen."""
     if len(table) > MAX_ROWS:
         worst_first = table["verdict"].map(VERDICTS.index).argsort(kind="stable")
@@ -270,10 +270,10 @@ def _grid(title: str, table: pd.DataFrame, tolerance: Tolerance, said: Wording) 
         for row in table.to_dict("records")
     ]
     wins = [f"P({said.heads[1]} better)"] if said.unit == "scene" else []
-    return Grid(title, [*header, f"change{unit}", "95 % interval", "p", *wins, "verdict"], rows)
+    return text_table(title, [*header, f"change{unit}", "95 % interval", "p", *wins, "verdict"], rows)
 
 
-def _scene_grid(scenes: pd.DataFrame, said: Wording) -> Grid:
+def _scene_grid(scenes: pd.DataFrame, said: Wording) -> Table:
     """One row each scene that changed most."""
     rows = [
         [
@@ -286,7 +286,7 @@ def _scene_grid(scenes: pd.DataFrame, said: Wording) -> Grid:
         for row in scenes.to_dict("records")
     ]
     header = ["scene", "score", *said.heads, "change", f"command that shows {said.heads[1]}"]
-    return Grid("scenes that changed most", header, rows)
+    return text_table("scenes that changed most", header, rows)
 
 
 def scene_lines(comparison: Comparison) -> list[str]:
@@ -305,7 +305,7 @@ def scene_lines(comparison: Comparison) -> list[str]:
     grid = _scene_grid(comparison.scenes, Wording(comparison))
     return [
         f"changed most: {scene}: {score} {base} to {new}; {command}"
-        for scene, score, base, new, _, command in grid.rows
+        for scene, score, base, new, _, command in grid.texts
     ]
 
 

@@ -8,9 +8,9 @@ import pandas as pd
 
 from isacbench.bench.compare.ranking import BESIDE, rank_text
 from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES, VARIANT
+from isacbench.charts import Table, number_or_blank, text_table
 from isacbench.files.escaping import counted
 from isacbench.report.comparisons.comparison_tables import json_rows, signed
-from isacbench.report.tables.run_tables import Grid, written
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -26,7 +26,7 @@ HEADINGS = {
 """Headings of columns beside the ranks."""
 
 
-def ranking_grids(ranking: Ranking) -> list[Grid]:
+def ranking_grids(ranking: Ranking) -> list[Table]:
     """Lay out the ranks and the win probabilities of every group, and the worst scenes.
 
     Parameters
@@ -35,7 +35,7 @@ def ranking_grids(ranking: Ranking) -> list[Grid]:
 
     Returns
     -------
-    list of Grid
+    list of Table
     """
     found = []
     for group, ranks in ranking.ranks.groupby("group", sort=False):
@@ -94,7 +94,7 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
     }
 
 
-def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Grid:
+def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, references last."""
     shares = [name for name in BESIDE if name in ranks]
     n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
@@ -104,9 +104,9 @@ def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Grid:
     header += ["from the best", "95 % interval"]
     rows = [_rank_row(ranking, row, shares) for row in ranks.to_dict("records")]
     if not ranking.is_descriptive:
-        return Grid(title, header, rows)
+        return text_table(title, header, rows)
     kept = [place for place, name in enumerate(header) if name not in ("rank", "95 % interval")]
-    return Grid(title, [header[at] for at in kept], [[row[at] for at in kept] for row in rows])
+    return text_table(title, [header[at] for at in kept], [[row[at] for at in kept] for row in rows])
 
 
 def _heading(column: str) -> str:
@@ -119,8 +119,8 @@ def _rank_row(ranking: Ranking, row: Mapping[Hashable, Any], shares: list[str]) 
     return [
         ranking.labels[row["estimator"], row["params"]],
         "reference" if is_reference else "" if ranking.is_descriptive else rank_text(*_set(row)),
-        written(row["mean"], "{:.4g}"),
-        *(written(row[name], "{:.2f}") for name in shares),
+        number_or_blank(row["mean"], "{:.4g}"),
+        *(number_or_blank(row[name], "{:.2f}") for name in shares),
         "" if is_reference else signed(row["change"]),
         "" if is_reference or not row["change"] else interval,
     ]
@@ -130,7 +130,7 @@ def _set(row: Mapping[Hashable, Any]) -> tuple[float, float]:
     return row["rank_low"], row["rank_high"]
 
 
-def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFrame) -> Grid:
+def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFrame) -> Table:
     """One row an estimator, one column each that it is compared with."""
     variants = list(
         ranks.loc[~ranks["is_reference"], ["estimator", "params"]].itertuples(index=False, name=None)
@@ -141,7 +141,7 @@ def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFr
         )
         for row in wins.to_dict("records")
     }
-    return Grid(
+    return text_table(
         f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval",
         ["better", *(ranking.labels[variant] for variant in variants)],
         [
@@ -151,7 +151,7 @@ def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame, wins: pd.DataFr
     )
 
 
-def _worst_grid(ranking: Ranking) -> Grid:
+def _worst_grid(ranking: Ranking) -> Table:
     """One row each scene in which an estimator is worst."""
     rows = [
         [
@@ -163,4 +163,4 @@ def _worst_grid(ranking: Ranking) -> Grid:
         for row in ranking.worst.to_dict("records")
     ]
     header = ["estimator", "scene", ranking.metric, "worst image"]
-    return Grid(f"worst scenes by {ranking.metric}", header, rows)
+    return text_table(f"worst scenes by {ranking.metric}", header, rows)

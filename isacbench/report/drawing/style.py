@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
 
 LineStyle = Literal["-", "-.", ":", "--", ""]
 

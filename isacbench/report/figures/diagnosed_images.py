@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.errors import InputError, InputWarning
+from isacbench.files.file_names import file_stems
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser, Estimator
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
-from isacbench.report.drawing.style import drawable, file_stems
+from isacbench.report.drawing.style import drawable
 from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.run_figures import best_variants
 from isacbench.report.figures.spectrum_figures import draw_spectra
@@ -22,12 +23,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from isacbench.bench.cells.record import Results
-    from isacbench.bench.plan.labels import Variant
     from isacbench.bench.suites.suite import Suite
+    from isacbench.charts import Variant
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Diagnosis
-    from isacbench.report.figures.curves import NamedFigure
+    from isacbench.report.figures.run_figures import NamedFigure
 
 
 class Diagnosed(NamedTuple):

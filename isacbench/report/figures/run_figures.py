@@ -1,52 +1,42 @@
-"""The figures of a run."""
+"""The figures of a run: charts of its kind of suite, and its images."""
 
 from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.store.run_store import read_results
-from isacbench.bench.studies.imaging_study import (
-    MANY_SCENARIOS,
-    average_scenarios,
-    summarise_scores,
-)
+from isacbench.bench.kinds.kind import lines_of
+from isacbench.bench.kinds.population import scene_cells
+from isacbench.bench.kinds.scores import MANY_SCENARIOS
 from isacbench.bench.suites.suite_kinds import kind_of
+from isacbench.charts import Axis, Chart, ChartGroup, Series, batched, nearest_values, rows_of, with_symbol
 from isacbench.errors import InputWarning
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted
+from isacbench.files.file_names import file_stems
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
-from isacbench.model.radio_coordinates import median_gain_db
-from isacbench.report.drawing.style import drawable, file_stems, save, styled
-from isacbench.report.figures.cloud_figures import Image, draw_clouds
-from isacbench.report.figures.curves import (
-    draw_deviations,
-    draw_radii,
-    draw_scores,
-    nearest_values,
-    variant_looks,
-)
-from isacbench.report.figures.pareto_figures import draw_pareto, draw_stages
-from isacbench.report.tables.pareto import summarise_points, timed_rows
-from isacbench.report.tables.run_tables import batched, mean_of_scenarios
+from isacbench.report.drawing.chart_figures import draw_charts
+from isacbench.report.drawing.style import drawable, save, styled
+from isacbench.report.figures.cloud_figures import Image, draw_clouds, draw_comparison
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from isacbench.bench.cells.record import Results
-    from isacbench.bench.plan.labels import Variant
-    from isacbench.report.drawing.style import LineLook
-    from isacbench.report.figures.curves import NamedFigure
+    from isacbench.bench.store.run import Run
+    from isacbench.charts import Line, Variant
+
+    NamedFigure = tuple[str, Figure]
 
 FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
@@ -55,57 +45,51 @@ CELL = ["estimator", "params", "snr_db"]
 MOST_CLOUDS = 16
 """Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
 
+MOST_WORST = 6
+"""Most estimators whose worst scene is drawn."""
+
+WORST_SNR_DB = 10.0
+"""SNR of the pictures of worst scenes, if it was run, otherwise the nearest one."""
+
 NOT_RUN = Image(PointCloud.empty(), "not run")
-"""Cell of which an interrupted run has no record."""
+"""Cell of which an interrupted run has no row."""
 
 
-def draw_run(folder: Path, extension: str = "png") -> list[Path]:
-    """Draw a stored run: of images scores over SNR and clouds; of a study its own figures.
+def draw_run(run: Run, extension: str = "png") -> list[Path]:
+    """Draw a run into ``figures`` of its folder: the charts of its kind, and images where it has them.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of a run; figures of the same names in its ``figures`` are replaced.
-    extension : {"png", "pdf", "svg"}
-
-    Returns
-    -------
-    list of Path
-        What was written. Of images: ``deviation.png``, ``radii.png``; for each scenario
-        ``curves-*.png`` and ``clouds-*.png``, more than one of these where
-        the estimators are many, and of the 16 best alone where they are
-        more; where the time counts ``pareto-*.png`` and, where stages were
-        timed, ``stages-*.png``; of more than 12 scenarios only ``deviation.png``
-        with their mean and ``radii.png``. Of a population ``ratios.png``, ``scores.png``, ``radii.png``,
-        ``targets-*.png`` and ``worst-*.png``. Of another study, for each scenario that it has:
-        ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
-        ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and
-        ``trade-*.png``. Nothing where the run holds no cells.
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold a run.
+    Of images ``radii.png``, and for each scenario ``clouds-*.png``, more than one where the estimators are
+    many, and of the 16 best alone where they are more; of a population ``worst-*.png``. Of more than 12
+    scenarios no clouds. Nothing where the run holds no cells.
     """
-    results = read_results(folder)
-    draw: Callable[[Results], Iterator[NamedFigure]] = resolve_name(kind_of(results.suite).figures)
-    return [] if results.records.empty else save_figures(folder, draw(results), extension)
+    return [] if run.rows.empty else save_figures(run.folder, run_figures(run), extension)
+
+
+def run_figures(run: Run) -> Iterator[NamedFigure]:
+    """Figures of a run by the stems of their files."""
+    kind = kind_of(run.suite)
+    for group in kind.charts(run.rows, run.scenarios):
+        yield group.stem, draw_charts(group)
+    if not kind.has_images:
+        return
+    lines = lines_of(run.rows)
+    for group in radius_charts(run, lines):
+        yield group.stem, draw_charts(group)
+    if kind.name == "population":
+        yield from _worst_images(run, lines)
+    elif run.rows["scenario"].nunique() > MANY_SCENARIOS:
+        warnings.warn(
+            f"of more than {MANY_SCENARIOS} scenarios only means are drawn; isacbench image -s "
+            "SCENARIO -e ESTIMATOR --plot draws one",
+            InputWarning,
+            stacklevel=2,
+        )
+    else:
+        yield from _clouds(run, lines)
 
 
 def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = "png") -> list[Path]:
-    """Save figures into ``figures`` of a run.
-
-    Parameters
-    ----------
-    folder : Path
-    figures : iterable of (str, Figure)
-        By the stems of their files; drawn one after the other, in the style of all figures.
-    extension : {"png", "pdf", "svg"}
-
-    Returns
-    -------
-    list of Path
-    """
+    """Save figures by the stems of their files into ``figures`` of a run, drawn one after the other."""
     target = folder / FOLDER
     require_picture(Path(f"figure.{extension}"))
     make_own_folder(target)
@@ -113,206 +97,100 @@ def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = 
         return [save(figure, target / f"{stem}.{extension}") for stem, figure in figures]
 
 
-def imaging_figures(results: Results) -> Iterator[NamedFigure]:
-    """Draw scores over SNR, run time against error where the time counts, and clouds.
-
-    Of more than 12 scenarios only their mean deviation and times are drawn.
-
-    Parameters
-    ----------
-    results : Results
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    looks = variant_looks(results.records)
-    if _is_crowded(results):
-        yield "deviation", _mean_deviation(results, looks)
-        yield from radii(results, looks)
-        yield from tradeoffs(results, looks)
-        return
-    yield from _curves(results, looks)
-    yield from radii(results, looks)
-    yield from tradeoffs(results, looks)
-    yield from _clouds(results, looks)
-
-
-def _is_crowded(results: Results) -> bool:
-    """Tell whether a run has too many scenarios for figures of each."""
-    return results.records["scenario"].nunique() > MANY_SCENARIOS
-
-
-def _mean_deviation(results: Results, looks: dict[Variant, LineLook]) -> Figure:
-    """Deviation over SNR as a mean over scenarios, and a warning that says what is not drawn."""
-    n_scenarios = results.records["scenario"].nunique()
-    warnings.warn(
-        f"of more than {MANY_SCENARIOS} scenarios only means are drawn; isacbench image -s "
-        "SCENARIO -e ESTIMATOR --plot draws one",
-        InputWarning,
-        stacklevel=2,
-    )
-    return draw_deviations(average_scenarios(results.records), looks, mean_of_scenarios(n_scenarios))
-
-
-def tradeoffs(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Draw time against error of every scenario, or of many together, where the time counts.
-
-    Parameters
-    ----------
-    results : Results
-    looks : mapping of (str, str) to LineLook
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    rows = timed_rows(results.records)
-    if rows.empty:
-        return
-    points = summarise_points(rows, {name for (name, _), look in looks.items() if look.is_bound})
-    for scenario, stem in file_stems(points["scenario"].unique()).items():
-        yield f"pareto-{stem}", draw_pareto(points, scenario)
-        stages = draw_stages(rows, points, scenario)
-        if stages is not None:
-            yield f"stages-{stem}", stages
-
-
-def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Scores over SNR, all scenarios together and each on its own."""
-    summary = summarise_scores(results.records)
-    yield "deviation", draw_deviations(summary, looks)
-    for scenario, stem in file_stems(summary["scenario"].unique()).items():
-        scene = results.scenarios[scenario]
-        yield (
-            f"curves-{stem}",
-            draw_scores(summary, scenario, looks, scene.radius_m, median_gain_db(scene)),
-        )
-
-
-def radii(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Draw scores of matched points over the radius, first trials at the highest SNR.
-
-    Parameters
-    ----------
-    results : Results
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    top_db, first = results.records["snr_db"].max(), int(results.records["trial"].min())
+def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
+    """F-score, precision and recall of matched points over the radius, first trials at the highest SNR."""
+    top_db, first = run.rows["snr_db"].max(), int(run.rows["trial"].min())
     rows, points = (
         table[(table["snr_db"] == top_db) & (table["trial"] == first)]
-        for table in (results.records[~failed(results.records)], results.clouds)
+        for table in (run.rows[~failed(run.rows)], run.clouds)
     )
     image = ["scenario", *CELL[:2]]
     clouds: dict[Hashable, pd.DataFrame] = dict(list(points.groupby(image, observed=True, sort=False)))
-    curves: dict[Variant, list[Curve]] = {variant: [] for variant in looks}
+    curves: dict[Variant, list[Curve]] = {variant: [] for variant in lines}
     for name, *variant in rows[image].itertuples(index=False):
         part = clouds.get((name, *variant), points[:0])
-        pair = CloudPair.of(results.scenarios[name], PointCloud.from_array(part[POINT_COLUMNS].to_numpy()))
+        pair = CloudPair.of(run.scenarios[name], PointCloud.from_array(part[POINT_COLUMNS].to_numpy()))
         curves[variant[0], variant[1]].append(score_curve(pair))
-    if any(curves.values()):
-        n_scenes = counted(rows["scenario"].nunique(), "scene")
-        title = f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}"
-        yield "radii", draw_radii(curves, looks, title)
+    means = {variant: Curve(*np.nanmean(own, axis=0)) for variant, own in curves.items() if own}
+    if not means:
+        return []
+    x = Axis("radius [m]", log=True)
+    charts = []
+    for name in ("f_score", "precision", "recall"):
+        heading = name.replace("f_score", "F-score")
+        series = [
+            Series(
+                f"{lines[variant].label}: area {mean.area:.2f}",
+                mean.radius_m,
+                getattr(mean, name),
+                style=with_symbol(lines[variant].style, ""),
+            )
+            for variant, mean in means.items()
+        ]
+        charts.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
+    n_scenes = counted(rows["scenario"].nunique(), "scene")
+    return [
+        ChartGroup("radii", f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}", charts)
+    ]
 
 
-def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
+def _clouds(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
     """Clouds of every scenario's first trial."""
-    for scenario, stem in file_stems(results.records["scenario"].unique()).items():
-        records = results.records[results.records["scenario"] == scenario]
-        snrs_db = nearest_values(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
-        trial = int(records["trial"].min())
-        yield from cloud_figures(results, looks, scenario, f"clouds-{stem}", snrs_db, trial)
+    for scenario, stem in file_stems(run.rows["scenario"].unique()).items():
+        rows = run.rows[run.rows["scenario"] == scenario]
+        snrs_db = nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
+        yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, int(rows["trial"].min()))
 
 
 def cloud_figures(
-    results: Results,
-    looks: Mapping[Variant, LineLook],
+    run: Run,
+    lines: Mapping[Variant, Line],
     scenario: str,
     stem: str,
     snrs_db: Sequence[float],
     trial: int,
 ) -> Iterator[NamedFigure]:
-    """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure.
-
-    Parameters
-    ----------
-    results : Results
-    looks : mapping of (str, str) to LineLook
-    scenario, stem : str
-        Names of the scenario and of the file.
-    snrs_db : sequence of float
-    trial : int
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    # A run of limits alone still has clouds to show.
-    candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
-    records = results.records[results.records["scenario"] == scenario]
-    shown = best_variants(records, candidates)
+    """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure."""
+    # A run of references alone still has clouds to show.
+    candidates = [variant for variant, line in lines.items() if not line.is_reference] or list(lines)
+    shown = best_variants(run.rows[run.rows["scenario"] == scenario], candidates)
     title = drawable(scenario)
     if len(shown) < len(candidates):
         title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
-    images, scene = _images(results, scenario, trial), results.scenarios[scenario]
+    images, scene = _images(run, scenario, trial), run.scenarios[scenario]
     pages = batched(shown, CLOUDS_A_FIGURE)
     for number, page in enumerate(pages, start=1):
         rows = {snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page] for snr_db in snrs_db}
-        columns = [looks[variant].label for variant in page]
+        columns = [drawable(lines[variant].label) for variant in page]
         suffix = f"-{number}" if len(pages) > 1 else ""
         heading = f"{title}, trial {trial}"
         figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
         yield f"{stem}{suffix}", figure
 
 
-def best_variants(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
-    """Choose the estimators whose clouds are drawn.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a scenario.
-    candidates : sequence of (str, str)
-        Names and parameters.
-
-    Returns
-    -------
-    list of (str, str)
-        Those of least mean deviation, in the order given.
-    """
+def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
+    """Choose the estimators of a scenario whose clouds are drawn: those of least mean deviation."""
     if len(candidates) <= MOST_CLOUDS:
         return list(candidates)
-    means = records.groupby(["estimator", "params"], sort=False)["deviation"].mean()
+    means = rows.groupby(["estimator", "params"], sort=False)["deviation"].mean()
     # What failed throughout has no mean, and comes last.
     best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
     return [variant for variant in candidates if variant in best]
 
 
-def _images(results: Results, scenario: str, trial: int) -> dict[Hashable, Image]:
+def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
     """Images of one trial of a scenario, by name, parameters and SNR."""
     # Numbers first: they are compared much faster than text, and leave little of it.
-    points = results.clouds[results.clouds["trial"] == trial]
+    points = run.clouds[run.clouds["trial"] == trial]
     points = points[points["scenario"] == scenario]
     clouds: dict[Hashable, PointCloud] = {
         key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
         for key, part in points.groupby(CELL, sort=False, observed=True)
     }
-    records = results.records[(results.records["trial"] == trial) & (results.records["scenario"] == scenario)]
+    rows = run.rows[(run.rows["trial"] == trial) & (run.rows["scenario"] == scenario)]
     return {
         key: _image(clouds.get(key, PointCloud.empty()), record)
-        for key, record in records.set_index(CELL).iterrows()
+        for key, record in rows.set_index(CELL).iterrows()
     }
 
 
@@ -322,3 +200,31 @@ def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
         hausdorff_m = record[[*PROJECTIONS]].sum()
         return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
     return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))
+
+
+def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
+    """Draw the scene in which each estimator has its largest ratio, beside the truth."""
+    cells = scene_cells(run.rows)
+    (snr_db,) = nearest_values(sorted(cells["snr_db"].unique()), [WORST_SNR_DB])
+    rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
+    chosen = [variant for variant, line in lines.items() if not line.is_reference][:MOST_WORST]
+    stems = file_stems(lines[variant].label for variant in chosen)
+    for variant, stem in zip(chosen, stems.values(), strict=True):
+        scenes = rows_of(rated, variant)
+        if scenes.empty:
+            continue
+        worst = scenes.iloc[scenes["ratio"].argmax()]
+        cloud, scene = _stored_cloud(run, worst), run.scenarios[worst["scenario"]]
+        title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {counted(len(scenes), 'scene')}"
+        note = f"{counted(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
+        label = drawable(lines[variant].label)
+        figure = draw_comparison(title, scene.truth, label, Image(cloud, note), scene.region, scene.radius_m)
+        yield f"worst-{stem}", figure
+
+
+def _stored_cloud(run: Run, row: pd.Series[Any]) -> PointCloud:
+    """Cloud of a row."""
+    points = run.clouds
+    for name in ("trial", "snr_db", "scenario", "estimator", "params"):
+        points = points[points[name] == row[name]]
+    return PointCloud.from_array(points[POINT_COLUMNS].to_numpy())

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.compare.comparison import Comparison
-    from isacbench.bench.plan.labels import Variant
+    from isacbench.charts import Variant
     from isacbench.report.html.joined_runs import JoinedRuns
 
 CELL = ["scenario", "snr_db", "trial"]

@@ -12,11 +12,12 @@ import pandas as pd
 from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.compare.matching import RunTable, incomparable
 from isacbench.bench.compare.scene_scores import with_ratios
-from isacbench.bench.plan.labels import estimator_labels, find_limits, variants_in
+from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_store import CLOUDS, TRUTH, read_manifest, read_scenes, read_sound_rows
 from isacbench.bench.store.stored_run import MOST_NAMED, ObservedScenes
 from isacbench.bench.suites.suite_kinds import restore_suite
+from isacbench.charts import variants_in
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there
 from isacbench.files.escaping import counted
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.bench.plan.labels import Variant
-    from isacbench.bench.studies.study import ImagedScene
+    from isacbench.bench.kinds.scenes import ImagedScene
+    from isacbench.charts import Variant
 
 RUN = "run"
 """Column of joined rows with the number of their run."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from isacbench.report.figures.curves import nearest_values
+from isacbench.charts import nearest_values
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

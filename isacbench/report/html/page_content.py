@@ -15,23 +15,22 @@ from isacbench.bench.compare.matching import code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
 from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
+from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.run_store import scenario_texts
 from isacbench.bench.store.score_columns import stored_columns
-from isacbench.bench.studies.intervals import CONFIDENCE, MIN_TRIALS
-from isacbench.bench.studies.medians import TIME
+from isacbench.charts import ROLES, assign_lines
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.comparisons.comparison_tables import json_rows
-from isacbench.report.drawing.style import ROLES, VELOCITY_COLOURS, assign_looks
-from isacbench.report.figures.curves import PANELS
+from isacbench.report.drawing.style import VELOCITY_COLOURS
 from isacbench.report.html.joined_runs import RUN
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB, choose_clouds, pack_clouds
+from isacbench.report.html.page_charts import page_charts
 from isacbench.report.html.page_file import numbers
-from isacbench.report.html.study_charts import study_charts
-from isacbench.report.tables.pareto import summarise_points, timed_rows
-from isacbench.report.tables.stage_tables import is_timed, summarise_stages
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Sequence
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from isacbench.bench.compare.ranking import Ranking
+    from isacbench.charts import Line
     from isacbench.model.cloud import PointCloud
-    from isacbench.report.drawing.style import LineLook
     from isacbench.report.html.joined_runs import JoinedRuns
 
 DEFAULT_METRIC = "deviation"
@@ -48,16 +47,6 @@ DEFAULT_METRIC = "deviation"
 
 RANKED = ("ratio", "hausdorff_sum_m", "f_score", "objects_f_score", "deviation")
 """Metrics with rank sets; each takes a second for a hundred scenes."""
-
-SYMBOLS = {
-    "o": "circle",
-    "s": "square",
-    "^": "triangle-up",
-    "D": "diamond",
-    "v": "triangle-down",
-    "p": "pentagon",
-}
-DASHES = {"-": "solid", "-.": "dashdot", ":": "dot", "--": "dash", "": "solid"}
 
 FURTHER_METRICS = {
     "ratio": "Hausdorff sum over that of the oracle, mean (summary.md has the median)",
@@ -119,10 +108,10 @@ def page_content(
         scene["truth"] = [[trial, len(kept) + place] for trial, place in scene["truth"]]
     counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
     points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
-    looks = assign_looks(joined.labels, find_limits(records))
+    lines = assign_lines(joined.labels, find_limits(records))
     metrics = _metrics(joined)
     metric = metric or _first_metric(records)
-    estimators = [_estimator(joined, variant, look) for variant, look in looks.items()]
+    estimators = [_estimator(joined, variant, line) for variant, line in lines.items()]
     content = {
         "metric": metric,
         "shown_snr_db": SHOWN_SNR_DB,
@@ -145,7 +134,7 @@ def page_content(
         "n_clouds_left_out": int((has_image & ~chosen & (joined.rows.n_points > 0)).sum()),
         "ranks": _ranks(joined, [one["name"] for one in metrics], metric),
         "times": _times(joined),
-        "charts": study_charts(joined),
+        "charts": page_charts(joined),
     }
     return content, pack_clouds(points, counts)
 
@@ -225,7 +214,7 @@ def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]
     return found, truths
 
 
-def _estimator(joined: JoinedRuns, variant: tuple[str, str], look: LineLook) -> dict[str, Any]:
+def _estimator(joined: JoinedRuns, variant: tuple[str, str], line: Line) -> dict[str, Any]:
     own = joined.table.records
     run = int(own.loc[(own["estimator"] == variant[0]) & (own["params"] == variant[1]), RUN].iloc[0])
     return {
@@ -234,11 +223,11 @@ def _estimator(joined: JoinedRuns, variant: tuple[str, str], look: LineLook) -> 
         "name": variant[0],
         "params": variant[1],
         "run": run,
-        "is_reference": look.is_bound,
-        "role": ROLES.get(variant[0], "sees the truth") if look.is_bound else "",
-        "colour": "" if look.is_bound else look.colour,
-        "symbol": SYMBOLS.get(look.marker, ""),
-        "dash": DASHES[look.line],
+        "is_reference": line.is_reference,
+        "role": ROLES.get(variant[0], "sees the truth") if line.is_reference else "",
+        "colour": line.style.colour,
+        "symbol": line.style.symbol,
+        "dash": line.style.dash,
     }
 
 
@@ -280,9 +269,8 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
     described = stored_columns(joined.table.manifest)
     radius_m = {scene.template.radius_m for run in joined.runs for scene in run.scenes.values()}
     radius = " or ".join(f"{one:g}" for one in sorted(radius_m))
-    panels = {panel.column: panel for panel in PANELS}
     found = []
-    for name in dict.fromkeys([*panels, *FURTHER_METRICS, *columns]):
+    for name in dict.fromkeys([*SCORE_AXES, *FURTHER_METRICS, *columns]):
         if name not in columns or not records[name].notna().any() or name.endswith("_spread"):
             continue
         try:
@@ -291,7 +279,7 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
             if name != "n_estimated":
                 continue
             better = "neither"
-        panel = panels.get(name)
+        panel = SCORE_AXES.get(name)
         plain = described[name].title if name in described else FURTHER_METRICS.get(name, name)
         title = panel.title.replace("{radius_m:g}", radius) if panel else plain
         axis = panel.axis if panel else plain
@@ -302,7 +290,7 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
                 "title": title,
                 "axis": axis,
                 "better": better,
-                "log": bool(panel and panel.logarithmic) or name == TIME,
+                "log": bool(panel and panel.log) or name == TIME,
                 "spread": spread,
                 "is_median": name == TIME,
             }
@@ -352,7 +340,7 @@ def _times(joined: JoinedRuns) -> dict[str, Any]:
     rows = timed_rows(records)
     if rows.empty or not is_timed(records) or rows["deviation"].isna().all():
         return {}
-    points = summarise_points(rows, find_limits(rows))
+    points = summarise_points(rows)
     variants = zip(points["estimator"], points["params"], strict=True)
     points["label"] = [joined.labels[variant] for variant in variants]
     return {"points": json_rows(points), "stages": json_rows(summarise_stages(rows))}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.ticker import EngFormatter
 
-from isacbench.report.tables.run_tables import Grid
+from isacbench.charts import Table, text_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +49,7 @@ def plan_lines(plan: ImagePlan, system: System) -> list[str]:
     ]
 
 
-def plan_grids(plan: ImagePlan) -> list[Grid]:
+def plan_grids(plan: ImagePlan) -> list[Table]:
     """Tabulate the steps for a recorded and a simulated frame: amounts of work, and shares of the full chain.
 
     Parameters
@@ -58,12 +58,14 @@ def plan_grids(plan: ImagePlan) -> list[Grid]:
 
     Returns
     -------
-    list of Grid
+    list of Table
     """
     recorded = [*_rows(plan.steps), ["total", "", *_amounts(*plan.total)]]
     return [
-        Grid("recorded frame, compared with the full 4-D chain", HEADER, recorded),
-        Grid("simulated frame: work instead of reading and transforming", HEADER, _rows(plan.simulation)),
+        text_table("recorded frame, compared with the full 4-D chain", HEADER, recorded),
+        text_table(
+            "simulated frame: work instead of reading and transforming", HEADER, _rows(plan.simulation)
+        ),
     ]
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import pandas as pd
 
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.charts import Table, text_table
 from isacbench.checking.stress.runs.examining import BROKEN
 from isacbench.checking.stress.runs.stress_runs import Examined
 from isacbench.checking.stress.runs.stress_table import case_table
 from isacbench.files.escaping import counted
-from isacbench.report.tables.run_tables import Grid
 
 CASE_WIDTH, TARGET_WIDTH = 64, 16
 
@@ -45,7 +45,7 @@ def line(examined: Examined) -> str:
     return shown + finding if examined.is_broken else shown
 
 
-def family_grid(cases: pd.DataFrame) -> Grid:
+def family_grid(cases: pd.DataFrame) -> Table:
     """Tabulate the cases that kept their promises, by family and target.
 
     Parameters
@@ -55,7 +55,7 @@ def family_grid(cases: pd.DataFrame) -> Grid:
 
     Returns
     -------
-    Grid
+    Table
         Kept and all cases, the skipped ones left out.
     """
     told = cases[cases["outcome"] != "skipped"]
@@ -63,10 +63,10 @@ def family_grid(cases: pd.DataFrame) -> Grid:
     kept = (~told["outcome"].isin(BROKEN)).groupby([families, _labels(told)], sort=False)
     shares = kept.agg(lambda one: f"{one.sum()}/{one.size}").unstack(fill_value="")
     rows = [[str(family), *shares.loc[family]] for family in shares.index]
-    return Grid("cases that keep their promises", ["case", *map(str, shares.columns)], rows)
+    return text_table("cases that keep their promises", ["case", *map(str, shares.columns)], rows)
 
 
-def promise_grid(promises: pd.DataFrame) -> Grid:
+def promise_grid(promises: pd.DataFrame) -> Table:
     """Tabulate the largest drift of every promise over the cases that keep it, by target.
 
     Parameters
@@ -76,7 +76,7 @@ def promise_grid(promises: pd.DataFrame) -> Grid:
 
     Returns
     -------
-    Grid
+    Table
         With the largest bound of every promise.
     """
     kept = promises[promises["outcome"] == "ok"]
@@ -84,7 +84,7 @@ def promise_grid(promises: pd.DataFrame) -> Grid:
     worst = kept["drift"].groupby([kept["promise"], _labels(kept)], sort=False).max().unstack()
     rows = [[str(name), *map(_drift, (bounds[name], *worst.loc[name]))] for name in bounds.index]
     header = ["promise", "bound", *map(str, worst.columns)]
-    return Grid("largest drift where the promise is kept", header, rows)
+    return text_table("largest drift where the promise is kept", header, rows)
 
 
 def _labels(table: pd.DataFrame) -> pd.Series[Any]:

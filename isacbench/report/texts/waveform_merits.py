@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.charts import Table, text_table
 from isacbench.link.waveform.figures_of_merit import OFFSETS, exceeded_papr_db, frame_rates
-from isacbench.report.tables.run_tables import Grid
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +25,7 @@ RARE = 1000
 """One in so many symbols exceeds the rare peak-to-average power ratio."""
 
 
-def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> list[Grid]:
+def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> list[Table]:
     """Tabulate the waveform, its out-of-band power, and the data that it carries.
 
     Parameters
@@ -37,7 +37,7 @@ def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> l
 
     Returns
     -------
-    list of Grid
+    list of Table
     """
     described = describe_waveform(system, merits, papr_db)
     levels = [
@@ -51,13 +51,13 @@ def waveform_grids(system: System, merits: WaveformMerits, papr_db: Ratios) -> l
         data.append([modulation, str(told["n_data_bits"]), rate, *written])
     theory = [f"{value:.2f}" for value in described["papr_theory"].values()]
     return [
-        Grid("waveform", ["quantity", "value"], _lines(system, merits)),
-        Grid(
+        text_table("waveform", ["quantity", "value"], _lines(system, merits)),
+        text_table(
             "power density outside the band over that inside",
             ["subcarrier spacings beyond", "with suffix [dB]", "without [dB]"],
             levels,
         ),
-        Grid(
+        text_table(
             f"data, and peak-to-average power ratio of {n_symbols} symbols",
             ["modulation", "bits a frame", "Mbit/s", "median [dB]", f"exceeded by one in {RARE} [dB]"],
             [*data, ["theory", "", "", *theory]],

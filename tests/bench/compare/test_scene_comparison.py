@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.report.comparisons.comparison_figure import draw_changes
 
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import RunTable
@@ -14,7 +15,6 @@ from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.statistics import bootstrap_changes, signed_rank_test
 from isacbench.bench.compare.tolerance import Tolerance
 from isacbench.report.comparisons.ci_files import comparison_junit, comparison_markdown
-from isacbench.report.comparisons.comparison_figure import draw_changes
 from isacbench.report.comparisons.comparison_tables import (
     comparison_content,
     comparison_grids,

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from isacbench.bench.studies.study import Entry
 
 from isacbench.bench.plan.run_plan import BlockQueue, Plan, Shard
-from isacbench.bench.studies.study import Entry
 from isacbench.errors import InputError
 
 

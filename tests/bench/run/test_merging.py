@@ -4,6 +4,9 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.population_kind import PopulationSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
 
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.plan.job import load_job
@@ -11,9 +14,6 @@ from isacbench.bench.plan.manifest_plan import outline, restore_plan
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.run_store import read_manifest, read_results
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.population_kind import PopulationSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import entries

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.studies.imaging_study import summarise_scores
 
 import isacbench
 from isacbench.bench.cells import scored_images
@@ -14,7 +15,6 @@ from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.store.stored_run import load_run
-from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import SPREAD_COLUMNS

@@ -3,13 +3,13 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.suites.detection_kind import DetectionSuite
 
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.run.rescoring import Change, rescore
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.run_store import read_manifest
-from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper

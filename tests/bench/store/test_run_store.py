@@ -6,14 +6,14 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.suites.detection_kind import DetectionSuite
+from isacbench.bench.suites.resolution_kind import ResolutionSuite
 
 from isacbench import load_run
 from isacbench.bench.compare.matching import read_run
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
 from isacbench.bench.store.run_store import read_results
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo

@@ -4,12 +4,12 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-
-from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.run.runner import run
 from isacbench.bench.studies.detection_study import MAP_GAIN_DB, count_cells, summarise_detection
 from isacbench.bench.studies.power_maps import draw_power_map
 from isacbench.bench.suites.detection_kind import DetectionSuite
+
+from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.run.runner import run
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import observe_echo

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.studies.efficiency_study import measure_efficiency, summarise_efficiency
 
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.studies.efficiency_study import measure_efficiency, summarise_efficiency
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import draw_place, radio_places, rayleigh_cells

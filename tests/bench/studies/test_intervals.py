@@ -2,8 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom, binomtest, chi2, multinomial
-
 from isacbench.bench.studies.intervals import (
     exact_interval,
     mean_band,
@@ -13,6 +11,7 @@ from isacbench.bench.studies.intervals import (
     student_band,
     wilson_interval,
 )
+from scipy.stats import binom, binomtest, chi2, multinomial
 
 
 def test_the_interval_of_normal_errors_is_that_of_chi_square_where_squares_spread_as_theirs():

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.studies.link_study import outside_interval, signals_of, summarise_link
+from isacbench.bench.suites.link_kind import LINK, LinkSuite
 
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.run.runner import run
-from isacbench.bench.studies.link_study import outside_interval, signals_of, summarise_link
-from isacbench.bench.suites.link_kind import LINK, LinkSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol

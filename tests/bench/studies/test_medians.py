@@ -1,5 +1,4 @@
 import pandas as pd
-
 from isacbench.bench.studies.medians import median_times
 
 

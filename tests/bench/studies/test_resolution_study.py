@@ -6,8 +6,6 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.studies.resolution_study import (
     measure_resolution,
     pair,
@@ -15,6 +13,8 @@ from isacbench.bench.studies.resolution_study import (
     summarise_resolution,
 )
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
+
+from isacbench.bench.run.runner import run, run_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid

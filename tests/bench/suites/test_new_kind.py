@@ -4,6 +4,11 @@ import sys
 from pkgutil import resolve_name
 
 import pytest
+from isacbench.bench.studies.medians import summarise
+from isacbench.bench.studies.study import ImagedScene, build_estimators
+from isacbench.bench.suites.kind import Kind, Tables
+from isacbench.report.tables.run_tables import Grid
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.plan.run_plan import Shard
@@ -11,15 +16,10 @@ from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.store.run_store import read_results
-from isacbench.bench.studies.medians import summarise
-from isacbench.bench.studies.study import ImagedScene, build_estimators
-from isacbench.bench.suites.kind import Kind, Tables
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS, load_suite
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.tables.run_tables import Grid
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 KEY = ["scenario", "estimator", "params"]
 

@@ -2,15 +2,15 @@ import json
 
 import numpy as np
 import pytest
-
-from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import RunTable
-from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_figure import (
     comparison_paths,
     draw_changes,
     draw_comparison_files,
 )
+
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.matching import RunTable
+from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_tables import (
     comparison_content,
     comparison_grids,

@@ -1,7 +1,6 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-
 from isacbench.report.drawing.label_layout import place_labels
 
 places = st.tuples(st.integers(-9, 9), st.integers(-9, 9))

@@ -1,11 +1,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.report.figures.curves import draw_deviations, draw_radii, draw_scores
 
 from isacbench.metrics.one_to_one import Curve
 from isacbench.report.drawing.style import assign_looks, styled
 from isacbench.report.figures import curves
-from isacbench.report.figures.curves import draw_deviations, draw_radii, draw_scores
 
 SNR_DB = [-10.0, 0.0, 10.0]
 SCORES = [

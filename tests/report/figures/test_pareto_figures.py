@@ -1,5 +1,7 @@
 import numpy as np
 import pandas as pd
+from isacbench.report.figures.pareto_figures import DOMINATED_ALPHA, draw_pareto, draw_stages, shown_snrs
+from isacbench.report.tables.pareto import summarise_points
 from matplotlib.colors import same_color
 from matplotlib.text import Text
 
@@ -8,9 +10,7 @@ from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.drawing.style import new_figure, styled
 from isacbench.report.figures import run_figures
-from isacbench.report.figures.pareto_figures import DOMINATED_ALPHA, draw_pareto, draw_stages, shown_snrs
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.tables.pareto import summarise_points
 
 
 def legend_of(figure):

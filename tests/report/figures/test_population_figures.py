@@ -2,13 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-from isacbench.bench.run.runner import run_suite
 from isacbench.bench.studies.population_study import scene_cells, summarise_population
 from isacbench.bench.suites.population_kind import PopulationSuite
-from isacbench.model.scenes.scenario import load_scenario
-from isacbench.report.drawing.style import assign_looks
-from isacbench.report.figures import population_figures, run_figures
 from isacbench.report.figures.population_figures import (
     CURVES,
     LARGEST_RATIO,
@@ -17,6 +12,11 @@ from isacbench.report.figures.population_figures import (
     draw_score_curves,
     draw_targets,
 )
+
+from isacbench.bench.run.runner import run_suite
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.report.drawing.style import assign_looks
+from isacbench.report.figures import population_figures, run_figures
 from isacbench.report.figures.run_figures import draw_run
 
 LOOKS = assign_looks({(name, "{}"): name for name in ("a", "b", "oracle")}, bounds=["oracle"])

@@ -1,14 +1,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-
-from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
-from isacbench.bench.suites.suite import Suite
-from isacbench.report.drawing.style import assign_looks
-from isacbench.report.figures import run_figures
-from isacbench.report.figures.run_figures import draw_run
 from isacbench.report.figures.study_figures import (
     draw_detection,
     draw_efficiency,
@@ -16,6 +10,12 @@ from isacbench.report.figures.study_figures import (
     draw_resolution,
     draw_roc,
 )
+
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.suites.suite import Suite
+from isacbench.report.drawing.style import assign_looks
+from isacbench.report.figures import run_figures
+from isacbench.report.figures.run_figures import draw_run
 
 LOOKS = assign_looks({("a", "{}"): "a", ("b", "{}"): "b"}, bounds=())
 SNRS = [0.0, 20.0, 40.0]

@@ -7,11 +7,11 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
 from matplotlib.image import imread
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.store.stored_run import load_run
-from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
 from isacbench.metrics.geometry import CloudPair
 from isacbench.report.html.diagnosed_maps import diagnosed_maps
 from isacbench.report.html.joined_runs import read_for_page

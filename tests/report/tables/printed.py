@@ -2,9 +2,8 @@
 
 import io
 
-from rich.console import Console
-
 from isacbench.report.tables.run_tables import rich_table
+from rich.console import Console
 
 
 def printed(grid):

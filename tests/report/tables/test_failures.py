@@ -1,7 +1,6 @@
 import json
 
 import pandas as pd
-
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.run_tables import markdown
 

@@ -3,7 +3,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-
 from isacbench.report.tables.population_tables import near_chance, population_grids, tabulate_population
 from isacbench.report.tables.run_tables import TERMINAL_WIDTH, rich_table
 

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
+from isacbench.bench.studies.intervals import mean_band
+from isacbench.report.tables.image_tables import SHOWN, score_grids
+from isacbench.report.tables.tables_by_kind import write_run_tables
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run.runner import run
-from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
-from isacbench.bench.studies.intervals import mean_band
 from isacbench.bench.suites.suite import Suite
-from isacbench.report.tables.image_tables import SHOWN, score_grids
-from isacbench.report.tables.tables_by_kind import write_run_tables
 from tests.report.tables.printed import printed
 
 N_TRIALS = 5

@@ -1,12 +1,12 @@
 import numpy as np
 import pandas as pd
 import pytest
-
-from isacbench.bench.cells.record import TIMING_COLUMNS
 from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.report.tables.image_tables import score_grids
 from isacbench.report.tables.stage_tables import is_timed, stage_grids, summarise_stages
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+
+from isacbench.bench.cells.record import TIMING_COLUMNS
 
 
 @pytest.fixture

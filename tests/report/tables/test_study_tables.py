@@ -4,14 +4,14 @@ from pkgutil import resolve_name
 import numpy as np
 import pandas as pd
 import pytest
-
-from isacbench.bench.run.runner import run
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
-from isacbench.bench.suites.suite import Suite
-from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.tables.failures import failure_grids
 from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+
+from isacbench.bench.run.runner import run
+from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import KINDS
 from tests.report.tables.printed import printed
 
 WIDTH = 100

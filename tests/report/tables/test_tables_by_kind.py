@@ -1,9 +1,9 @@
 import pandas as pd
 import pytest
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.cells.record import COLUMNS, typed
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -138,7 +138,12 @@ const lineWithBand = (series, look, isLog = false) => {
     x: series.x,
     y: series.y.map((one) => (has(one) ? one : null)),
     type: "scatter",
-    mode: look.symbol ? "lines+markers" : "lines",
+    mode: [look.dash ? "lines" : "", look.symbol || series.x.length === 1 ? "markers" : "", series.texts?.length ? "text" : ""]
+      .filter(Boolean)
+      .join("+"),
+    text: series.texts?.length ? series.texts : undefined,
+    textposition: "top center",
+    textfont: { size: 9, color: colour },
     name: plain(series.label),
     legendgroup: series.label,
     line: { color: colour, dash: look.dash, width: 1.8 },

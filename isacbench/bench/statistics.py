@@ -1,4 +1,4 @@
-"""Confidence intervals of means, medians, errors and shares in studies."""
+"""Summaries of rows: medians of times, confidence intervals, and words for them."""
 
 from __future__ import annotations
 
@@ -6,13 +6,20 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
+from isacbench.bench.cells.statuses import failed
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
+
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
 
+TIME = "time_estimate_s"
 CONFIDENCE = 0.95
 
 MIN_TRIALS = 5
@@ -48,10 +55,6 @@ def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
 def mean_band(values: Floats) -> tuple[float, float]:
     """Mean and half the width of its 95 % confidence interval (Student's t).
 
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n,)
-
     Returns
     -------
     mean, half_width : float
@@ -73,10 +76,6 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
     The ends of the interval are two of the values, as far inside as the
     binomial distribution of the number of values below the median allows. So it
     is valid with the long tail that run times have.
-
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n,)
 
     Returns
     -------
@@ -112,10 +111,6 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
     follow from the spread of the squares (Satterthwaite); they are at most the
     number of values, which is exact for normal values.
 
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n,)
-
     Returns
     -------
     rms, low, high : float
@@ -143,14 +138,7 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
 def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
     """Wilson's 95 % confidence interval of a probability.
 
-    Parameters
-    ----------
-    n_successes, n : int
-
-    Returns
-    -------
-    low, high : float
-        NaN without trials.
+    NaN without trials.
 
     References
     ----------
@@ -230,3 +218,86 @@ def share_band(n_successes: int, n: int, n_trials: int) -> tuple[float, float]:
     ([0.5958, 0.9821], (nan, nan))
     """
     return wilson_interval(n_successes, n) if n_trials >= MIN_TRIALS else (math.nan, math.nan)
+
+
+def time_words(rows: pd.DataFrame) -> str:
+    """Say what the times of a run are: those of cells that ran beside others mislead."""
+    is_alone = rows["timing"].astype(bool)[~failed(rows)].all()
+    return "median processor time" + ("" if is_alone else " (not measured alone)")
+
+
+def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] = (TIME,)) -> pd.DataFrame:
+    """Take the median over the cells of each group that did not fail, whatever their SNR and trial.
+
+    Where any cell of a group was timed (`isacbench run --timing`), the timed cells of the group count alone.
+
+    Returns
+    -------
+    DataFrame
+        Indexed by group, with the columns ``<column>_median``; without groups that have no such cell.
+
+    Examples
+    --------
+    >>> rows = pd.DataFrame({"estimator": "a", "status": "ok", "timing": False, TIME: [1, 2, 9]})
+    >>> median_times(rows, ["estimator"])["time_estimate_s_median"].to_dict()
+    {'a': 2.0}
+    """
+    scored = rows[~failed(rows)]
+    is_timed = scored["timing"].astype(bool)
+    any_timed = is_timed.groupby([scored[name] for name in by], sort=False).transform("any")
+    counting = scored[is_timed | ~any_timed]
+    return counting.groupby(list(by), sort=False)[list(columns)].median().add_suffix("_median")
+
+
+def summarise(
+    rows: pd.DataFrame, by: Sequence[str], numbers: Callable[[pd.DataFrame], Mapping[str, Any]]
+) -> pd.DataFrame:
+    """Summarise rows, one row a group: the columns `by`, its numbers, and ``time_estimate_s_median``.
+
+    Examples
+    --------
+    >>> rows = pd.DataFrame({"estimator": ["a", "a"], "status": "ok", "timing": False, TIME: [1, 3]})
+    >>> summarise(rows, ["estimator"], lambda part: {"n_cells": len(part)}).to_dict("records")
+    [{'estimator': 'a', 'n_cells': 2, 'time_estimate_s_median': 2.0}]
+    """
+    groups = rows.groupby(list(by), sort=False)
+    found = [{**dict(zip(by, key, strict=True)), **numbers(part)} for key, part in groups]
+    return pd.DataFrame(found).join(median_times(rows, by), on=list(by))
+
+
+def trials_and_band(n_trials: int, noun: str = "band") -> str:
+    """Say how many trials there were, and whether they have a confidence band.
+
+    Examples
+    --------
+    >>> trials_and_band(12), trials_and_band(2, "interval")
+    ('12 trials, 95 % confidence band', '2 trials, no confidence interval below 5')
+    """
+    trials = "1 trial" if n_trials == 1 else f"{n_trials} trials"
+    return f"{trials}, {_band_words(n_trials, noun)}"
+
+
+def mean_of_trials(n_trials: int) -> str:
+    """Say that something is a mean over trials, unless there is but one.
+
+    Examples
+    --------
+    >>> mean_of_trials(5), mean_of_trials(1)
+    ('mean of 5 trials, 95 % confidence band', 'one trial')
+    """
+    return "one trial" if n_trials == 1 else f"mean of {trials_and_band(n_trials)}"
+
+
+def mean_of_scenarios(n_scenarios: int) -> str:
+    """Say that something is a mean over scenarios, and whether it has a confidence band.
+
+    Examples
+    --------
+    >>> mean_of_scenarios(100)
+    'mean over 100 scenarios, 95 % confidence band'
+    """
+    return f"mean over {n_scenarios} scenarios, {_band_words(n_scenarios, 'band')}"
+
+
+def _band_words(n: int, noun: str) -> str:
+    return f"95 % confidence {noun}" if n >= MIN_TRIALS else f"no confidence {noun} below {MIN_TRIALS}"

@@ -1,4 +1,4 @@
-"""The user's side of the study ``link``: channels, receivers, and frames that they receive."""
+"""The user's side of the kind ``link``: channels, receivers, and frames that they receive."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from isacbench.added_fields import identity_fields
 from isacbench.bench.cells.isolation import array_digest
 from isacbench.bench.cells.timing import Trial
-from isacbench.bench.studies.study import Scene, SharedObservation, distinct_entries, entry_of
+from isacbench.bench.kinds.scenes import Scene, SharedObservation, distinct_entries, entry_of
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, require_closed_form
@@ -27,8 +27,8 @@ from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import Cell, Outcome
-    from isacbench.bench.studies.study import Entry
-    from isacbench.bench.suites.link_kind import LinkSuite
+    from isacbench.bench.kinds.link import LinkSuite
+    from isacbench.bench.kinds.scenes import Entry
     from isacbench.choices import Modulation
     from isacbench.link.reception.channel import Channel
     from isacbench.link.reception.receiver import Reception

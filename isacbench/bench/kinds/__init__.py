@@ -1,0 +1,1 @@
+"""The kinds of suites, a file each: what is planned, measured, summarised, tabulated and drawn."""

@@ -1,0 +1,533 @@
+"""The kind ``detection``: detectors on synthetic maps, and in front of estimators on scenarios.
+
+A row of a map has the detector in the column ``estimator`` and no scores, for
+there is no cloud. A row of a scenario is the ordinary one of an estimator
+with the detector as its parameter. Both count cells: targets and how many of
+them were detected, clear cells and how many of them were false alarms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+
+import numpy as np
+import pandas as pd
+from pydantic import AfterValidator, Field
+
+from isacbench.bench.cells.isolation import array_digest
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.timing import Trial
+from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind
+from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
+from isacbench.bench.kinds.scenes import (
+    ImagedScene,
+    Scene,
+    SharedObservation,
+    distinct_entries,
+    element_snrs_db,
+    entry_of,
+    gained_snr_db,
+    require_scatterers,
+)
+from isacbench.bench.kinds.scores import VARIANT
+from isacbench.bench.statistics import mean_band, share_band, summarise, trials_and_band
+from isacbench.bench.suites.scenario_digest import digest
+from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
+from isacbench.charts import (
+    SHARE_LIMITS,
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    LineStyle,
+    Series,
+    Table,
+    assign_lines,
+    batched,
+    decades,
+    line_series,
+    nearest_values,
+    spread_rows,
+    with_failures,
+)
+from isacbench.choices import MapName
+from isacbench.dsp.cfar.detection_rates import detection_rate
+from isacbench.errors import InputError
+from isacbench.files.file_names import file_stems
+from isacbench.instrument.stages import stage
+from isacbench.model.numerology import System
+from isacbench.model.radio_coordinates import gain_db
+from isacbench.plugins.contracts import Detection as Detected
+from isacbench.plugins.contracts import Detector, Diagnoser
+from isacbench.plugins.registry import get_detector, get_estimator
+from isacbench.specifications import spec_variants
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.bench.cells.cell import MeasuredImage
+    from isacbench.bench.cells.record import Cell, Outcome
+    from isacbench.bench.kinds.scenes import Entry
+    from isacbench.charts import Line, Variant
+    from isacbench.metrics.descriptions import Direction
+    from isacbench.model.scene import Scenario
+    from isacbench.plugins.contracts import Estimator
+    from isacbench.specifications import SpelledVariant
+
+    Mask = NDArray[np.bool_]
+
+Pfa = Annotated[float, Field(gt=0, lt=1)]
+
+COUNTS = ["n_targets", "n_hits", "n_clear", "n_false"]
+"""Cells with a target, those of them detected, clear cells, and those of them detected."""
+
+MAP_GAIN_DB = 10 * math.log10(System().processing_gain)
+"""A target of a map stands for a unit scatterer in the range-Doppler map of one element (Table I)."""
+
+CLEAR_CELLS = 3
+"""A scenario's cells farther from any scatterer's than this are clear: a Hann taper reaches two bins."""
+
+GROUP = ["scenario", "estimator", "params", "detector", "pfa", "snr_db"]
+
+REFERENCE_PFA = 1e-3
+"""Nominal rate whose numbers are shown, where it was run: the paper's."""
+
+DETECTORS_A_TABLE, ESTIMATORS_A_TABLE = 6, 3
+ROC_SNRS_DB = 10.0, 15.0, 20.0
+
+NONE_FOUND = 0.1
+"""Share of one false alarm of all clear cells at which a count of none is drawn on a logarithmic axis."""
+
+KNOWN_NOISE = "known noise (closed form)"
+KNOWN_NOISE_STYLE = LineStyle("", "dot", "")
+
+
+class DetectionSuite(Suite):
+    """Suite of the kind ``detection``.
+
+    Attributes
+    ----------
+    detectors : tuple of str
+        Detectors as ``name[param=value,...]``: alone on the maps, and in front of
+        every estimator on the scenarios.
+    maps : tuple of str
+        Synthetic maps, see `isacbench.bench.kinds.power_maps.draw_power_map`.
+    pfa : tuple of float
+        Nominal probabilities of false alarm on the maps. Empty: each detector's own.
+    """
+
+    kind: str = "detection"
+    detectors: Listed[str]
+    maps: Annotated[tuple[MapName, ...], AfterValidator(refuse_repeats)] = get_args(MapName)
+    pfa: Annotated[tuple[Pfa, ...], AfterValidator(refuse_repeats)] = ()
+
+
+class Detection(Kind):
+    """Probabilities of detection and of false alarm."""
+
+    name = "detection"
+    suite = DetectionSuite
+    columns: ClassVar[Mapping[str, Any]] = {
+        **SNR_GAIN,
+        "detector": "",
+        "pfa": math.nan,
+        **dict.fromkeys(COUNTS, 0),
+    }
+    better: ClassVar[Mapping[str, Direction]] = {
+        "n_hits": "higher",
+        **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),
+    }
+
+    def scenes(self, suite: DetectionSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
+        """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
+        detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
+        alone, behind = _alone(detectors, suite.pfa), _behind(detectors, suite)
+        require_scatterers(scenarios)
+        if clash := set(suite.maps) & set(scenarios):
+            raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
+        maps: list[Scene] = [MapScene(suite, name, alone) for name in suite.maps]
+        return maps + [
+            ImagedScene(
+                suite, scenario, behind, element_snrs_db(suite, gain_db(scenario)), measure=count_cells
+            )
+            for scenario in scenarios.values()
+        ]
+
+    def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Probabilities of detection and of false alarm, and the deviation of what was imaged.
+
+        Returns
+        -------
+        DataFrame
+            One row for each scenario or map, estimator (with its parameters), detector, nominal rate ``pfa``
+            and SNR: ``snr_gain_db``, ``n_cells``, ``n_failed`` and the counts, summed over trials; ``pd`` and
+            ``pfa_measured`` with 95 % intervals, ``..._low`` and ``..._high`` (Wilson); ``deviation_mean``
+            with the half width of its 95 % interval ``deviation_band`` (Student's t), NaN for a map;
+            ``time_estimate_s_median``. Fewer than five trials have no intervals.
+        """
+        return summarise(rows, GROUP, _numbers)
+
+    def tables(self, rows: pd.DataFrame) -> list[Table]:
+        """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
+        found = []
+        for scenario, part in self.summary(rows).groupby("scenario", sort=False):
+            columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
+            if scenario in MAPS:
+                part = part[part["pfa"] == reference_rate(part["pfa"])]
+                title = f"{scenario}: P_d and P_fa of a nominal {part['pfa'].iloc[0]:g}"
+                write, n_columns = _rates_text, DETECTORS_A_TABLE
+            else:
+                title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
+                columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
+                write, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
+            labels = entry_labels(part)
+            lines = spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT)
+            for batch in batched(labels, n_columns):
+                of_batch = [Column(labels[one], one, write, part=place) for place, one in enumerate(batch, 1)]
+                found.append(Table(title, columns + of_batch, lines))
+        return found
+
+    def charts(
+        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
+    ) -> list[ChartGroup]:
+        """Detectors on the maps over SNR and over their nominal rate, and in front of estimators."""
+        # A count of none has a place on a logarithmic axis.
+        summary = self.summary(rows).assign(
+            false=lambda table: table["pfa_measured"].clip(lower=NONE_FOUND / table["n_clear"].clip(lower=1)),
+            false_low=lambda table: table["pfa_measured_low"],
+            false_high=lambda table: table["pfa_measured_high"],
+        )
+        is_on_map = summary["scenario"].isin(list(MAPS))
+        on_maps, found = summary[is_on_map], []
+        if len(on_maps):
+            found = [_map_charts(on_maps), _roc_charts(on_maps)]
+        for name, stem in file_stems(summary.loc[~is_on_map, "scenario"].unique()).items():
+            found.append(_image_charts(summary[summary["scenario"] == name], name, stem))
+        return found
+
+
+def _detector_lines(summary: pd.DataFrame) -> dict[str, Line]:
+    """Lines of detectors by how the suite writes them, the same for every nominal rate."""
+    texts = list(dict.fromkeys(summary["detector"]))
+    lines = assign_lines({(text.partition("[")[0], text): text for text in texts})
+    return dict(zip(texts, lines.values(), strict=True))
+
+
+def _by_detector(
+    table: pd.DataFrame, lines: Mapping[str, Line], x: str, y: str, stem: str | None
+) -> list[Series]:
+    """Lines of detectors, whatever their nominal rate."""
+    named = table.assign(estimator=table["detector"], params="")
+    return line_series(named, {(text, ""): line for text, line in lines.items()}, x, y, stem)
+
+
+def _map_charts(summary: pd.DataFrame) -> ChartGroup:
+    """Probabilities of detection above, of false alarm below, over SNR, a column a map."""
+    rate, lines = reference_rate(summary["pfa"]), _detector_lines(summary)
+    part = summary[summary["pfa"] == rate]
+    x = Axis("SNR of a target in its cell [dB]")
+    detected, false = Axis("probability of detection", limits=SHARE_LIMITS), _false_axis(part)
+    snrs_db = np.linspace(part["snr_gain_db"].min(), part["snr_gain_db"].max(), 61)
+    limit = Series(KNOWN_NOISE, snrs_db, known_noise_rate(snrs_db, rate), style=KNOWN_NOISE_STYLE)
+    above, below = [], []
+    for name, own in part.groupby("scenario", sort=False):
+        series = _by_detector(own, lines, "snr_gain_db", "pd", "pd")
+        above.append(Chart(str(name), x, detected, [*series, limit]))
+        series = _by_detector(own, lines, "snr_gain_db", "false", "false")
+        below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
+    n_trials = int(part["n_cells"].max())
+    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(n_trials)}"
+    return ChartGroup("maps", title, [*above, *below], n_columns=len(above))
+
+
+def _roc_charts(summary: pd.DataFrame) -> ChartGroup:
+    """Probability of detection over the measured one of false alarm, a column a map, a row an SNR."""
+    lines, names = _detector_lines(summary), list(summary["scenario"].unique())
+    x, y = _false_axis(summary), Axis("probability of detection", limits=SHARE_LIMITS)
+    charts = []
+    for snr_db, name in product(nearest_values(sorted(summary["snr_gain_db"].unique()), ROC_SNRS_DB), names):
+        part = summary[(summary["snr_gain_db"] == snr_db) & (summary["scenario"] == name)]
+        rates = np.geomspace(summary["pfa"].min() / 3, 0.3, 61)
+        limit = [float(known_noise_rate(snr_db, rate)) for rate in rates.tolist()]
+        series = _by_detector(part, lines, "false", "pd", None)
+        series.append(Series(KNOWN_NOISE, rates, limit, style=KNOWN_NOISE_STYLE))
+        charts.append(Chart(f"{name}, {snr_db:.4g} dB", x, y, series))
+    title = "Detection over measured false alarms, a point a nominal P_fa"
+    return ChartGroup("roc", title, charts, n_columns=len(names))
+
+
+def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
+    """Effect of detectors on estimators: deviation, detection and false alarms over SNR."""
+    labels = entry_labels(part)
+    detectors = (text.partition("[")[0] for text in part.drop_duplicates(VARIANT)["detector"])
+    named = {
+        (name, str(place)): label
+        for place, (name, label) in enumerate(zip(detectors, labels.values(), strict=True))
+    }
+    lines = dict(zip(labels, assign_lines(named).values(), strict=True))
+    snr, rates = Axis("SNR [dB]"), sorted(part["pfa"].unique())
+    deviation = Axis("imaging deviation", log=True)
+    detected = Axis("probability of detection", limits=SHARE_LIMITS)
+    series = [
+        line_series(part, lines, "snr_db", column, stem)
+        for column, stem in (("deviation_mean", "deviation"), ("pd", "pd"), ("false", "false"))
+    ]
+    charts = [
+        Chart("Images", snr, deviation, series[0]),
+        Chart("Cells of scatterers", snr, detected, series[1]),
+        Chart("Cells far from scatterers", snr, _false_axis(part), series[2], lines=rates),
+    ]
+    behind = f"{', '.join(part['estimator'].unique())} behind each detector"
+    title = f"{name}: {behind}; {trials_and_band(int(part['n_cells'].max()))}"
+    return ChartGroup(f"detection-{stem}", title, charts)
+
+
+def _false_axis(part: pd.DataFrame) -> Axis:
+    """Axis of false-alarm rates: whole decades around all of them and the nominal ones."""
+    limits = decades(pd.concat([part["false"].dropna(), part["pfa"]]))
+    return Axis("probability of false alarm", log=True, limits=limits)
+
+
+def entry_labels(part: pd.DataFrame) -> dict[Variant, str]:
+    """Label what ran on a map or scenario by its detector, and by its estimator if there are several."""
+    several = part["estimator"].nunique() > 1 and not part["scenario"].isin(list(MAPS)).any()
+    columns = zip(part["estimator"], part["params"], part["detector"], strict=True)
+    return {(name, params): f"{name}, {text}" if several else text for name, params, text in columns}
+
+
+def reference_rate(rates: pd.Series[Any]) -> float:
+    """Nominal rate that is shown: the paper's if it was run, otherwise the one nearest to it."""
+    return float(min(rates.unique(), key=lambda rate: abs(math.log(rate / REFERENCE_PFA))))
+
+
+def _rates_text(entry: Mapping[Any, Any]) -> str:
+    """Probabilities of detection and false alarm."""
+    if entry["n_failed"]:
+        return with_failures("", entry["n_failed"])
+    return f"{_rate_text(entry['pd'], '{:.3f}')} {_rate_text(entry['pfa_measured'], '{:.1e}')}"
+
+
+def _deviation_and_rates(entry: Mapping[Any, Any]) -> str:
+    """Deviation, and the probabilities of detection and false alarm."""
+    rates = _rates_text(entry)
+    return rates if entry["n_failed"] else f"{entry['deviation_mean']:.2f} {rates}"
+
+
+def _rate_text(rate: float, form: str) -> str:
+    """Measured rate; nothing was counted where an estimator does not show its map."""
+    if math.isnan(rate):
+        return "-"
+    return form.format(rate).replace("e-0", "e-") if rate else "0"
+
+
+def known_noise_rate(snr_db: ArrayLike, pfa: float) -> NDArray[np.float64]:
+    """Probability that a detector that knows the noise detects a target of a map: no CFAR finds more.
+
+    In closed form: targets of maps fluctuate as Swerling's model 1, and cells have one look.
+    """
+    return detection_rate(snr_db, pfa, swerling=1)
+
+
+@dataclass(frozen=True, eq=False)
+class SharedMap(SharedObservation):
+    """Map that detectors test.
+
+    Attributes
+    ----------
+    drawn : PowerMap
+    power : ndarray of float64
+        Of the map at the SNR, read-only.
+    """
+
+    drawn: PowerMap
+    power: NDArray[np.float64]
+
+    @property
+    def n_true(self) -> int:
+        """Number of cells with a target."""
+        return int(self.drawn.targets.sum())
+
+    def digest(self) -> str:
+        """Digest of the map."""
+        return array_digest(self.power)
+
+    def _outcome(self, cell: Cell, plugin: Detector) -> Outcome:
+        return self._counted_outcome(
+            cell, partial(self._mask, plugin), lambda mask: (int(mask.sum()), self._counts(mask))
+        )
+
+    def _trial(
+        self, plugin: Detector, met: Outcome, before_each: Callable[[], None]
+    ) -> tuple[Trial, Callable[[Any], bool]]:
+        masks: list[Mask] = []
+
+        def detect(_: None) -> Mask:
+            with stage("detection"):
+                return self._mask(plugin)
+
+        def is_same(mask: Mask) -> bool:
+            masks.append(mask)
+            return np.array_equal(mask, masks[0]) and self._counts(mask).items() <= met.extras.items()
+
+        return Trial(before_each, detect), is_same
+
+    def _mask(self, detector: Detector) -> Mask:
+        """Mask of the cells that a detector detects, held to the contract."""
+        detection = detector.detect(self.power)
+        if not isinstance(detection, Detected):
+            raise TypeError(f"detect() must return a Detection, not {type(detection).__name__}")
+        mask, shape = np.asarray(detection.mask), self.power.shape
+        if mask.dtype != np.bool_ or mask.shape != shape:
+            raise ValueError(
+                f"detect() must mark cells of a map of shape {shape}, not {mask.dtype} {mask.shape}"
+            )
+        return mask
+
+    def _counts(self, mask: Mask) -> dict[str, int]:
+        return _counts(mask, self.drawn.targets, self.drawn.clear)
+
+
+class MapScene(Scene):
+    """Synthetic map and the detectors that test it.
+
+    Parameters
+    ----------
+    suite : DetectionSuite
+    name : str
+        Of the map.
+    entries : sequence of Entry
+        Detectors.
+    """
+
+    def __init__(self, suite: DetectionSuite, name: MapName, entries: Sequence[Entry[Detector]]) -> None:
+        draw = partial(draw_power_map, name, seed=suite.seed)
+        super().__init__(suite, name, entries, element_snrs_db(suite, MAP_GAIN_DB), draw)
+
+    @cached_property
+    def content(self) -> str:
+        """Digest of the first map drawn: of what no rounding changes."""
+        drawn = self._drawn_once(0)
+        bits = np.packbits([drawn.targets, drawn.clear, drawn.noise.real > 0, drawn.echo.real > 0])
+        return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
+
+    def observe(self, snr_db: float, trial: int) -> SharedMap:
+        """Draw the map, for all detectors.
+
+        Parameters
+        ----------
+        snr_db : float
+        trial : int
+
+        Returns
+        -------
+        SharedMap
+        """
+        drawn, target_snr_db = self._drawn_once(trial), gained_snr_db(snr_db, MAP_GAIN_DB)
+        power = drawn.power(target_snr_db)
+        power.setflags(write=False)
+        return SharedMap(self._cell(snr_db, trial), {"snr_gain_db": target_snr_db}, drawn, power)
+
+
+def count_cells(shot: MeasuredImage) -> dict[str, int]:
+    """Count cells of the range-Doppler map that an estimator's detector tested.
+
+    Parameters
+    ----------
+    shot : MeasuredImage
+
+    Returns
+    -------
+    dict of str to int
+        ``n_targets``, cells nearest to a scatterer, and ``n_hits`` of them
+        detected; ``n_clear``, cells more than three away from all of those,
+        and ``n_false`` of them detected. Nothing where the estimator is no
+        `Diagnoser`, or there is no observation.
+    """
+    if shot.observation is None or not isinstance(shot.estimator, Diagnoser):
+        return {}
+    diagnosis, system = shot.estimator.diagnose(shot.observation), shot.scenario.system
+    truth = shot.scenario.truth
+    range_m = np.linalg.norm(truth.xyz - shot.scenario.base_station_m, axis=1)
+    rows = np.rint(range_m / system.range_bin_m).astype(np.int64) - diagnosis.range_bins[0]
+    columns = np.rint(truth.velocity / system.velocity_bin_mps).astype(np.int64) - diagnosis.doppler_bins[0]
+    mask = diagnosis.detection.mask
+    inside = (rows >= 0) & (rows < mask.shape[0]) & (columns >= 0) & (columns < mask.shape[1])
+    targets = np.zeros_like(mask)
+    targets[rows[inside], columns[inside]] = True
+    return _counts(mask, targets, ~near(targets, CLEAR_CELLS))
+
+
+def _numbers(part: pd.DataFrame) -> dict[str, Any]:
+    """Counts and rates of one group, and the deviation of its images."""
+    counts = {name: int(part[name].sum()) for name in COUNTS}
+    n_failed = int(failed(part).sum())
+    found = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed, **counts}
+    for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
+        low, high = share_band(counts[hits], counts[of], len(part) - n_failed)
+        share = counts[hits] / counts[of] if counts[of] else math.nan
+        found |= {name: share, f"{name}_low": low, f"{name}_high": high}
+    mean, band = mean_band(part["deviation"].dropna().to_numpy())
+    return found | {"deviation_mean": mean, "deviation_band": band}
+
+
+def _alone(detectors: Sequence[SpelledVariant], rates: Sequence[float]) -> list[Entry[Detector]]:
+    """Every detector at every nominal rate, at its own where none is given."""
+    return _labelled_entries(
+        (text, detector.pfa, detector)
+        for text, (name, params) in detectors
+        for rate in rates or [get_detector(name, **params).pfa]
+        for detector in [get_detector(name, **{**params, "pfa": rate})]
+    )
+
+
+def _behind(detectors: Sequence[SpelledVariant], suite: DetectionSuite) -> list[Entry[Estimator]]:
+    """Every estimator behind every detector."""
+    built = []
+    for build in _builders(suite):
+        for text, (name, params) in detectors:
+            detector = get_detector(name, **params)
+            estimator = build(detector=detector)
+            own_pfa = getattr(estimator, "pfa", None)
+            built.append((text, detector.pfa if own_pfa is None else own_pfa, estimator))
+    return _labelled_entries(built)
+
+
+def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
+    """Functions of a detector that build a suite's estimators with it."""
+    for text in suite.estimators:
+        estimator: Any = suite.instances.get(text)
+        if estimator is None:
+            for variant, (name, params) in spec_variants(text):
+                if "detector" in params:
+                    raise InputError(
+                        f"estimators: {variant!r} sets a detector; list detectors under the key detectors"
+                    )
+                yield partial(get_estimator, name, **params)
+        elif "detector" in {field.name for field in dataclasses.fields(estimator)}:
+            yield partial(dataclasses.replace, estimator)
+        else:
+            raise InputError(
+                f"estimator {estimator.name} has no parameter detector, which a detection suite sets"
+            )
+
+
+def _labelled_entries(built: Iterable[tuple[str, float, Any]]) -> list[Entry[Any]]:
+    """Entries of plugins, labelled with the text of their detector and its nominal rate."""
+    entries = ((text, entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in built)
+    return distinct_entries("detector", entries)
+
+
+def _counts(
+    mask: NDArray[np.bool_],
+    targets: NDArray[np.bool_],
+    clear: NDArray[np.bool_],
+) -> dict[str, int]:
+    values = (targets.sum(), (mask & targets).sum(), clear.sum(), (mask & clear).sum())
+    return dict(zip(COUNTS, map(int, values), strict=True))

@@ -1,0 +1,514 @@
+"""The kind ``link``: one frame that is sensed with and that a user receives, bit errors beside images.
+
+Two sorts of rows. Those of a scenario are ordinary ones of estimators, which
+image the echo of a frame: of all its resource elements or of the PRS alone,
+its data of some modulation, divided by what was sent in some way. Those of a
+user are of a receiver, which has no cloud and no scores: bits, and how many
+of them came out wrong.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+
+import numpy as np
+import pandas as pd
+from pydantic import AfterValidator
+from scipy.special import bdtr, bdtrc
+
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.kinds.imaging import deviation_text
+from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, number_tables, title_stems
+from isacbench.bench.kinds.link_users import user_scenes
+from isacbench.bench.kinds.scenes import (
+    ImagedScene,
+    Scene,
+    build_estimators,
+    element_snrs_db,
+    require_scatterers,
+)
+from isacbench.bench.kinds.scores import VARIANT
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.statistics import (
+    TIME,
+    mean_band,
+    median_times,
+    share_band,
+    summarise,
+    time_words,
+    trials_and_band,
+)
+from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
+from isacbench.charts import (
+    COLOURS,
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    LineStyle,
+    Series,
+    Table,
+    batched,
+    interval,
+    number_or_blank,
+    rows_of,
+    short_labels,
+    spread_rows,
+    variants_in,
+    with_failures,
+)
+from isacbench.choices import Division, Modulation, Sensing
+from isacbench.errors import InputError
+from isacbench.files.escaping import counted
+from isacbench.link.sensing.division import Signal
+from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.link.waveform.qam import awgn_ber
+from isacbench.model.radio_coordinates import gain_db
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from isacbench.bench.kinds.scenes import Entry
+    from isacbench.charts import Variant
+    from isacbench.metrics.descriptions import Direction
+    from isacbench.model.numerology import System
+    from isacbench.model.scene import Scenario
+
+IMAGED = ["template", *VARIANT]
+SIGNAL = ["sensing", "modulation", "division"]
+GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
+
+FAMILY_CONFIDENCE = 0.99
+"""Confidence of the interval that all counts of bit errors of a run are compared with together."""
+
+SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
+DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
+KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
+
+MODULATION_COLOURS = dict(zip(get_args(Modulation), COLOURS, strict=False))
+DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
+RECEIVER_DASHES = "solid", "dash", "dashdot"
+PRS_STYLE = LineStyle("", "dashdot", "diamond")
+
+LOWEST_BER = 1e-6
+"""A frame has a few million bits: fewer errors are not seen."""
+
+TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
+SNR_AXIS = Axis("SNR of a resource element [dB]")
+PANEL_IN = 3.1, 2.5
+
+
+class LinkSuite(Suite):
+    """Suite of the kind ``link``.
+
+    Attributes
+    ----------
+    modulations : tuple of {"qpsk", "16qam", "64qam", "256qam"}
+        Modulations of the data that are sent, received, and sensed with.
+    sensing : tuple of {"all", "prs"}
+        Resource elements that are sensed with.
+    divisions : tuple of {"reciprocal", "matched", "wiener"}
+        Divisions of the echo by symbols of unequal power.
+    channels : tuple of str
+        Channels to the user as ``name[param=value,...]``: ``awgn``,
+        ``two_ray`` and ``tapped_delay``, see `isacbench.link.reception.channel`.
+    receivers : tuple of str
+        Receivers of the user, likewise: ``one_tap``, see `isacbench.bench.kinds.link_users.OneTap`.
+    """
+
+    kind: str = "link"
+    modulations: Listed[Modulation] = get_args(Modulation)
+    sensing: Listed[Sensing] = get_args(Sensing)
+    divisions: Listed[Division] = get_args(Division)
+    channels: Annotated[tuple[str, ...], AfterValidator(refuse_repeats)] = ("awgn", "two_ray", "tapped_delay")
+    receivers: Listed[str] = ("one_tap[knowledge=perfect]", "one_tap")
+
+
+class Link(Kind):
+    """Bit errors of a user, and deviations of images from the same frame."""
+
+    name = "link"
+    suite = LinkSuite
+    columns: ClassVar[Mapping[str, Any]] = {
+        **SNR_GAIN,
+        **dict.fromkeys(["template", "modulation", "sensing", "division", "channel"], ""),
+        **dict.fromkeys(["n_bits", "n_bit_errors"], 0),
+        **dict.fromkeys(["ber_expected", "evm_db", "channel_error_db", "rate_bps"], math.nan),
+    }
+    better: ClassVar[Mapping[str, Direction]] = {
+        "rate_bps": "higher",
+        **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
+    }
+
+    def scenes(self, suite: LinkSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
+        """Plan every scenario with every signal, and every channel with every modulation."""
+        if suite.snr_db is None:
+            raise InputError(
+                "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
+            )
+        entries = build_estimators(suite)
+        require_scatterers(scenarios)
+        for scenario in scenarios.values():
+            scenario.require_default("a suite of the kind link", "noise", "mimo")
+        sensed: list[Scene] = [
+            _sensed_scene(suite, scenario, name, signal, entries)
+            for scenario in scenarios.values()
+            for name, signal in signals_of(suite).items()
+        ]
+        return sensed + user_scenes(suite, _common_system(scenarios))
+
+    def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
+
+        Returns
+        -------
+        DataFrame
+            One row for each scene, estimator or receiver (with its parameters) and SNR: what tells the
+            scenes apart, ``n_cells``, ``n_failed``. Of images ``deviation_mean`` with the half width of its
+            95 % interval ``deviation_band`` (Student's t), ``n_estimated_mean``, ``precision_mean`` and
+            ``recall_mean``. Of what was received ``n_bits`` and ``n_bit_errors`` of all trials, ``ber`` with
+            its 95 % interval ``ber_low``, ``ber_high`` (Wilson, as if bits were independent),
+            ``ber_expected``, ``evm_db`` and ``channel_error_db`` (of mean powers) and ``rate_bps``, the mean.
+            Of all ``time_estimate_s_median``. Fewer than five trials have no intervals.
+        """
+        return summarise(rows, GROUP, _numbers)
+
+    def tables(self, rows: pd.DataFrame) -> list[Table]:
+        """Deviations of every scenario and estimator, and bit error rates of every channel and receiver."""
+        summary = self.summary(rows)
+        sensed, received = summary[summary["channel"] == ""], summary[summary["channel"] != ""]
+        times_s, found = median_times(rows, IMAGED)[f"{TIME}_median"], number_tables(sensed)
+        labels = short_labels(estimator_labels(variants_in(sensed)))
+        for key, part in sensed.groupby(IMAGED, sort=False):
+            title = (
+                f"{key[0]}, {labels[key[1], key[2]]}: mean imaging deviation by what is sensed with, "
+                f"{trials_and_band(int(part['n_cells'].max()), 'interval')}"
+            )
+            time_ms = 1e3 * times_s.get(key, math.nan)
+            title += number_or_blank(time_ms, f"; {time_words(rows)} {{:.1f}} ms")
+            signals = {signal: signal_label(signal) for signal in signals_of_part(part)}
+            found += _over_snr(title, part, SIGNAL, signals, deviation_text, SIGNALS_A_TABLE)
+        labels, outside = receiver_labels(received), outside_interval(received)
+        for key, part in received.groupby(["channel", *VARIANT], sort=False):
+            title = (
+                f"{key[0]}, {labels[key[1], key[2]]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
+                f"{counted(part['n_cells'].max(), 'frame')}"
+            ) + _expectation(outside.reindex(part.index).dropna())
+            modulations = {(one,): one.upper() for one in part["modulation"].unique()}
+            found += _over_snr(title, part, ["modulation"], modulations, _reception_text, MODULATIONS_A_TABLE)
+        return found
+
+    def charts(
+        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
+    ) -> list[ChartGroup]:
+        """Bit errors of every channel beside deviations of every scenario, and the trade between the two."""
+        summary = self.summary(rows).sort_values("snr_db", kind="stable")
+        received, sensed = summary[summary["channel"] != ""], summary[summary["channel"] == ""]
+        errors = [
+            Chart(f"User behind {channel}", SNR_AXIS, _error_axis(), _error_series(part))
+            for channel, part in received.groupby("channel", sort=False)
+        ]
+        labels, found = short_labels(estimator_labels(variants_in(sensed))), []
+        for template, stem, part in title_stems(sensed, "template"):
+            deviation = Axis("imaging deviation", log=bool((part["deviation_mean"] > 0).any()))
+            images = [
+                Chart(f"Image by {labels[one]}", SNR_AXIS, deviation, _signal_series(rows_of(part, one)))
+                for one in variants_in(part)
+            ]
+            title = (
+                f"{template}: bit errors of the user, and deviations of the image; "
+                f"{trials_and_band(int(summary['n_cells'].max()))}"
+            )
+            n_columns = max(len(errors), 1) if len(errors) <= 4 else 3
+            found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], n_columns, PANEL_IN))
+            if len(received):
+                found.append(_trade_charts(template, stem, part, received, labels))
+        return found
+
+
+def _error_axis() -> Axis:
+    return Axis("bit error rate", log=True, limits=(LOWEST_BER, 1.0))
+
+
+def _error_series(part: pd.DataFrame) -> list[Series]:
+    """Bit error rates behind a channel, and the closed form of white noise."""
+    found = []
+    names = receiver_labels(part)
+    for modulation in part["modulation"].unique():
+        colour, own = MODULATION_COLOURS[modulation], part[part["modulation"] == modulation]
+        for place, (variant, name) in enumerate(names.items()):
+            rows = rows_of(own, variant)
+            rows = rows[rows["n_bit_errors"] > 0]
+            style = LineStyle(colour, RECEIVER_DASHES[place % len(RECEIVER_DASHES)], "circle")
+            label = f"{modulation.upper()}, {name}"
+            found.append(
+                Series(label, rows["snr_db"], rows["ber"], rows["ber_low"], rows["ber_high"], style=style)
+            )
+        snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
+        rates = awgn_ber(modulation, snrs_db)
+        drawn = np.where(rates >= LOWEST_BER, rates, np.nan)
+        label = f"{modulation.upper()}, closed form in white noise"
+        found.append(Series(label, snrs_db, drawn, style=LineStyle(colour, "dot", "")))
+    return found
+
+
+def _signal_series(part: pd.DataFrame) -> list[Series]:
+    """Deviations of one estimator, a line a signal."""
+    found = []
+    for key, rows in part.groupby(SIGNAL, sort=False):
+        low, high = interval(rows, "deviation_mean", "deviation")
+        label = f"image, {signal_label(key)}"
+        found.append(
+            Series(label, rows["snr_db"], rows["deviation_mean"], low, high, style=_signal_style(key))
+        )
+    return found
+
+
+def _signal_style(signal: Sequence[str]) -> LineStyle:
+    sensing, modulation, division = signal
+    if sensing == "prs":
+        return PRS_STYLE
+    return LineStyle(MODULATION_COLOURS[modulation], DIVISION_DASHES[division], "circle")
+
+
+def _trade_charts(
+    template: str, stem: str, sensed: pd.DataFrame, received: pd.DataFrame, labels: Mapping[Variant, str]
+) -> ChartGroup:
+    """Imaging deviation over the bit rate at the same SNR behind the first channel, a chart an estimator."""
+    channel = received["channel"].iloc[0]
+    of_channel = received[received["channel"] == channel]
+    receiver = variants_in(of_channel)[-1]
+    rates = rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
+    charts = []
+    for variant in variants_in(sensed):
+        series = []
+        for key, rows in _trade_points(rows_of(sensed, variant), rates).groupby(SIGNAL, sort=False):
+            sensing, modulation, division = map(str, key)
+            style = _signal_style((sensing, modulation, division))
+            label = signal_label((sensing, modulation, division))
+            texts: list[str] = []
+            if sensing == "prs":
+                style, label = LineStyle(MODULATION_COLOURS[modulation], "dashdot", "diamond"), "PRS alone"
+            elif division in ("", "reciprocal"):
+                texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]]
+            series.append(Series(label, rows["rate_gbps"], rows["deviation_mean"], style=style, texts=texts))
+        top = 1.06 * max((float(np.nanmax([*one.y, 0.0])) for one in series), default=0.0) or 1.0
+        y = Axis("imaging deviation", limits=(0.0, top))
+        charts.append(Chart(f"Image by {labels[variant]}", Axis("achievable bit rate [Gbit/s]"), y, series))
+    title = (
+        f"{template}: image against bit rate behind {channel}, {receiver_labels(received)[receiver]}; "
+        "numbers are SNRs in dB"
+    )
+    return ChartGroup(f"trade-{stem}", title, charts, panel_in=PANEL_IN)
+
+
+def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
+    """Deviations of one estimator and bit rates at the same SNR; those of the PRS for every modulation."""
+    of_prs, part = part["sensing"] == "prs", part.drop(columns="rate_bps", errors="ignore")
+    modulations = rates[["modulation"]].drop_duplicates()
+    prs = part[of_prs].drop(columns="modulation").merge(modulations, how="cross")
+    points = pd.concat([part[~of_prs], prs]).merge(rates, on=["modulation", "snr_db"])
+    points = points[points["snr_db"].isin(TRADE_SNRS_DB)]
+    path = points.groupby(SIGNAL, sort=False).ngroup()
+    return points.assign(rate_gbps=points["rate_bps"] / 1e9, path=path).sort_values(["path", "snr_db"])
+
+
+def signals_of_part(part: pd.DataFrame) -> list[tuple[str, str, str]]:
+    """Sensing, modulation and division of the signals of some rows, each once, in order."""
+    return list(part[SIGNAL].drop_duplicates().itertuples(index=False, name=None))
+
+
+def signal_label(signal: Sequence[str]) -> str:
+    """Name sensing, modulation and division for people.
+
+    Examples
+    --------
+    >>> signal_label(("all", "16qam", "matched")), signal_label(("prs", "", ""))
+    ('16QAM, matched', 'PRS alone')
+    """
+    sensing, modulation, division = signal
+    if sensing == "prs":
+        return "PRS alone"
+    return modulation.upper() + (f", {DIVISIONS[division]}" if division else "")
+
+
+def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
+    """Name receivers by what they know, and by further parameters where two know the same."""
+    params = {variant: json.loads(variant[1]) for variant in variants_in(part)}
+    known = [own["knowledge"] for own in params.values()]
+    return {
+        variant: KNOWLEDGE[own["knowledge"]]
+        + (f", order {own['time_order']}" if known.count(own["knowledge"]) > 1 else "")
+        for variant, own in params.items()
+    }
+
+
+def _over_snr(
+    title: str,
+    part: pd.DataFrame,
+    by: Sequence[str],
+    headings: Mapping[tuple[str, ...], str],
+    write: Any,
+    most: int,
+) -> list[Table]:
+    """Tables of texts over SNR, a few columns in each."""
+    rows = spread_rows(part.sort_values("snr_db"), ["snr_db"], by)
+    snr = Column("SNR [dB]", "snr_db", "{:.4g}", part=0)
+    return [
+        Table(
+            title,
+            [snr, *(Column(headings[key], key, write, part=at) for at, key in enumerate(batch, 1))],
+            rows,
+        )
+        for batch in batched(headings, most)
+    ]
+
+
+def _expectation(outside: pd.Series[bool]) -> str:
+    """Say whether counts of errors are as expected; empty where nothing is known to expect."""
+    if outside.empty:
+        return ""
+    if not outside.any():
+        return "; all counts of errors within the family-wise 99 % interval"
+    return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
+
+
+def _reception_text(entry: Mapping[Any, Any]) -> str:
+    """Bit error rate beside the expected one, EVM and rate; and what failed."""
+    if math.isnan(entry["ber"]):
+        return with_failures("", entry["n_failed"])
+    expected = "-" if math.isnan(entry["ber_expected"]) else _rate_text(entry["ber_expected"])
+    figures = (
+        f"{_rate_text(entry['ber'])} ({expected}) | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
+    )
+    return with_failures(figures, entry["n_failed"])
+
+
+def _rate_text(rate: float) -> str:
+    """Rate with two digits; what no frame will ever show is 0."""
+    return f"{rate:.1e}".replace("e-0", "e-") if rate >= 1e-12 else "0"
+
+
+def signals_of(suite: LinkSuite) -> dict[str, Signal]:
+    """Signals that the scenarios of a suite are sensed with, by a short name, each once.
+
+    Where all symbols that are sensed with have the same power, all divisions
+    are the same; and of the PRS, which is QPSK always, all modulations.
+
+    Names are such as ``all-qpsk``, ``all-16qam-matched`` and ``prs``.
+    """
+    signals: dict[str, Signal] = {}
+    for sensing in suite.sensing:
+        for modulation in suite.modulations:
+            for division in suite.divisions:
+                signal = Signal(modulation, sensing, division)
+                if sensing == "prs":
+                    name = "prs"
+                elif signal.has_unit_modulus:
+                    name = f"{sensing}-{modulation}"
+                else:
+                    name = f"{sensing}-{modulation}-{division}"
+                signals.setdefault(name, signal)
+    return signals
+
+
+def _sensed_scene(
+    suite: LinkSuite,
+    scenario: Scenario,
+    name: str,
+    signal: Signal,
+    entries: Sequence[Entry[Any]],
+) -> ImagedScene:
+    """Scene of a scenario that is sensed with a signal."""
+    labels = {
+        "template": scenario.name,
+        "modulation": "" if signal.sensing == "prs" else signal.modulation,
+        "sensing": signal.sensing,
+        "division": "" if signal.has_unit_modulus else signal.division,
+    }
+    return ImagedScene(
+        suite,
+        scenario,
+        entries,
+        element_snrs_db(suite, gain_db(scenario)),
+        name=f"{scenario.name}-{name}",
+        simulator=partial(SignalSimulator, signal=signal),
+        labels=labels,
+    )
+
+
+def _common_system(scenarios: Mapping[str, Scenario]) -> System:
+    """Radio of the scenarios, whose frame the user receives; all must have the same."""
+    (first, scenario), *others = scenarios.items()
+    for name, other in others:
+        if other.system != scenario.system:
+            raise InputError(
+                f"scenarios: {first!r} and {name!r} have different systems; a suite of the kind link takes "
+                "scenarios of one system, whose frame the user receives"
+            )
+    return scenario.system
+
+
+def _numbers(part: pd.DataFrame) -> dict[str, Any]:
+    """Numbers of one group: of what was received, or of what was imaged."""
+    broken = failed(part)
+    of_kind = _received if part["channel"].iloc[0] else _imaged
+    return {"n_cells": len(part), "n_failed": int(broken.sum()), **of_kind(part[~broken])}
+
+
+def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
+    """Tell which counts of bit errors lie outside the family-wise interval of what was expected.
+
+    Of receivers that know the channel: given the fade, errors of bits are those
+    of the closed form, and nearly independent. The family is all their counts.
+
+    The interval is that of the binomial distribution with Šidák's level for
+    99 % of the family. Over several fades the expected rate is a mean: counts
+    then vary less than binomially, and the interval errs by being wide.
+    """
+    received = summary[summary["channel"] != ""]
+    if received.empty:  # of a suite without channels there are no columns of bits
+        return pd.Series(index=received.index, dtype=np.bool_)
+    knows = received["params"].map(lambda params: json.loads(params).get("knowledge") == "perfect")
+    known = received[knows & (received["n_bits"] > 0)]
+    n_bits, n_errors = (known[name].to_numpy(dtype=np.int64) for name in ("n_bits", "n_bit_errors"))
+    expected = known["ber_expected"].to_numpy()
+    level = (1 - FAMILY_CONFIDENCE ** (1 / max(len(known), 1))) / 2
+    as_few = bdtr(n_errors, n_bits, expected)
+    as_many = np.where(n_errors > 0, bdtrc(n_errors - 1, n_bits, expected), 1.0)
+    return pd.Series((as_few < level) | (as_many < level), index=known.index)
+
+
+def _imaged(part: pd.DataFrame) -> dict[str, float]:
+    """Means of the scores of images, and the band of the deviation."""
+    mean, half = mean_band(part["deviation"].dropna().to_numpy())
+    return {
+        "deviation_mean": mean,
+        "deviation_band": half,
+        **{f"{name}_mean": part[name].mean() for name in ("n_estimated", "precision", "recall")},
+    }
+
+
+def _received(part: pd.DataFrame) -> dict[str, float]:
+    """Bit errors of all trials, and means of the rest."""
+    n_bits, n_errors = int(part["n_bits"].sum()), int(part["n_bit_errors"].sum())
+    low, high = share_band(n_errors, n_bits, len(part))
+    return {
+        "n_bits": n_bits,
+        "n_bit_errors": n_errors,
+        "ber": n_errors / n_bits if n_bits else math.nan,
+        "ber_low": low,
+        "ber_high": high,
+        "ber_expected": part["ber_expected"].mean(),
+        **{name: _mean_db(part[name]) for name in ("evm_db", "channel_error_db")},
+        "rate_bps": part["rate_bps"].mean(),
+    }
+
+
+def _mean_db(values: pd.Series[Any]) -> float:
+    """Mean of powers in dB."""
+    mean = (10 ** (values / 10)).mean()
+    return float(10 * np.log10(mean)) if mean > 0 else (-math.inf if mean == 0 else math.nan)

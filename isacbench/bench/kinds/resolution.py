@@ -1,0 +1,332 @@
+"""The kind ``resolution``: two equal scatterers in ever smaller distance, and whether both are found.
+
+They differ in one of range, velocity, u and w alone. What makes a pair easy
+or hard is the phase between the two at the centre of resource grid and array:
+in phase they look like one, so that every relative phase is a scene of its
+own. The centre of the pair is drawn once a trial, the same for all scenes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+
+import numpy as np
+from pydantic import Field
+
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.kinds.efficiency import DIMENSION_TITLES
+from isacbench.bench.kinds.kind import (
+    NO_SCENARIOS,
+    SNR_GAIN,
+    Kind,
+    labels_of,
+    lines_of,
+    number_tables,
+    title_stems,
+)
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators, element_snrs_db
+from isacbench.bench.kinds.scores import VARIANT
+from isacbench.bench.statistics import (
+    TIME,
+    median_times,
+    share_band,
+    summarise,
+    time_words,
+    trials_and_band,
+)
+from isacbench.bench.suites.suite import Listed, Suite
+from isacbench.charts import (
+    SHARE_LIMITS,
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    Table,
+    batched,
+    line_series,
+    number_or_blank,
+    spread_rows,
+    variants_in,
+    with_failures,
+)
+from isacbench.choices import Dimension
+from isacbench.model.echo import central_phase
+from isacbench.model.radio_coordinates import (
+    DIMENSIONS,
+    draw_place,
+    gain_db,
+    radio_places,
+    rayleigh_cells,
+    space_places,
+)
+from isacbench.model.scene import Scatterers, warned_before
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from isacbench.bench.cells.cell import MeasuredImage
+    from isacbench.metrics.descriptions import Direction
+    from isacbench.model.scene import Scenario
+
+Separation = Annotated[float, Field(gt=0, le=10)]
+Phase = Annotated[float, Field(gt=-360, lt=360)]
+
+MARGIN_CELLS = 0.5
+"""Rayleigh cells between the farthest pair and the region's border."""
+
+GROUP = ["template", *VARIANT, "snr_gain_db", "dimension", "separation_cells"]
+PLACE = ["template", "snr_gain_db"]
+ESTIMATORS_A_TABLE = 5
+
+
+class ResolutionSuite(Suite):
+    """Suite of the kind ``resolution``.
+
+    Attributes
+    ----------
+    dimensions : tuple of {"range", "velocity", "u", "w"}
+        Dimensions in which pairs of scatterers differ, one at a time.
+    separations_cells : tuple of float
+        Distances in Rayleigh cells.
+    phases_deg : tuple of float
+        Phases between the two echoes at the centre of resource grid and array.
+    """
+
+    kind: str = "resolution"
+    dimensions: Listed[Dimension] = get_args(Dimension)
+    separations_cells: Listed[Separation]
+    phases_deg: Listed[Phase] = (0.0,)
+
+
+class Resolution(Kind):
+    """Share of pairs of scatterers that are found, over their distance."""
+
+    name = "resolution"
+    suite = ResolutionSuite
+    columns: ClassVar[Mapping[str, Any]] = {
+        **SNR_GAIN,
+        "template": "",
+        "dimension": "",
+        "separation_cells": math.nan,
+        "phase_deg": math.nan,
+        "resolved": False,
+        "n_false": 0,
+    }
+    better: ClassVar[Mapping[str, Direction]] = {
+        "resolved": "higher",
+        **dict.fromkeys([*SNR_GAIN, "separation_cells", "phase_deg"], "neither"),
+    }
+
+    def scenes(self, suite: ResolutionSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+        """Plan one scene a scenario, dimension, distance and relative phase."""
+        entries = build_estimators(suite)
+        margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
+        scenes = []
+        for template, dimension, cells, phase_deg in product(
+            scenarios.values(), suite.dimensions, suite.separations_cells, suite.phases_deg
+        ):
+            name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
+            draw = partial(_draw, template, name, dimension, cells, phase_deg, margin_cells, suite.seed)
+            with warned_before():
+                renamed = dataclasses.replace(template, name=name)
+            labels = {
+                "template": template.name,
+                "dimension": dimension,
+                "separation_cells": cells,
+                "phase_deg": phase_deg,
+            }
+            snr_db = element_snrs_db(suite, gain_db(draw(0)))
+            measure = partial(measure_resolution, dimension)
+            scenes.append(
+                ImagedScene(suite, renamed, entries, snr_db, draw=draw, measure=measure, labels=labels)
+            )
+        return scenes
+
+    def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Probability of resolution of every estimator over the distance.
+
+        Returns
+        -------
+        DataFrame
+            One row for each template, estimator (with its parameters), SNR, dimension and distance:
+            ``n_cells``, ``n_trials``, ``n_failed`` (not resolved either) and ``n_false``; ``resolved``, the
+            share over all relative phases, ``resolved_worst`` that of the phase with the smallest,
+            ``worst_phase_deg``, and ``resolved_in_phase`` that of phase 0 if it was run; the first and the
+            last with 95 % intervals, ``..._low`` and ``..._high`` (Wilson) from five trials on;
+            ``time_estimate_s_median``.
+        """
+        return summarise(rows, GROUP, _numbers)
+
+    def tables(self, rows: pd.DataFrame) -> list[Table]:
+        """Share of pairs that were found, estimators over dimension and distance: a table a place and SNR."""
+        summary, labels, found = self.summary(rows), labels_of(rows), number_tables(rows)
+        times_s = median_times(rows, [*PLACE, *VARIANT])[f"{TIME}_median"]
+        for key, part in summary.groupby(PLACE, sort=False):
+            title = (
+                f"{key[0]}, {key[1]:.4g} dB after gain: share of pairs found, over all relative phases / "
+                f"at the worst one; {time_words(rows)}"
+            )
+            lines = spread_rows(part, ["dimension", "separation_cells"], VARIANT)
+            for line, before in zip(lines, [{}, *lines], strict=False):
+                # A dimension is named where its rows start.
+                line["heading"] = "" if line["dimension"] == before.get("dimension") else line["dimension"]
+            variants = variants_in(part)
+            times = {one: {"time_s": times_s.get((*key, *one), math.nan)} for one in variants}
+            lines.append({"heading": "time [ms]", **times})
+            for batch in batched(variants, ESTIMATORS_A_TABLE):
+                columns = [
+                    Column("pairs: differ in", "heading", part=0),
+                    Column("distance: cells", "separation_cells", "{:g}", part=0),
+                    *(Column(labels[one], one, _shares, part=place) for place, one in enumerate(batch, 1)),
+                ]
+                found.append(Table(title, columns, lines))
+        return found
+
+    def charts(
+        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
+    ) -> list[ChartGroup]:
+        """Share of pairs that are found over their distance, a chart a dimension."""
+        summary, lines = self.summary(rows), lines_of(rows)
+        in_phase = {
+            variant: line._replace(
+                label=f"{line.label}, in phase", style=dataclasses.replace(line.style, dash="dash", symbol="")
+            )
+            for variant, line in lines.items()
+        }
+        x = Axis("distance [Rayleigh cells]", log=True)
+        y = Axis("share of pairs found", limits=SHARE_LIMITS)
+        found = []
+        for template, stem, of_template in title_stems(summary, "template"):
+            for snr_db, part in of_template.groupby("snr_gain_db"):
+                charts = [
+                    Chart(
+                        DIMENSION_TITLES[str(name)],
+                        x,
+                        y,
+                        [
+                            *line_series(own, lines, "separation_cells", "resolved", "resolved"),
+                            *line_series(own, in_phase, "separation_cells", "resolved_in_phase"),
+                        ],
+                    )
+                    for name, own in part.groupby("dimension", sort=False)
+                ]
+                title = (
+                    f"{template}: two equal scatterers, each found within half their distance, "
+                    f"{snr_db:.4g} dB after gain; {trials_and_band(int(part['n_trials'].max()))}"
+                )
+                suffix = f"-{snr_db:g}dB" if summary["snr_gain_db"].nunique() > 1 else ""
+                found.append(ChartGroup(f"resolution-{stem}{suffix}", title, charts))
+        return found
+
+
+def pair(
+    template: Scenario,
+    name: str,
+    centre: NDArray[np.float64],
+    dimension: Dimension,
+    separation_cells: float,
+    phase_deg: float,
+) -> Scenario:
+    """Scenario of two unit scatterers around a place.
+
+    Parameters
+    ----------
+    template : Scenario
+        Its radio and its region.
+    name : str
+        Of the new scenario.
+    centre : ndarray of float64, shape (4,)
+        Range in m, velocity in m/s, u and w of the middle.
+    dimension : {"range", "velocity", "u", "w"}
+        In which they differ.
+    separation_cells : float
+        By how many Rayleigh cells.
+    phase_deg : float
+        Phase between the echoes at the centre of resource grid and array.
+
+    Returns
+    -------
+    Scenario
+    """
+    index = DIMENSIONS.index(dimension)
+    places = np.stack([centre, centre])
+    places[:, index] += np.array([-0.5, 0.5]) * separation_cells * rayleigh_cells(template)[index]
+    xyz, velocity = space_places(template, places)
+    scatterers = Scatterers(xyz, velocity, np.ones(2))
+    scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
+    phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
+    with warned_before():
+        return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
+
+
+def measure_resolution(dimension: Dimension, shot: MeasuredImage) -> dict[str, Any]:
+    """Measure an image of two scatterers.
+
+    Parameters
+    ----------
+    dimension : {"range", "velocity", "u", "w"}
+        In which they differ.
+    shot : MeasuredImage
+
+    Returns
+    -------
+    dict
+        ``resolved``, whether each scatterer has a point within half their
+        distance along that dimension and within one Rayleigh cell in the
+        others; ``n_false``, all points but one for each that has.
+    """
+    index, limits = DIMENSIONS.index(dimension), rayleigh_cells(shot.scenario)
+    true = radio_places(shot.scenario, shot.scenario.scatterers)
+    limits[index] = abs(true[1, index] - true[0, index]) / 2
+    error = radio_places(shot.scenario, shot.cloud)[:, None] - true
+    # Their neighbourhoods do not overlap, so that no point stands for both.
+    found = (np.abs(error) < limits).all(axis=2).any(axis=0)
+    return {"resolved": bool(found.all()), "n_false": len(shot.cloud) - int(found.sum())}
+
+
+def _shares(entry: Mapping[Any, Any]) -> str:
+    """Share of resolved pairs, mean and worst phase, and what failed; or the time of an image."""
+    if "time_s" in entry:
+        return number_or_blank(1e3 * entry["time_s"], "{:.1f}")
+    return with_failures(f"{entry['resolved']:.2f} / {entry['resolved_worst']:.2f}", entry["n_failed"])
+
+
+def _numbers(part: pd.DataFrame) -> dict[str, Any]:
+    """Counts of one group, and the shares of its pairs that were found."""
+    n_trials = part["trial"].nunique()
+    phases = part.groupby("phase_deg")["resolved"].mean()
+    found: dict[str, Any] = {
+        "n_cells": len(part),
+        "n_trials": n_trials,
+        "n_failed": int(failed(part).sum()),
+        "n_false": int(part["n_false"].sum()),
+        "resolved_worst": phases.min(),
+        "worst_phase_deg": phases.idxmin(),
+    }
+    in_phase = part[part["phase_deg"] == 0]
+    for name, chosen in (("resolved", part), ("resolved_in_phase", in_phase)):
+        resolved = chosen["resolved"]
+        low, high = share_band(int(resolved.sum()), len(resolved), n_trials)
+        found |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
+    return found
+
+
+def _draw(
+    template: Scenario,
+    name: str,
+    dimension: Dimension,
+    separation_cells: float,
+    phase_deg: float,
+    margin_cells: float,
+    seed: int,
+    trial: int,
+) -> Scenario:
+    centre = draw_place(template, trial, seed, margin_cells)
+    return pair(template, name, centre, dimension, separation_cells, phase_deg)

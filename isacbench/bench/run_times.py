@@ -1,0 +1,393 @@
+"""Run time: stages, memory, and which estimators are worth their time.
+
+A point is one estimator with its parameters, on one scenario at one SNR; of
+more than 12 scenarios, on all of them, each of which counts as a trial.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.cells.record import TIMING_COLUMNS
+from isacbench.bench.cells.statuses import failed
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, summarise_scores
+from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.statistics import TIME, median_interval, median_times, trials_and_band
+from isacbench.charts import (
+    COLOURS,
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    LineStyle,
+    Series,
+    Table,
+    short_labels,
+    variants_in,
+)
+from isacbench.files.file_names import file_stems
+from isacbench.instrument.stages import STAGES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from isacbench.charts import Line, Variant
+
+PANEL = ["scenario", "snr_db"]
+POINT = ["scenario", "estimator", "params", "snr_db"]
+"""Key of a point."""
+
+MEDIANS = [TIME, *TIMING_COLUMNS]
+MEMORY = "peak_memory_mib"
+
+MOST_PANELS = 4
+LEAST_LOG_RATIO = 2.5
+"""Errors that span less are drawn on a linear axis."""
+
+FRONTIER_STYLE = LineStyle("#737373", "solid", "")
+REST = "none of these"
+STAGE_STYLES = {
+    stage: LineStyle(colour, "solid", "")
+    for stage, colour in zip((*STAGES, REST), (*COLOURS[: len(STAGES)], "#B8B8B8"), strict=True)
+}
+
+
+def is_timed(rows: pd.DataFrame) -> bool:
+    """Tell whether any row has times that count."""
+    return bool(rows["timing"].any())
+
+
+def summarise_stages(rows: pd.DataFrame) -> pd.DataFrame:
+    """Median times and memory of every scenario, estimator and SNR: ``stages.csv``.
+
+    Returns
+    -------
+    DataFrame
+        ``n_timed``, the cells that were timed and did not fail, and their medians
+        ``time_estimate_s_median``, ``time_<stage>_s_median``, ``time_spread_s_median`` and
+        ``peak_memory_mib_median``. What has no such cell is left out.
+    """
+    return _medians(rows, POINT)
+
+
+def stage_tables(rows: pd.DataFrame) -> list[Table]:
+    """Time of an estimate and of its stages over all SNRs and trials, a row an estimator.
+
+    One table a scenario, or a template from which many scenes are made. Of more than 12 first all
+    together; the others are details.
+    """
+    place = "template" if "template" in rows else "scenario"
+    table = _medians(rows, [place, *VARIANT])
+    n_places, found = table[place].nunique(), []
+    if n_places > MANY_SCENARIOS:
+        found.append(_stage_table(f"{n_places} scenarios", _medians(rows, VARIANT)))
+    for name, part in table.groupby(place, sort=False):
+        found.append(replace(_stage_table(str(name), part), is_detail=n_places > MANY_SCENARIOS))
+    return found
+
+
+def _stage_table(name: str, table: pd.DataFrame) -> Table:
+    labels = short_labels(estimator_labels(variants_in(table)))
+    milliseconds = {"form": "{:.2f}", "scale": 1e3}
+    columns = [
+        Column("estimator", "label", part=0),
+        Column("cells", "n_timed"),
+        Column("time", "time_estimate_s_median", **milliseconds),
+        Column("spread", "time_spread_s_median", **milliseconds),
+        *(Column(stage, f"time_{stage}_s_median", _stage_text) for stage in STAGES),
+        Column("memory", "peak_memory_mib_median", "{:.1f}"),
+    ]
+    title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"
+    return Table(title, columns, table.assign(label=[labels[one] for one in variants_in_order(table)]))
+
+
+def variants_in_order(table: pd.DataFrame) -> list[Variant]:
+    """Name and parameters of every row."""
+    return list(zip(table["estimator"], table["params"], strict=True))
+
+
+def _stage_text(time_s: float) -> str:
+    """Milliseconds, nothing for a stage that does not occur."""
+    return f"{1e3 * time_s:.2f}" if time_s else ""
+
+
+def _medians(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    timed = rows[rows["timing"] & ~failed(rows)]
+    n_timed = timed.groupby(list(by), sort=False).size().rename("n_timed")
+    return pd.concat([n_timed, median_times(timed, by, MEDIANS)], axis=1).reset_index()
+
+
+def time_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
+    """Run time against error, and stages of the fastest: of every scenario, or of many together.
+
+    Nothing where no time counts.
+    """
+    timed = timed_rows(rows)
+    if timed.empty:
+        return []
+    points, found = summarise_points(timed), []
+    for scenario, stem in file_stems(points["scenario"].unique()).items():
+        # No point at all takes no time, and its error would be most of the axis.
+        part = points[(points["scenario"] == scenario) & (points["estimator"] != "empty")]
+        found.append(pareto_charts(part, f"pareto-{stem}", lines))
+        found += stage_charts(timed, part, f"stages-{stem}", lines)
+    return found
+
+
+def shown_snrs(snrs_db: Sequence[float]) -> list[float]:
+    """Choose the SNRs that have a chart: all up to four; of more the lowest, the highest and two between.
+
+    Examples
+    --------
+    >>> shown_snrs([-30, -20, -10, 0, 10, 20])
+    [-30, -10, 0, 20]
+    """
+    ordered = sorted(set(snrs_db))
+    places = np.linspace(0, len(ordered) - 1, min(MOST_PANELS, len(ordered))).round().astype(int)
+    return [ordered[place] for place in places]
+
+
+def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) -> ChartGroup:
+    """Mean Hausdorff sum over median time of one scenario with both intervals, a chart an SNR.
+
+    Points on the frontier are full, others open; those that failed or are missing in some trials are crosses.
+    """
+    n_trials, scenario = int(part["n_trials"].max()), part["scenario"].iloc[0]
+    note = "one trial"
+    if n_trials > 1:
+        note = f"mean Hausdorff sum over median processor time of {trials_and_band(n_trials, 'interval')}"
+    snrs_db = shown_snrs(part["snr_db"].tolist())
+    shown = part[part["snr_db"].isin(snrs_db)]
+    errors, times_ms = shown["hausdorff_sum_m_mean"].dropna(), 1e3 * shown["time_s"].dropna()
+    is_log = bool(len(errors)) and errors.max() > LEAST_LOG_RATIO * errors.min() > 0
+    y_limits = None
+    if len(errors):
+        y_limits = (0.8 * errors.min(), 1.25 * errors.max()) if is_log else (0.0, 1.25 * errors.max() or 1.0)
+    x_limits = (0.8 * times_ms.min(), 1.25 * times_ms.max()) if len(times_ms) else None
+    x = Axis("median processor time of an image [ms]", log=True, limits=x_limits)
+    charts = [
+        Chart(
+            f"{snr_db:g} dB",
+            x,
+            Axis("Hausdorff sum [m]", log=is_log, limits=y_limits),
+            _pareto_series(shown[shown["snr_db"] == snr_db], lines, x_limits),
+        )
+        for snr_db in snrs_db
+    ]
+    n_columns = 3 if len(snrs_db) == 3 else 2
+    return ChartGroup(stem, f"{scenario}: {note}", charts, n_columns, panel_in=(4.6, 3.6))
+
+
+def _pareto_series(
+    points: pd.DataFrame, lines: Mapping[Variant, Line], x_limits: tuple[float, float] | None
+) -> list[Series]:
+    """References as lines, estimators as points, and the frontier as steps."""
+    found = []
+    for row in points.to_dict("records"):
+        line, error = lines[row["estimator"], row["params"]], row["hausdorff_sum_m_mean"]
+        y, low, high = [error], [row["hausdorff_sum_m_low"]], [row["hausdorff_sum_m_high"]]
+        if row["is_limit"]:
+            if x_limits is not None and math.isfinite(error):
+                found.append(Series(line.label, x_limits, 2 * y, 2 * low, 2 * high, style=line.style))
+            continue
+        label, symbol = line.label, line.style.symbol
+        if not math.isfinite(error) or not math.isfinite(row["time_s"]):
+            found.append(Series(f"{label}: no score", [], [], mark="points", style=line.style))
+            continue
+        if not row["is_complete"]:
+            symbol = "x"
+        elif not row["is_on_frontier"]:
+            symbol += "-open"
+        x, x_low, x_high = ([1e3 * row[name]] for name in ("time_s", "time_low_s", "time_high_s"))
+        style = replace(line.style, symbol=symbol)
+        found.append(Series(label, x, y, low, high, x_low, x_high, mark="points", style=style))
+    frontier = points[points["is_on_frontier"]].sort_values("time_s")
+    if len(frontier) and x_limits is not None:
+        times_ms = [*(1e3 * frontier["time_s"]), x_limits[1]]
+        errors = [*frontier["hausdorff_sum_m_mean"], frontier["hausdorff_sum_m_mean"].iloc[-1]]
+        found.append(Series("Pareto frontier", times_ms, errors, mark="step", style=FRONTIER_STYLE))
+    return found
+
+
+def stage_charts(
+    rows: pd.DataFrame, points: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]
+) -> list[ChartGroup]:
+    """Shares of the stages in the run time of the estimators on the frontier, a chart an SNR.
+
+    Nothing where no stage was timed, or nothing is on a frontier.
+    """
+    front = points[points["is_on_frontier"] & points["snr_db"].isin(shown_snrs(points["snr_db"].tolist()))]
+    shares = _stage_shares(rows, front)
+    if shares is None:
+        return []
+    charts = []
+    for snr_db, group in front.sort_values("time_s").groupby("snr_db"):
+        names = [
+            f"{lines[row['estimator'], row['params']].label}: {_cost(row)}"
+            for row in group.to_dict("records")
+        ]
+        places = np.arange(len(group))
+        bars = [
+            Series(stage, shares.loc[group.index, stage], places, mark="bar", style=STAGE_STYLES[stage])
+            for stage in map(str, shares)
+        ]
+        x = Axis("share of the processor time [%]", limits=(0, 100))
+        charts.append(Chart(f"{snr_db:g} dB", x, Axis("", categories=names), bars))
+    title = f"{points['scenario'].iloc[0]}: share of the stages in the processor time"
+    n_bars = max(len(chart.y.categories) for chart in charts)
+    return [ChartGroup(stem, title, charts, n_columns=1, panel_in=(7.0, 0.6 + 0.26 * n_bars))]
+
+
+def _cost(row: Mapping[Any, Any]) -> str:
+    """Median time, and the peak memory where it was measured."""
+    memory_mib = row.get(MEMORY, math.nan)
+    return f"{1e3 * row['time_s']:.3g} ms" + (f", {memory_mib:.3g} MiB" if math.isfinite(memory_mib) else "")
+
+
+def _stage_shares(rows: pd.DataFrame, frontier: pd.DataFrame) -> pd.DataFrame | None:
+    """Compute mean shares in % of the stages and of the rest in the run time, indexed as the points are."""
+    columns = [name for name in map("time_{}_s".format, STAGES) if name in rows and rows[name].notna().any()]
+    if not columns or frontier.empty:
+        return None
+    scored = rows[~failed(rows)]
+    shares = 100 * scored[columns].fillna(0.0).div(scored["time_estimate_s"], axis=0)
+    means = pd.concat([scored[POINT], shares], axis=1).groupby(POINT, sort=False).mean()
+    found = means.loc[pd.MultiIndex.from_frame(frontier[POINT])].set_axis(frontier.index)
+    found.columns = [name.removeprefix("time_").removesuffix("_s") for name in columns]
+    # Medians of stages need not add up to the median of their sum.
+    return found.assign(**{REST: (100 - found.sum(axis=1)).clip(lower=0.0)})
+
+
+def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
+    """Tell which alternatives no other one beats in time and in error.
+
+    One beats another if it is worse in neither and better in one of them.
+    Alternatives that are equal in both do not beat each other.
+
+    Parameters
+    ----------
+    time_s, error : array_like, shape (n,)
+        Finite; lower is better in both.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True on the frontier.
+
+    Examples
+    --------
+    >>> pareto_frontier([1.0, 2.0, 3.0, 3.0], [5.0, 4.0, 4.5, 4.0]).tolist()
+    [True, True, False, False]
+    """
+    times, errors = np.asarray(time_s), np.asarray(error)
+    is_worse_in_neither = (times[:, None] <= times) & (errors[:, None] <= errors)
+    is_better_in_one = (times[:, None] < times) | (errors[:, None] < errors)
+    is_beaten: NDArray[np.bool_] = np.asarray(np.any(is_worse_in_neither & is_better_in_one, axis=0))
+    return ~is_beaten
+
+
+def timed_rows(records: pd.DataFrame) -> pd.DataFrame:
+    """Rows whose time counts; of estimators that have such rows, those too that failed before one was there.
+
+    Of more than 12 scenarios means over the trials of each, as trials of one scenario.
+    """
+    is_timed = records["timing"].astype(bool)
+    return _pooled(records[is_timed | (failed(records) & bool(is_timed.any()))])
+
+
+def _pooled(rows: pd.DataFrame) -> pd.DataFrame:
+    """Many scenarios as trials of one; one that failed in any trial has failed."""
+    n_scenarios = rows["scenario"].nunique()
+    if n_scenarios <= MANY_SCENARIOS:
+        return rows
+    groups = rows.assign(failed=failed(rows)).groupby(POINT, sort=False)
+    has_failed = groups["failed"].any()
+    numbers = rows.select_dtypes(np.float64).columns.drop("snr_db", errors="ignore").tolist()
+    others = groups.first().drop(columns=numbers)
+    others["status"] = others["status"].mask(has_failed, "error")
+    table = pd.concat([others, groups[numbers].mean()[~has_failed]], axis=1).reset_index()
+    return table.assign(
+        trial=pd.factorize(table["scenario"])[0], scenario=f"{n_scenarios} scenarios as trials"
+    )
+
+
+def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
+    """Average Hausdorff sum and time of every point of the rows that `timed_rows` picks, and find frontiers.
+
+    Returns
+    -------
+    DataFrame
+        One row for each scenario, SNR, estimator and params, SNRs ascending:
+
+        - ``number`` of the estimator with its params in figures, ``label``;
+          the counts ``n_trials``, ``n_failed``, ``n_no_detection``;
+        - ``hausdorff_sum_m_mean``, ``hausdorff_sum_m_low``, ``hausdorff_sum_m_high``
+          (Student's t), over the trials that did not fail;
+        - ``time_s``, the median over the same
+          (`isacbench.bench.statistics.median_times`), ``time_low_s``,
+          ``time_high_s`` (order statistics), ``time_slowest_s``, and
+          ``peak_memory_mib``, the median, where the records have it;
+        - ``is_limit``; ``is_complete``, whether every trial of the scenario
+          and SNR has a score; ``is_on_frontier``, of mean Hausdorff sum and
+          median time among those that are complete and no limit.
+
+        Limits of intervals are NaN where the trials are too few: five are
+        needed of Hausdorff sums, six of times.
+    """
+    rows = timed_rows(records)
+    columns = ["estimator", "params"]
+    labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
+    points = summarise_scores(rows)
+    variants = list(zip(*(points[name] for name in columns), strict=True))
+    points["number"] = [1 + list(labels).index(variant) for variant in variants]
+    points["label"] = [labels[variant] for variant in variants]
+    points = points.rename(columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"})
+    for end, sign in (("low", -1), ("high", 1)):
+        points[f"hausdorff_sum_m_{end}"] = (
+            points["hausdorff_sum_m_mean"] + sign * points["hausdorff_sum_m_band"]
+        )
+    points = points.merge(_times(rows[~failed(rows)]), on=POINT, how="left")
+    points["is_limit"] = points["estimator"].isin(find_limits(records))
+    all_trials = points.groupby(PANEL)["n_trials"].transform("max")
+    points["is_complete"] = (points["n_failed"] == 0) & (points["n_trials"] == all_trials)
+    points["is_on_frontier"] = _on_frontiers(points)
+    names = [
+        *(*POINT, "number", "label", "n_trials", "n_failed", "n_no_detection"),
+        *("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
+        *("time_s", "time_low_s", "time_high_s", "time_slowest_s"),
+        *([MEMORY] if MEMORY in points else []),
+        *("is_limit", "is_complete", "is_on_frontier"),
+    ]
+    order = pd.factorize(points["scenario"])[0], points["snr_db"]
+    return points[names].iloc[np.lexsort(order[::-1])].reset_index(drop=True)
+
+
+def _times(scored: pd.DataFrame) -> pd.DataFrame:
+    """Interval of the median time of every point, its slowest trial, and its peak memory where measured."""
+    rows = []
+    for key, part in scored.groupby(POINT, sort=False):
+        times_s = part["time_estimate_s"].to_numpy(dtype=np.float64)
+        _, low, high = median_interval(times_s)
+        rows.append((*key, low, high, times_s.max()))
+    table = pd.DataFrame(rows, columns=[*POINT, "time_low_s", "time_high_s", "time_slowest_s"])
+    if MEMORY in scored:
+        table[MEMORY] = scored.groupby(POINT, sort=False)[MEMORY].median().to_numpy()
+    return table
+
+
+def _on_frontiers(points: pd.DataFrame) -> NDArray[np.bool_]:
+    """Mark the points on the frontier of their scenario and SNR."""
+    found = np.zeros(len(points), dtype=np.bool_)
+    competes = points["is_complete"] & ~points["is_limit"]
+    for chosen in points[competes].groupby(PANEL, sort=False).indices.values():
+        rows = np.flatnonzero(competes)[chosen]
+        part = points.iloc[rows]
+        found[rows] = pareto_frontier(part["time_s"], part["hausdorff_sum_m_mean"])
+    return found

@@ -1,0 +1,88 @@
+"""Writers of tables: for the terminal, and as Markdown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from isacbench.files.escaping import in_markdown, visible
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+    from isacbench.charts import Column, Table
+
+LONGEST_HEADING = 24
+LONGEST_NUMBER = 40
+
+
+def terminal_tables(table: Table, width: int) -> list[RichTable]:
+    """Lay out a table for a terminal of some width, in characters.
+
+    Without room it leaves out optional columns, then shows parts one below the other, and last breaks lines.
+    """
+    levels = sorted({column.optional for column in table.columns}, reverse=True)
+    for most in levels:
+        kept = replace(table, columns=[column for column in table.columns if column.optional <= most])
+        if _fits(kept, width):
+            return [_rich_table(kept)]
+    found: list[list[Column]] = []
+    names = [column for column in kept.columns if column.part == 0]
+    for part in dict.fromkeys(column.part for column in kept.columns if column.part):
+        own = [column for column in kept.columns if column.part == part]
+        if found and _fits(replace(kept, columns=[*found[-1], *own]), width):
+            found[-1] += own
+        else:
+            found.append([*names, *own])
+    parts = [replace(kept, columns=columns) for columns in found]
+    return [_rich_table(part, no_wrap=_fits(part, width)) for part in parts]
+
+
+def _fits(table: Table, width: int) -> bool:
+    from rich.console import Console
+
+    return Console(width=100 * width).measure(_rich_table(replace(table, title=""))).maximum <= width
+
+
+def _rich_table(table: Table, no_wrap: bool = True) -> RichTable:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    laid_out = RichTable(
+        title=Text(visible(table.title)) if table.title else None,
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
+    rows = table.texts
+    for place, heading in enumerate(table.headings):
+        is_left = place == 0 or any(len(row[place]) > LONGEST_NUMBER for row in rows)
+        laid_out.add_column(
+            # Text, not a string: brackets are parameters and units here, never markup.
+            Text(_stacked(visible(heading))),
+            justify="left" if is_left else "right",
+            no_wrap=no_wrap,
+            overflow="ellipsis" if no_wrap else "fold",
+        )
+    for row in rows:
+        # Of a pair of estimators, the second one stands below the first.
+        laid_out.add_row(*(Text(visible(text).replace(" → ", "\n  → ")) for text in row))
+    return laid_out
+
+
+def _stacked(name: str) -> str:
+    """Heading on several lines: unit and score below, and long parameters one bracket a line."""
+    label, *below = name.replace(" [", ": [").split(": ")
+    if len(label) > LONGEST_HEADING:
+        label = label.replace("[", "\n[")
+    return "\n".join([label, *below])
+
+
+def markdown(table: Table) -> str:
+    """Write a table in Markdown below its title."""
+    rule = ["---"] + ["--:"] * (len(table.columns) - 1)
+    header, *rows = ([in_markdown(text) for text in texts] for texts in (table.headings, *table.texts))
+    lines = [f"| {' | '.join(texts)} |" for texts in (header, rule, *rows)]
+    return "\n".join([f"**{in_markdown(table.title)}**", "", *lines, ""])
