@@ -471,9 +471,9 @@ def population_rows():
     error is a third of each Hausdorff distance's sum and every other score.
     """
     import pandas as pd
-    from isacbench.bench.suites.population_kind import POPULATION
 
     from isacbench.bench.cells.record import COLUMNS
+    from isacbench.bench.kinds.population import PopulationKind
 
     def rows(families=("town", "sparse"), n_scenes=8, snrs_db=(0.0, 10.0), **errors):
         found = []
@@ -496,7 +496,7 @@ def population_rows():
                         "n_estimated": 10,
                         "time_estimate_s": 0.1,
                         "timing": False,
-                        **POPULATION.columns,
+                        **PopulationKind.columns,
                         "family": family,
                         "frame": ("panel", "paper")[number % 2],
                         "coherent_phase": number % 4 >= 2,
@@ -504,7 +504,7 @@ def population_rows():
                     }
                 )
         return pd.DataFrame(found).reindex(
-            columns=list(dict.fromkeys([*COLUMNS, *POPULATION.columns, *POPULATION_SCORES]))
+            columns=list(dict.fromkeys([*COLUMNS, *PopulationKind.columns, *POPULATION_SCORES]))
         )
 
     return rows

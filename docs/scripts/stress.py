@@ -10,10 +10,10 @@ import argparse
 from pathlib import Path
 
 import pandas as pd
-from isacbench.report.tables.run_tables import markdown
 
 from isacbench.checking.stress.runs.families import FAMILIES
 from isacbench.checking.stress.runs.stress_table import PROMISES, TABLE
+from isacbench.report.table_texts import markdown
 from isacbench.report.texts.stress_findings import family_grid, promise_grid
 
 PAGE = Path(__file__).resolve().parents[1] / "stress.md"

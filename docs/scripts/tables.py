@@ -16,26 +16,24 @@ from functools import cache
 from pathlib import Path
 
 import pandas as pd
-from isacbench.bench.studies.detection_study import summarise_detection
-from isacbench.bench.studies.efficiency_study import summarise_efficiency
-from isacbench.bench.studies.imaging_study import summarise_scores
-from isacbench.bench.studies.population_study import ALL, scene_cells, summarise_population
-from isacbench.bench.studies.resolution_study import summarise_resolution
-from isacbench.report.comparisons.ranking_figure import draw_ranking
-from isacbench.report.figures.curves import variant_looks
-from isacbench.report.figures.pareto_figures import draw_pareto
-from isacbench.report.figures.population_figures import draw_ratios
-from isacbench.report.tables.detected_objects import object_means
-from isacbench.report.tables.pareto import summarise_points
-from isacbench.report.tables.run_tables import markdown as grid_markdown
 
 from isacbench.bench.compare.matching import RunTable, read_run
 from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
+from isacbench.bench.kinds.detection import DetectionKind
+from isacbench.bench.kinds.efficiency import EfficiencyKind
+from isacbench.bench.kinds.kind import lines_of
+from isacbench.bench.kinds.objects import object_means
+from isacbench.bench.kinds.population import ALL, ratio_charts, scene_cells, summarise_population
+from isacbench.bench.kinds.resolution import ResolutionKind
+from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.plan.labels import rows_of as own_rows
+from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.charts import variants_in
+from isacbench.report.comparisons.ranking_charts import ranking_charts
 from isacbench.report.comparisons.ranking_tables import ranking_grids
-from isacbench.report.drawing.style import save, styled
+from isacbench.report.drawing.chart_figures import save_charts
+from isacbench.report.table_texts import markdown as grid_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
@@ -320,7 +318,7 @@ def places() -> str:
 
 def told_apart() -> dict[str, str]:
     """Least distance along u from which nine of ten pairs are told apart, in Rayleigh cells."""
-    table = summarise_resolution(rows_of("resolution").records)
+    table = ResolutionKind().summary(rows_of("resolution").records)
     table = table[table["dimension"] == "u"].sort_values("separation_cells", ascending=False)
     found = {}
     for variant, label in labels_of("resolution").items():
@@ -379,7 +377,7 @@ def street_scores() -> str:
 
 def efficiency() -> str:
     """Misses, and errors over the Cramér-Rao bound."""
-    table = summarise_efficiency(rows_of("efficiency").records)
+    table = EfficiencyKind().summary(rows_of("efficiency").records)
     gains_db = sorted(table["snr_gain_db"].unique())
     shown_db = [gain_db for gain_db in (20.0, 30.0, 40.0) if gain_db in gains_db]
     header = ["", *(f"missed at {gain_db:g} dB" for gain_db in (10, 15, 20, 25))]
@@ -395,7 +393,7 @@ def efficiency() -> str:
 
 def resolution() -> str:
     """Shares of pairs told apart, over their distance in each dimension."""
-    table = summarise_resolution(rows_of("resolution").records)
+    table = ResolutionKind().summary(rows_of("resolution").records)
     cells = sorted(table["separation_cells"].unique())
     header = ["", "", *(f"{distance:g}" for distance in cells)]
     rows = []
@@ -409,7 +407,7 @@ def resolution() -> str:
 
 def detectors() -> str:
     """Detectors on the street and at a clutter edge, and images behind them."""
-    table = summarise_detection(rows_of("detectors").records)
+    table = DetectionKind().summary(rows_of("detectors").records)
     table = table[(table["pfa"] == 1e-3) & (table["snr_gain_db"] == table["snr_gain_db"].max())]
     street = table[table["scenario"] == "street"].set_index("detector")
     edge = table[table["scenario"] == "clutter-edge"].set_index("detector")
@@ -503,7 +501,7 @@ def _five(row: pd.Series) -> str:
 def population_points() -> pd.DataFrame:
     """Time and error of each estimator over all scenes, from processor times of cells that were not alone."""
     records = rows_of("population").records
-    return summarise_points(records.assign(timing=True), find_limits(records))
+    return summarise_points(records.assign(timing=True))
 
 
 def pareto() -> str:
@@ -557,14 +555,16 @@ def with_tables(text: str) -> str:
 def draw() -> None:
     """Draw the pictures that belong to the tables."""
     run, points = rows_of("population"), population_points()
-    (name,) = points["scenario"].unique()
-    with styled():
-        for stem, figure in {
-            "pareto-scenes": draw_pareto(points, name),
-            "population-ranks": draw_ranking(ranking(TOP_DB)),
-            "population-ratios": draw_ratios(scene_cells(run.records), variant_looks(run.records)),
-        }.items():
-            save(figure, ROOT / "docs" / "images" / f"{stem}.png")
+    lines = lines_of(run.records)
+    groups = [
+        pareto_charts(points[points["estimator"] != "empty"], "pareto-scenes", lines),
+        replace(ranking_charts(ranking(TOP_DB)), stem="population-ranks"),
+        *(
+            replace(group, stem="population-ratios")
+            for group in ratio_charts(scene_cells(run.records), lines)
+        ),
+    ]
+    save_charts(groups, ROOT / "docs" / "images")
 
 
 if __name__ == "__main__":

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from isacbench.bench.studies.intervals import student_band
-from isacbench.bench.studies.resolution_study import pair
 
 from isacbench import load_scenario, score
+from isacbench.bench.kinds.resolution import pair
+from isacbench.bench.statistics import student_band
 from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.echo import Simulator

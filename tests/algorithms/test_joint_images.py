@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.efficiency_study import BOUNDS, ERRORS
-from isacbench.bench.studies.efficiency_study import measure_efficiency as measure_error
-from isacbench.bench.studies.resolution_study import measure_resolution as measure_pair
-from isacbench.bench.studies.resolution_study import pair
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.kinds.efficiency import BOUNDS, ERRORS
+from isacbench.bench.kinds.efficiency import measure_efficiency as measure_error
+from isacbench.bench.kinds.resolution import measure_resolution as measure_pair
+from isacbench.bench.kinds.resolution import pair
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.kernels import steering

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.resolution_study import pair
 from isacbench_algorithms.nomp4d import Nomp4d
 
 from isacbench import load_scenario, score
+from isacbench.bench.kinds.resolution import pair
 from isacbench.dsp.bounds import single_bound
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray

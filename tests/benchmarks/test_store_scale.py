@@ -5,7 +5,6 @@ import time
 
 import numpy as np
 import pytest
-from isacbench.report.tables.tables_by_kind import write_run_tables
 
 from isacbench.bench.cells.record import Cell, Outcome, Record
 from isacbench.bench.run import runner
@@ -13,6 +12,7 @@ from isacbench.bench.store.provenance import Made, environment_id, environment_o
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
 from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_tables import write_run_tables
 from tests.benchmarks.conftest import SCORES, largest_memory_mib
 
 MAX_MEMORY_MIB = 4096

@@ -4,9 +4,9 @@ import json
 
 import pandas as pd
 import pytest
-from isacbench.bench.studies.study import build_estimators
-from isacbench.bench.suites.detection_kind import DetectionSuite
 
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.scenes import build_estimators
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
@@ -91,7 +91,7 @@ def suite(*estimators):
     return Suite(name="s", scenarios=["tiny.toml"], estimators=estimators, snr_db=[0], trials=1)
 
 
-def test_grids_of_a_suite_are_built_in_order(plugins):
+def test_tables_of_a_suite_are_built_in_order(plugins):
     entries = build_estimators(suite("blob[n=[1,2],detector=[level,ca]]", "seer"))
     assert [(c.name, getattr(c.plugin, "n", 0)) for c in entries] == [
         ("blob", 1), ("blob", 1), ("blob", 2), ("blob", 2), ("seer", 0)
@@ -111,7 +111,7 @@ def detection(plugins, tiny):
     return lambda **options: run(DetectionSuite(kind="detection", **common, **options))
 
 
-def test_a_detection_suite_takes_grids_of_detectors_and_of_estimators(detection):
+def test_a_detection_suite_takes_tables_of_detectors_and_of_estimators(detection):
     grid = "ca[pfa=[1e-3,1e-4]]"
     records = detection(estimators=["fft4d[max_sources=[1,2]]"], detectors=[grid, "level"])
     on_map, behind = (records[(records["scenario"] == "homogeneous") == chosen] for chosen in (True, False))

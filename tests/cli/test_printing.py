@@ -1,8 +1,8 @@
 import pandas as pd
 import pytest
-from isacbench.report.tables.run_tables import Grid
 
 from isacbench.cli.printing import report_run
+from isacbench.report.table_texts import Grid
 
 
 @pytest.fixture(autouse=True)
@@ -12,7 +12,7 @@ def _without_files(monkeypatch):
 
 
 def shown_of(records, grids, folder, monkeypatch, capsys):
-    monkeypatch.setattr("isacbench.report.tables.tables_by_kind.grids_of", lambda *_: grids)
+    monkeypatch.setattr("isacbench.report.run_tables.tables_of", lambda *_: grids)
     report_run(folder, records, "population")
     return capsys.readouterr().out
 

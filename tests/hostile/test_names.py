@@ -13,7 +13,6 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.report.tables.run_tables import Grid, markdown, rich_table
 from rich.console import Console
 
 from isacbench.bench.store.csv_table import without_formulas
@@ -23,6 +22,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.drawing.style import drawable, file_stems
 from isacbench.report.figures.plotting import plot_clouds
+from isacbench.report.table_texts import Grid, markdown, rich_table
 
 NAMES = {
     "up": "../../etc/passwd",

@@ -13,8 +13,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import NotComparableError, read_run
@@ -26,6 +24,8 @@ from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
 from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_tables import tables_of, write_run_tables
+from isacbench.report.table_texts import rich_table
 
 from .files import ANY, Trap, content
 
@@ -207,7 +207,7 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
         warnings.simplefilter("ignore")
         try:
             results = read_results(run_folder)
-            for grid in grids_of(results.records, results.suite.kind):
+            for grid in tables_of(results.records, results.suite.kind):
                 rich_table(grid)
             write_run_tables(run_folder, results.records, results.suite.kind)
             comparison_grids(compare_tables(read_run(made[1]), read_run(run_folder), [], 0.01))

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from isacbench.bench.studies.link_study import link_scenes
-from isacbench.bench.studies.lone_targets import scene_bound
 
+from isacbench.bench.kinds.link import LinkKind
+from isacbench.bench.kinds.lone_targets import scene_bound
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes.frame_observation import observe_cube
@@ -177,7 +177,7 @@ def test_what_does_not_model_turns_refuses_them(taking_turns, mimo):
     for refused, task in (
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
         (lambda: observe_waveform(scenario, 10.0), "an observation through the waveform"),
-        (lambda: link_scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
+        (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
         (lambda: FrameSimulator(scenario, 10.0), "a simulated frame"),
         (lambda: observe_cube(np.zeros((240, 112, 4, 4), np.complex64), scenario), "a recorded frame"),
         (lambda: plan_image(scenario, get_estimator("fft4d")), "a recorded frame"),

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from isacbench.bench.studies.efficiency_study import efficiency_scenes
-from isacbench.bench.studies.link_study import link_scenes
 
+from isacbench.bench.kinds.efficiency import EfficiencyKind
+from isacbench.bench.kinds.link import LinkKind
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.dsp.rangedoppler import range_doppler_map
@@ -127,8 +127,11 @@ def test_what_takes_noise_to_be_the_receivers_refuses_another(noisy):
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
         (lambda: observe_waveform(scenario, 10.0), "an observation through the waveform"),
         (lambda: received_waveform(scenario, grid, [(0, 0)]), "a waveform"),
-        (lambda: link_scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
-        (lambda: efficiency_scenes(load_suite("efficiency"), {"few": scenario}), "the Cramér-Rao bound"),
+        (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
+        (
+            lambda: EfficiencyKind().scenes(load_suite("efficiency"), {"few": scenario}),
+            "the Cramér-Rao bound",
+        ),
     ):
         expected = rf"^\[system\] noise = 'transmitter': allowed is 'receiver' for {task}$"
         with pytest.raises(InputError, match=expected):

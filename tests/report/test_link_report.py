@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 import pandas as pd
-from isacbench.bench.suites.link_kind import LinkSuite
 from isacbench.report.figures.link_figures import draw_link, draw_trade
 from isacbench.report.tables.link_tables import receiver_labels, signal_label
-from isacbench.report.tables.tables_by_kind import grids_of
 
+from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import run_suite
 from isacbench.report.figures import run_figures
 from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_tables import tables_of
 
 PARAMS = {name: json.dumps({"knowledge": name, "time_order": 0}) for name in ("perfect", "prs")}
 SNRS = [0.0, 10.0, 20.0]
@@ -88,7 +88,7 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     results = run_suite(
         LinkSuite(**suite, modulations=["qpsk", "16qam"], snr_db=[0, 40], trials=2), tmp_path / "run"
     )
-    imaged_grid, known, estimated = grids_of(results.records, "link")
+    imaged_grid, known, estimated = tables_of(results.records, "link")
     header = ["SNR [dB]", "QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
     assert imaged_grid.header == header
     assert [row[0] for row in imaged_grid.rows] == ["0", "40"]
@@ -104,7 +104,7 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     assert {path.name for path in draw_run(tmp_path / "run")} == {"link-tiny.png", "trade-tiny.png"}
     # One trial is no trials, and no decibel has no sign.
     first = results.records.query("trial == 0").assign(evm_db=-0.01)
-    imaged_grid, known, _ = grids_of(first, "link")
+    imaged_grid, known, _ = tables_of(first, "link")
     assert ", 1 trial, " in imaged_grid.title
     assert imaged_grid.title.endswith(" ms")
     assert ", 1 frame;" in known.title
@@ -117,7 +117,7 @@ def test_a_suite_without_users_has_tables_and_a_figure_of_images(plugins, tiny, 
     results = run_suite(
         LinkSuite(**suite, modulations=["qpsk"], sensing=["all"], snr_db=[40], trials=1), tmp_path / "run"
     )
-    (grid,) = grids_of(results.records, "link")
+    (grid,) = tables_of(results.records, "link")
     assert grid.header == ["SNR [dB]", "QPSK"]
     assert [path.name for path in draw_run(tmp_path / "run")] == ["link-tiny.png"]
 

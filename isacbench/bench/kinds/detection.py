@@ -64,8 +64,7 @@ from isacbench.files.file_names import file_stems
 from isacbench.instrument.stages import stage
 from isacbench.model.numerology import System
 from isacbench.model.radio_coordinates import gain_db
-from isacbench.plugins.contracts import Detection as Detected
-from isacbench.plugins.contracts import Detector, Diagnoser
+from isacbench.plugins.contracts import Detection, Detector, Diagnoser
 from isacbench.plugins.registry import get_detector, get_estimator
 from isacbench.specifications import spec_variants
 
@@ -129,7 +128,7 @@ class DetectionSuite(Suite):
     pfa: Annotated[tuple[Pfa, ...], AfterValidator(refuse_repeats)] = ()
 
 
-class Detection(Kind):
+class DetectionKind(Kind):
     """Probabilities of detection and of false alarm."""
 
     name = "detection"
@@ -381,7 +380,7 @@ class SharedMap(SharedObservation):
     def _mask(self, detector: Detector) -> Mask:
         """Mask of the cells that a detector detects, held to the contract."""
         detection = detector.detect(self.power)
-        if not isinstance(detection, Detected):
+        if not isinstance(detection, Detection):
             raise TypeError(f"detect() must return a Detection, not {type(detection).__name__}")
         mask, shape = np.asarray(detection.mask), self.power.shape
         if mask.dtype != np.bool_ or mask.shape != shape:

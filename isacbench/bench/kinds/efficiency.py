@@ -89,7 +89,7 @@ FEWEST_FALSE = 0.1
 """Fewer false points a trial do not stretch their axis."""
 
 
-class Efficiency(Kind):
+class EfficiencyKind(Kind):
     """Errors of one scatterer, compared with the Cramér-Rao bound."""
 
     name = "efficiency"

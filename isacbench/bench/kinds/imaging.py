@@ -117,7 +117,7 @@ SCORE_AXES = {
 SHARES = "f_score", "objects_detected", "precision", "recall"
 
 
-class Imaging(Kind):
+class ImagingKind(Kind):
     """Scores of images, averaged over trials."""
 
     name = "imaging"

@@ -127,7 +127,7 @@ class LinkSuite(Suite):
     receivers: Listed[str] = ("one_tap[knowledge=perfect]", "one_tap")
 
 
-class Link(Kind):
+class LinkKind(Kind):
     """Bit errors of a user, and deviations of images from the same frame."""
 
     name = "link"

@@ -194,7 +194,7 @@ class PopulationSuite(Suite):
         return self.replace(scenarios=scenarios) if shift else self
 
 
-class Population(Kind):
+class PopulationKind(Kind):
     """Scores of many scenes, by family, frame and phases."""
 
     name = "population"

@@ -105,7 +105,7 @@ class ResolutionSuite(Suite):
     phases_deg: Listed[Phase] = (0.0,)
 
 
-class Resolution(Kind):
+class ResolutionKind(Kind):
     """Share of pairs of scatterers that are found, over their distance."""
 
     name = "resolution"

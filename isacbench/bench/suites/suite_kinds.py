@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, field_validator
 
-from isacbench.bench.kinds.detection import Detection
-from isacbench.bench.kinds.efficiency import Efficiency
-from isacbench.bench.kinds.imaging import Imaging
-from isacbench.bench.kinds.link import Link
-from isacbench.bench.kinds.population import Population
-from isacbench.bench.kinds.resolution import Resolution
+from isacbench.bench.kinds.detection import DetectionKind
+from isacbench.bench.kinds.efficiency import EfficiencyKind
+from isacbench.bench.kinds.imaging import ImagingKind
+from isacbench.bench.kinds.link import LinkKind
+from isacbench.bench.kinds.population import PopulationKind
+from isacbench.bench.kinds.resolution import ResolutionKind
 from isacbench.bench.suites.suite import Suite, find_suite
 from isacbench.errors import InputError
 from isacbench.files.toml_files import read_toml
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=Suite)
 
 KINDS: dict[str, Kind] = {
-    kind.name: kind() for kind in (Imaging, Efficiency, Resolution, Detection, Link, Population)
+    kind.name: kind()
+    for kind in (ImagingKind, EfficiencyKind, ResolutionKind, DetectionKind, LinkKind, PopulationKind)
 }
 """Kinds of suites by the value of the key ``kind``. A new one is entered here, and nowhere else."""
 
@@ -37,7 +38,7 @@ PLANNERS = tuple(type(kind).__module__ for kind in KINDS.values())
 class _KindOnly(BaseModel):
     """Key that decides which other keys a suite has."""
 
-    kind: str = Imaging.name
+    kind: str = ImagingKind.name
 
     @field_validator("kind")
     @classmethod

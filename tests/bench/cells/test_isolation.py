@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.study import SharedImage
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from isacbench.bench.cells.isolation import array_digest, seed_global_generators
+from isacbench.bench.kinds.scenes import SharedImage
 from isacbench.cores import one_blas_thread
 from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PaperFrame

@@ -8,14 +8,14 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
 from isacbench.bench.cells.timing import Trial, repeat
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import read_run
 from isacbench.bench.compare.tolerance import parse_tolerance
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore

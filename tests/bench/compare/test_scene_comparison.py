@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.report.comparisons.comparison_figure import draw_changes
 
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import RunTable
@@ -15,6 +14,7 @@ from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.statistics import bootstrap_changes, signed_rank_test
 from isacbench.bench.compare.tolerance import Tolerance
 from isacbench.report.comparisons.ci_files import comparison_junit, comparison_markdown
+from isacbench.report.comparisons.comparison_charts import comparison_charts
 from isacbench.report.comparisons.comparison_tables import (
     comparison_content,
     comparison_grids,
@@ -172,7 +172,7 @@ def test_equal_runs_are_the_same_and_the_figure_speaks_of_scenes(two_runs):
     assert set(found.curves["verdict"]) == {"same"}
     assert (found.curves["win_probability"] == 0.5).all()
     assert found.scenes.empty
-    figure = draw_changes(found, "deviation")
+    figure = comparison_charts(found, "deviation")
     assert "mean of 8 scenes" in figure.get_suptitle()
 
 

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.study import Entry
 
+from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import BlockQueue, Plan, Shard
 from isacbench.errors import InputError
 

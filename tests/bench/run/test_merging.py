@@ -4,11 +4,11 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.population_kind import PopulationSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 
 from isacbench.bench.cells.record import TIMES
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.population import PopulationSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.manifest_plan import outline, restore_plan
 from isacbench.bench.run.merging import merge

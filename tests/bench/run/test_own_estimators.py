@@ -12,9 +12,9 @@ import cloudpickle
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
 
 from isacbench import get_detector, get_estimator, run
+from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud

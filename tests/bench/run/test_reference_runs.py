@@ -3,13 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.imaging_study import summarise_scores
 
 import isacbench
 from isacbench.bench.cells import scored_images
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run, run_suite

@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 
 from isacbench import load_run
 from isacbench.bench.compare.matching import read_run
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
 from isacbench.bench.store.run_store import read_results

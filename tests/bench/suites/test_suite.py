@@ -1,10 +1,10 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.study import build_estimators
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
+from isacbench.bench.kinds.scenes import build_estimators
 from isacbench.bench.suites.suite import parse_snr, suite_names
 from isacbench.bench.suites.suite_kinds import kind_of, load_suite, restore_suite
 from isacbench.errors import InputError

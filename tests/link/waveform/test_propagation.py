@@ -177,7 +177,7 @@ def test_paths_that_are_none_are_refused(gain, delay_s, doppler_hz, message):
         Paths(gain, delay_s, doppler_hz)
 
 
-def test_grids_of_another_system_and_endless_frames_are_refused():
+def test_tables_of_another_system_and_endless_frames_are_refused():
     system = System(n_subcarriers=32, n_symbols=2)
     path = Paths([[1.0]], [0.0], [0.0])
     with pytest.raises(InputError, match=r"symbols of shape \(32, 3\): allowed is \(32, 2\)"):

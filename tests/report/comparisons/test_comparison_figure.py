@@ -2,15 +2,15 @@ import json
 
 import numpy as np
 import pytest
-from isacbench.report.comparisons.comparison_figure import (
-    comparison_paths,
-    draw_changes,
-    draw_comparison_files,
-)
 
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.matching import RunTable
 from isacbench.errors import InputError
+from isacbench.report.comparisons.comparison_charts import (
+    comparison_charts,
+    comparison_paths,
+    draw_comparison_files,
+)
 from isacbench.report.comparisons.comparison_tables import (
     comparison_content,
     comparison_grids,
@@ -127,7 +127,7 @@ def ringed(axes):
 
 
 def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
-    figure = draw_changes(compared(worse_at_10_db, trials=12), "deviation")
+    figure = comparison_charts(compared(worse_at_10_db, trials=12), "deviation")
     calm, worse = figure.axes
     assert worse.get_title().startswith("street, nomp4d\nwhole curve: regression (+")
     assert [line.get_xdata().tolist() for line in worse.lines[:2]] == [[-20, -5, 10]] * 2
@@ -147,16 +147,16 @@ def test_a_panel_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_na
     records, manifest = made_run(trials=12, estimators=("blob", "nomp4d"))
     run = RunTable("run", records, manifest)
     partners = {("blob", "{}"): ("nomp4d", "{}")}
-    (axes,) = draw_changes(compare_tables(run, run, partners=partners), "deviation").axes
+    (axes,) = comparison_charts(compare_tables(run, run, partners=partners), "deviation").axes
     assert axes.get_title().startswith("street, blob\n→ nomp4d\nwhole curve: regression (+")
-    figure = draw_changes(compare_tables(run, run, partners=partners, is_between=True), "deviation")
+    figure = comparison_charts(compare_tables(run, run, partners=partners, is_between=True), "deviation")
     assert figure.axes[0].get_title().startswith("street\nwhole curve: worse (+")
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["A: blob", "B: nomp4d", "worse"]
 
 
 def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compared):
-    for axes in draw_changes(compared(trials=1), "deviation").axes:
+    for axes in comparison_charts(compared(trials=1), "deviation").axes:
         low, high = axes.get_ylim()
         drawn = np.concatenate([line.get_ydata() for line in axes.lines])
         assert low < drawn.min() <= drawn.max() < high
@@ -164,7 +164,7 @@ def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compar
 
 
 def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
-    figure = draw_changes(compared(trials=4), "deviation")
+    figure = comparison_charts(compared(trials=4), "deviation")
     assert figure.get_suptitle() == "deviation of paired cells: mean of 4 trials, no confidence band below 5"
     bands = [path for axes in figure.axes for part in axes.collections for path in part.get_paths()]
     assert not any(band.vertices.size for band in bands)
@@ -172,7 +172,7 @@ def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
 
 
 def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_overlap(compared, monkeypatch):
-    monkeypatch.setattr("isacbench.report.comparisons.comparison_figure.MAX_PANELS", 6)
+    monkeypatch.setattr("isacbench.report.comparisons.comparison_charts.MAX_PANELS", 6)
     names = [f"nomp4d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(8)]
 
     def change(records):
@@ -180,7 +180,7 @@ def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_over
         records.loc[chosen, "deviation"] *= 1.5
 
     with styled():
-        figure = draw_changes(compared(change, estimators=names, trials=12), "deviation")
+        figure = comparison_charts(compared(change, estimators=names, trials=12), "deviation")
         figure.draw_without_rendering()
     assert len(figure.axes) == 6
     scenario, name, outcome = figure.axes[0].get_title().split("\n")

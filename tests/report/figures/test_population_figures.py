@@ -2,8 +2,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from isacbench.bench.studies.population_study import scene_cells, summarise_population
-from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.report.figures.population_figures import (
     CURVES,
     LARGEST_RATIO,
@@ -13,6 +11,7 @@ from isacbench.report.figures.population_figures import (
     draw_targets,
 )
 
+from isacbench.bench.kinds.population import PopulationSuite, scene_cells, summarise_population
 from isacbench.bench.run.runner import run_suite
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.drawing.style import assign_looks

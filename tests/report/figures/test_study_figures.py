@@ -1,8 +1,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.report.figures.study_figures import (
     draw_detection,
     draw_efficiency,
@@ -11,6 +9,8 @@ from isacbench.report.figures.study_figures import (
     draw_roc,
 )
 
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.drawing.style import assign_looks

@@ -5,9 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.link_kind import LinkSuite
 
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.plugins.discovery import isolated_plugins, register_plugin

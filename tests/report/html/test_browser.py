@@ -7,10 +7,10 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
 from matplotlib.image import imread
 
 from isacbench.bench.compare.comparison import compare
+from isacbench.bench.kinds.scores import average_scenarios, summarise_scores
 from isacbench.bench.store.stored_run import load_run
 from isacbench.metrics.geometry import CloudPair
 from isacbench.report.html.diagnosed_maps import diagnosed_maps

@@ -2,8 +2,9 @@
 
 import io
 
-from isacbench.report.tables.run_tables import rich_table
 from rich.console import Console
+
+from isacbench.report.table_texts import rich_table
 
 
 def printed(grid):

@@ -1,8 +1,9 @@
 import json
 
 import pandas as pd
-from isacbench.report.tables.failures import failure_grids
-from isacbench.report.tables.run_tables import markdown
+
+from isacbench.report.run_tables import failure_tables
+from isacbench.report.table_texts import markdown
 
 
 def records_of(*reasons, **columns):
@@ -19,14 +20,14 @@ def records_of(*reasons, **columns):
 
 
 def test_without_failures_there_is_no_table():
-    assert failure_grids(records_of("", "", status=["ok", "no_detection"])) == []
+    assert failure_tables(records_of("", "", status=["ok", "no_detection"])) == []
 
 
 def test_reasons_are_counted_by_estimator_and_scenario_the_most_frequent_first():
     records = records_of(
         "no luck", "more than 10 s", "no luck", "", status=["error", "timeout", "error", "ok"]
     )
-    (grid,) = failure_grids(pd.concat([records, records.assign(estimator="b"), records]))
+    (grid,) = failure_tables(pd.concat([records, records.assign(estimator="b"), records]))
     assert grid.title == "9 of 12 cells failed"
     assert grid.rows == [
         ["no luck", "error", "a", "street", "4"],
@@ -38,12 +39,12 @@ def test_reasons_are_counted_by_estimator_and_scenario_the_most_frequent_first()
 
 def test_scenes_of_one_template_share_a_row():
     scenes = records_of("no luck", "no luck", "lost", scenario=["room-u-1", "room-u-2", "user-awgn"])
-    (grid,) = failure_grids(scenes.assign(template=["room", "room", ""]))
+    (grid,) = failure_tables(scenes.assign(template=["room", "room", ""]))
     assert [(row[3], row[4]) for row in grid.rows] == [("room", "2"), ("user-awgn", "1")]
 
 
 def test_the_table_is_bounded_and_its_text_cannot_leave_its_cell():
-    (grid,) = failure_grids(records_of("x" * 10_000 + "\x1b[31m|<script>", *map(str, range(99))))
+    (grid,) = failure_tables(records_of("x" * 10_000 + "\x1b[31m|<script>", *map(str, range(99))))
     assert len(grid.rows) == 21
     assert grid.rows[-1] == ["80 further rows", "", "", "", "80"]
     text = markdown(grid)

@@ -3,8 +3,9 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.report.tables.population_tables import near_chance, population_grids, tabulate_population
-from isacbench.report.tables.run_tables import TERMINAL_WIDTH, rich_table
+
+from isacbench.bench.kinds.population import PopulationKind, near_chance
+from isacbench.report.table_texts import TERMINAL_WIDTH, rich_table
 
 
 @pytest.fixture
@@ -59,21 +60,23 @@ def test_the_summary_marks_families_where_chance_comes_near(population_rows):
     in_crowd = (records["estimator"] == "chance") & (records["family"] == "crowd")
     records.loc[in_crowd, "recall"] = 3.4  # the others: 4 and 3
     records.loc[(records["estimator"] == "chance") & ~in_crowd, "recall"] = 0.1
-    summary = tabulate_population(records)
+    summary = PopulationKind().summary(records)
     marked = {
         family: set(part["near_chance"].map(json.loads).explode().dropna())
         for family, part in summary.groupby("family")
     }
     assert "recall_mean" in marked["crowd"]
     assert "recall_mean" not in marked["town"]
-    titles = {grid.title.partition(",")[0]: grid for grid in population_grids(records) if grid.is_detail}
+    titles = {
+        grid.title.partition(",")[0]: grid for grid in PopulationKind().tables(records) if grid.is_detail
+    }
     assert "recall †" in titles["crowd"].header
     assert "recall" in titles["town"].header
     assert "chance or no point at all comes near" in titles["crowd"].title
 
 
 def test_what_is_printed_fits_a_terminal_with_references_below_and_details_are_for_the_file(records):
-    grids = population_grids(records)
+    grids = PopulationKind().tables(records)
     printed = [grid for grid in grids if not grid.is_detail]
     assert [grid.title.partition(",")[0] for grid in printed] == [
         "All scenes",
@@ -96,7 +99,7 @@ def test_what_is_printed_fits_a_terminal_with_references_below_and_details_are_f
 
 def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_a_band(population_rows):
     for n, band in ((4, "4 scenes, no confidence band below 5"), (5, "5 scenes, 95 % confidence band")):
-        grid = population_grids(population_rows(["town"], n_scenes=n, blob=1.0))[0]
+        grid = PopulationKind().tables(population_rows(["town"], n_scenes=n, blob=1.0))[0]
         assert grid.title == f"All scenes, mean over 0, 10 dB: {band}"
 
 
@@ -105,7 +108,7 @@ def test_a_population_in_which_all_cells_failed_is_told_without_numbers(populati
     scores = records.select_dtypes("float").columns.difference(["snr_db"])
     records[scores] = np.nan
     records["status"] = "error"
-    grids = population_grids(records)
+    grids = PopulationKind().tables(records)
     assert grids[0].header[:2] == ["estimator", "Hausdorff [m]"]
     assert all("failed" in row[1] for row in grids[0].rows)
 
@@ -113,7 +116,7 @@ def test_a_population_in_which_all_cells_failed_is_told_without_numbers(populati
 def test_a_population_that_was_interrupted_has_tables_of_what_there_is_and_tells_failed_cells(records):
     lost = (records["family"] == "crowd") & (records["snr_db"] == records["snr_db"].max())
     records.loc[(records["estimator"] == "blob") & (records["family"] == "town"), "status"] = "timeout"
-    grids = population_grids(records[~lost])
+    grids = PopulationKind().tables(records[~lost])
     titles = [grid.title.partition(":")[0] for grid in grids]
     assert f"crowd, {records['snr_db'].min():g} dB" in titles
     assert f"crowd, {records['snr_db'].max():g} dB" not in titles

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.imaging_study import average_scenarios, summarise_scores
-from isacbench.bench.studies.intervals import mean_band
-from isacbench.report.tables.image_tables import SHOWN, score_grids
-from isacbench.report.tables.tables_by_kind import write_run_tables
 
+from isacbench.bench.kinds.imaging import ImagingKind
+from isacbench.bench.kinds.scores import average_scenarios, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run.runner import run
+from isacbench.bench.statistics import mean_band
 from isacbench.bench.suites.suite import Suite
+from isacbench.report.run_tables import write_run_tables
 from tests.report.tables.printed import printed
 
 N_TRIALS = 5
@@ -72,7 +72,9 @@ def test_a_failure_among_others_is_left_out_of_their_mean(records):
         summary = summarise_scores(blob)
         assert sorted(summary["n_failed"]) == [0, 0, 0, 1], failure
         assert summary["deviation_mean"].notna().all(), failure
-        assert any("(1 failed)" in cell for row in score_grids(blob)[0].rows for cell in row), failure
+        assert any("(1 failed)" in cell for row in ImagingKind().tables(blob)[0].rows for cell in row), (
+            failure
+        )
 
 
 def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(records):
@@ -80,7 +82,7 @@ def test_fewer_than_five_trials_have_a_mean_and_no_band_and_the_title_says_so(re
     summary = summarise_scores(few)
     assert summary["deviation_mean"].notna().all()
     assert summary["deviation_band"].isna().all()
-    (grid,) = score_grids(few)
+    (grid,) = ImagingKind().tables(few)
     times = "median processor time (not measured alone) of an image"
     assert grid.title == f"tiny: mean of 4 trials, no confidence band below 5; {times}"
     assert not any("±" in cell for row in grid.rows for cell in row)
@@ -110,7 +112,7 @@ def test_labels_show_only_the_parameters_in_which_variants_differ():
 
 
 def test_the_grid_has_a_row_an_snr_in_order_and_the_time_last(records):
-    (grid,) = score_grids(records)
+    (grid,) = ImagingKind().tables(records)
     assert [row[0] for row in grid.rows] == ["-10", "0", "time [ms]"]
     assert all(len(row) == len(grid.header) for row in grid.rows)
     assert grid.header[1] == "blob[n=4]: deviation"
@@ -120,14 +122,17 @@ def test_the_grid_has_a_row_an_snr_in_order_and_the_time_last(records):
 def test_the_time_is_the_median_of_cells_that_did_not_fail_whatever_their_snr(records):
     records = records.assign(time_estimate_s=np.arange(len(records)) ** 2 / 1e3)
     times_s = records[records["params"].str.contains('"n":5')]["time_estimate_s"]
-    (grid,) = score_grids(records)
+    (grid,) = ImagingKind().tables(records)
     assert grid.rows[-1][1 + N_SCORES] == f"{1e3 * times_s.median():.1f}"
     assert grid.rows[-1][-N_SCORES:] == [""] * N_SCORES
 
 
 def test_further_scores_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_hold(records):
-    (four,), (two,) = score_grids(records), score_grids(records[records["estimator"] == "blob"])
-    (one,) = score_grids(records[records["params"].str.contains('"n":5')])
+    (four,), (two,) = (
+        ImagingKind().tables(records),
+        ImagingKind().tables(records[records["estimator"] == "blob"]),
+    )
+    (one,) = ImagingKind().tables(records[records["params"].str.contains('"n":5')])
     assert four.header[1:6] == ["blob[n=4]: deviation", "Hausdorff [m]", "F-score", "objects", "GOSPA skill"]
     shown = [
         [name for name in ("objects", "GOSPA", "precision", "recall") if name in "".join(printed(grid))]
@@ -146,7 +151,7 @@ def test_further_scores_are_in_the_file_and_in_a_terminal_as_far_as_100_columns_
 
 
 def test_brackets_survive_in_the_terminal(records):
-    assert "blob[n=5]" in "".join(printed(score_grids(records)[0]))
+    assert "blob[n=5]" in "".join(printed(ImagingKind().tables(records)[0]))
 
 
 def test_tables_are_written_and_replaced(records, tmp_path):
@@ -181,12 +186,12 @@ def test_scenarios_count_once_each_in_their_mean_however_many_trials_they_have(m
 
 
 def test_of_many_scenarios_their_mean_is_printed_and_each_is_a_detail(many):
-    first, *others = score_grids(many)
+    first, *others = ImagingKind().tables(many)
     assert first.title.startswith("mean over 13 scenarios, 95 % confidence band;")
     assert not first.is_detail
     assert first.rows[0][1] == "6.00 ±2.35"
     assert len(others) == 13
     assert all(grid.is_detail for grid in others)
-    few = score_grids(many[many["scenario"] != "town[seed=12]"])
+    few = ImagingKind().tables(many[many["scenario"] != "town[seed=12]"])
     assert len(few) == 12
     assert not any(grid.is_detail for grid in few)

@@ -1,12 +1,12 @@
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.imaging_study import summarise_scores
-from isacbench.report.tables.image_tables import score_grids
-from isacbench.report.tables.stage_tables import is_timed, stage_grids, summarise_stages
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.cells.record import TIMING_COLUMNS
+from isacbench.bench.kinds.imaging import ImagingKind
+from isacbench.bench.kinds.scores import summarise_scores
+from isacbench.bench.run_times import is_timed, stage_tables, summarise_stages
+from isacbench.report.run_tables import tables_of, write_run_tables
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def records(made_run):
 
 
 def test_a_row_has_the_median_times_of_an_estimator_and_leaves_stages_without_time_empty(records):
-    street, yard = stage_grids(records)
+    street, yard = stage_tables(records)
     assert (
         street.title == "street: median processor time of an estimate and its stages [ms], peak memory [MiB]"
     )
@@ -51,7 +51,7 @@ def test_a_row_has_the_median_times_of_an_estimator_and_leaves_stages_without_ti
 def test_every_table_of_a_run_shows_the_same_median_time(records):
     records["time_estimate_s"] = np.arange(len(records)) ** 2 / 1e6
     records.loc[records["trial"] == 2, "timing"] = records["snr_db"] != records["snr_db"].iloc[0]
-    (summary, _), (street, _) = score_grids(records), stage_grids(records)
+    (summary, _), (street, _) = ImagingKind().tables(records), stage_tables(records)
     assert summary.rows[-1][1] == f"{float(street.rows[0][2]):.1f}"
     at_each_snr = summarise_scores(records)
     medians = summarise_stages(records).merge(at_each_snr, on=["scenario", "estimator", "params", "snr_db"])
@@ -70,19 +70,19 @@ def test_failures_and_rows_whose_times_do_not_count_are_left_out(records):
 
 def test_the_spread_of_single_repeats_is_empty(records):
     records["time_spread_s"] = np.nan
-    assert stage_grids(records)[0].rows[0][3] == ""
+    assert stage_tables(records)[0].rows[0][3] == ""
 
 
 def test_an_estimator_that_failed_everywhere_has_no_row(records):
     records.loc[records["estimator"] == "nomp4d", "status"] = "timeout"
-    assert [row[0] for row in stage_grids(records)[0].rows] == ["blob"]
+    assert [row[0] for row in stage_tables(records)[0].rows] == ["blob"]
     records["status"] = "killed"
-    assert stage_grids(records) == []
+    assert stage_tables(records) == []
 
 
 def test_scenes_of_one_template_share_a_table(records):
     records["template"] = "room"
-    (grid,) = stage_grids(records)
+    (grid,) = stage_tables(records)
     assert grid.title.startswith("room: ")
     assert [row[1] for row in grid.rows] == ["18", "18"]
 
@@ -93,20 +93,20 @@ def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_wa
     written = pd.read_csv(tmp_path / "stages.csv")
     pd.testing.assert_frame_equal(written, summarise_stages(records).reset_index(drop=True))
     assert (tmp_path / "stages.md").read_text().count("**street: median processor time of an estimate") == 1
-    shown = score_grids(records) + stage_grids(records)
-    assert grids_of(records)[: len(shown)] == shown
+    shown = ImagingKind().tables(records) + stage_tables(records)
+    assert tables_of(records)[: len(shown)] == shown
 
 
 def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tmp_path):
     ordinary = records.drop(columns=[*TIMING_COLUMNS]).assign(timing=False)
     assert not is_timed(ordinary)
     assert [path.name for path in write_run_tables(tmp_path, ordinary)] == ["summary.csv", "summary.md"]
-    assert grids_of(ordinary) == score_grids(ordinary)
+    assert tables_of(ordinary) == ImagingKind().tables(ordinary)
 
 
 def test_of_many_scenarios_all_together_are_printed_and_each_is_a_detail(records):
     parts = [records.assign(scenario=f"town[seed={seed}]") for seed in range(13)]
-    first, *others = stage_grids(pd.concat(parts, ignore_index=True))
+    first, *others = stage_tables(pd.concat(parts, ignore_index=True))
     assert first.title.startswith("13 scenarios: median processor time")
     assert first.rows[0][:3] == ["blob", str(13 * 18), "12.00"]
     assert [grid.is_detail for grid in (first, *others)] == [False, *[True] * 13]

@@ -4,14 +4,13 @@ from pkgutil import resolve_name
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.suites.detection_kind import DetectionSuite
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
-from isacbench.report.tables.failures import failure_grids
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS
+from isacbench.report.run_tables import failure_tables, tables_of, write_run_tables
 from tests.report.tables.printed import printed
 
 WIDTH = 100
@@ -74,7 +73,7 @@ def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
     times_s = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
     records["time_estimate_s"] = np.where(records["status"] == "error", 1e6, times_s)
     wanted = records[records["estimator"] == "seer"]["time_estimate_s"].median()
-    first = grids_of(records, kind)[0]
+    first = tables_of(records, kind)[0]
     text = first.title if kind == "efficiency" else f"time {first.rows[-1][2]} ms"
     assert text.replace(" (not measured alone)", "").endswith(f"time {1e3 * wanted:.1f} ms")
 
@@ -84,7 +83,7 @@ def test_every_table_fits_a_terminal_of_a_hundred_columns_and_is_written_with_th
     rows_of, tmp_path, kind
 ):
     records = rows_of(kind)
-    grids = grids_of(records, kind)
+    grids = tables_of(records, kind)
     for grid in grids:
         assert all(len(row) == len(grid.header) for row in grid.rows)
         assert max(map(len, printed(grid))) <= WIDTH
@@ -93,11 +92,11 @@ def test_every_table_fits_a_terminal_of_a_hundred_columns_and_is_written_with_th
     assert len(summary) == len(resolve_name(KINDS[kind].tables.summary)(records))
     assert isinstance(json.loads(summary["params"].iloc[0]), dict)
     lines = paths[1].read_text(encoding="utf-8").splitlines()
-    assert sum(line.startswith("**") for line in lines) == len(grids) + len(failure_grids(records))
+    assert sum(line.startswith("**") for line in lines) == len(grids) + len(failure_tables(records))
 
 
 def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(rows_of):
-    seer, failed, empty = grids_of(rows_of("efficiency"), "efficiency")
+    seer, failed, empty = tables_of(rows_of("efficiency"), "efficiency")
     assert seer.title.startswith(
         "room, seer: error over Cramér-Rao bound, 2 trials, no confidence interval below 5"
     )
@@ -107,7 +106,7 @@ def test_efficiency_has_a_table_an_estimator_with_misses_failures_and_ratios(row
 
 
 def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(rows_of):
-    first, second = grids_of(rows_of("resolution"), "resolution")
+    first, second = tables_of(rows_of("resolution"), "resolution")
     assert [row[:2] for row in first.rows] == [
         ["velocity", "0.25"],
         ["", "1"],
@@ -121,7 +120,7 @@ def test_resolution_has_a_row_a_distance_under_the_name_of_its_dimension(rows_of
 
 
 def test_detection_has_a_table_a_map_at_the_papers_rate_and_one_a_scenario(rows_of):
-    homogeneous, interferers, tiny, more = grids_of(rows_of("detection"), "detection")
+    homogeneous, interferers, tiny, more = tables_of(rows_of("detection"), "detection")
     assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
     assert homogeneous.header[1:4] == interferers.header[1:4] == ["level", "ca", "osca"]
     assert [row[0] for row in homogeneous.rows] == ["10", "20"]

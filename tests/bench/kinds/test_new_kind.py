@@ -4,22 +4,22 @@ import sys
 from pkgutil import resolve_name
 
 import pytest
-from isacbench.bench.studies.medians import summarise
-from isacbench.bench.studies.study import ImagedScene, build_estimators
 from isacbench.bench.suites.kind import Kind, Tables
-from isacbench.report.tables.run_tables import Grid
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.statistics import summarise
 from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS, load_suite
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_tables import tables_of, write_run_tables
+from isacbench.report.table_texts import Grid
 
 KEY = ["scenario", "estimator", "params"]
 
@@ -86,7 +86,7 @@ def test_a_new_kind_is_run_stored_tabulated_and_drawn(suite, tmp_path):
     assert records["n_counted"].tolist() == [7, 7]
     stored = read_results(tmp_path / "run")
     assert stored.suite == suite
-    (grid,) = grids_of(stored.records, "count")
+    (grid,) = tables_of(stored.records, "count")
     assert grid.rows == [["blob", "14"]]
     names = [path.name for path in write_run_tables(tmp_path / "run", stored.records, "count")]
     assert names == ["summary.csv", "summary.md"]

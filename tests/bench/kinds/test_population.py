@@ -3,12 +3,17 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.intervals import mean_band, median_interval
-from isacbench.bench.studies.population_study import ALL, scene_cells, spread_levels, summarise_population
-from isacbench.bench.suites.population_kind import PopulationSuite
 
+from isacbench.bench.kinds.population import (
+    ALL,
+    PopulationSuite,
+    scene_cells,
+    spread_levels,
+    summarise_population,
+)
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
+from isacbench.bench.statistics import mean_band, median_interval
 from isacbench.bench.studies import lone_targets
 from isacbench.model.scenes.scenario import load_scenario
 

@@ -4,11 +4,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.detection_study import MAP_GAIN_DB, count_cells, summarise_detection
-from isacbench.bench.studies.power_maps import draw_power_map
-from isacbench.bench.suites.detection_kind import DetectionSuite
 
 from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.kinds.detection import MAP_GAIN_DB, DetectionKind, DetectionSuite, count_cells
+from isacbench.bench.kinds.power_maps import draw_power_map
 from isacbench.bench.run.runner import run
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
@@ -72,7 +71,7 @@ def test_maps_meet_every_detector_at_every_rate_and_scenarios_the_estimators_beh
     assert {json.loads(params)["detector"]["name"] for params in imaged["params"]} == {"level", "ca"}
     assert np.isfinite(imaged["deviation"]).all()
     # An estimator that does not show its map has nothing counted.
-    summary = summarise_detection(records)
+    summary = DetectionKind().summary(records)
     imaged = summary[summary["scenario"] == "tiny"]
     assert (imaged["n_targets"] == 0).all()
     assert imaged["pd"].isna().all()
@@ -112,7 +111,7 @@ def test_a_detector_that_fails_is_a_row_with_its_reason_and_one_that_sees_nothin
     bad = {kind: f"bad[kind={kind}]" for kind in (*FAILURES, "none")}
     records = run(suite.replace(detectors=[*bad.values(), "level"], pfa=[1e-3]), snr_db=[0], trials=1)
     on_map = records[records["scenario"] == "homogeneous"].set_index("detector")
-    summary = summarise_detection(records).set_index(["scenario", "detector"])
+    summary = DetectionKind().summary(records).set_index(["scenario", "detector"])
     for kind, reason in FAILURES.items():
         row = on_map.loc[bad[kind]]
         assert (row["status"], row["reason"], row["n_targets"]) == ("error", reason, 0)
@@ -160,22 +159,22 @@ def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of
 
 
 def test_the_summary_pools_the_counts_of_trials(records):
-    summary = summarise_detection(records)
+    summary = DetectionKind().summary(records)
     row = summary[(summary["estimator"] == "ca") & (summary["pfa"] == 1e-2)].iloc[0]
     part = records[(records["params"] == row["params"]) & (records["snr_db"] == row["snr_db"])]
     assert row["n_cells"] == len(part) == 2
     assert row["pd"] == part["n_hits"].sum() / part["n_targets"].sum()
     assert math.isnan(row["pd_low"])
-    often = summarise_detection(pd.concat([records] * 3, ignore_index=True)).loc[row.name]
+    often = DetectionKind().summary(pd.concat([records] * 3, ignore_index=True)).loc[row.name]
     assert often["pd_low"] < row["pd"] == often["pd"] < often["pd_high"]
     assert row["pfa_measured"] == part["n_false"].sum() / part["n_clear"].sum()
     assert math.isnan(row["deviation_mean"])
 
 
 def test_the_summary_counts_failures(records):
-    assert not summarise_detection(records)["n_failed"].any()
+    assert not DetectionKind().summary(records)["n_failed"].any()
     struck = records["detector"].str.startswith("ca") & (records["trial"] == 1)
-    summary = summarise_detection(records.assign(status=records["status"].mask(struck, "timeout")))
+    summary = DetectionKind().summary(records.assign(status=records["status"].mask(struck, "timeout")))
     assert (summary["n_failed"] == summary["detector"].str.startswith("ca")).all()
 
 

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.efficiency_study import measure_efficiency, summarise_efficiency
 
+from isacbench.bench.kinds.efficiency import EfficiencyKind, measure_efficiency
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
@@ -96,7 +96,7 @@ def test_who_sees_the_truth_hits_without_error(records):
 
 def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
     records = run(suite, estimators=["trouble", "trouble[kind=empty]"])
-    summary = summarise_efficiency(records).set_index(["params", "snr_gain_db"])
+    summary = EfficiencyKind().summary(records).set_index(["params", "snr_gain_db"])
     assert summary["n_trials"].tolist() == [3] * 4
     assert summary.xs('{"kind":"raise"}')["n_failed"].tolist() == [3, 3]
     assert summary.xs('{"kind":"raise"}')["n_misses"].tolist() == [0, 0]
@@ -119,7 +119,7 @@ def test_the_summary_takes_errors_of_hits_alone():
         **{name: [3.0, -4.0, math.nan, math.nan] for name in ERRORS},
         **{name: [2.0, 2.0, 2.0, math.nan] for name in BOUNDS},
     }
-    (row,) = summarise_efficiency(pd.DataFrame(rows)).to_dict("records")
+    (row,) = EfficiencyKind().summary(pd.DataFrame(rows)).to_dict("records")
     assert row["ratio_u"] == pytest.approx(math.sqrt(12.5) / 2)
     assert row["rmse_range_m"] == pytest.approx(math.sqrt(12.5))
     assert row["bound_w"] == 2.0
@@ -131,7 +131,7 @@ def test_the_summary_takes_errors_of_hits_alone():
 @pytest.mark.slow
 def test_an_efficient_estimate_of_range_meets_the_bound_on_the_built_in_scenario():
     records = run("efficiency", estimators=["fft4d"], snr_db=[-45.7], trials=100)
-    (row,) = summarise_efficiency(records).to_dict("records")
+    (row,) = EfficiencyKind().summary(records).to_dict("records")
     assert row["n_misses"] == 0
     assert row["ratio_range_low"] < 1.05
     assert row["ratio_range_high"] > 0.95

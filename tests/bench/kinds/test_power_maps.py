@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.power_maps import MAPS, SITE, draw_power_map, near
 
+from isacbench.bench.kinds.power_maps import MAPS, SITE, draw_power_map, near
 from isacbench.plugins.registry import get_detector
 
 N_SITES = 128

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from isacbench.bench.studies.link_study import outside_interval, signals_of, summarise_link
-from isacbench.bench.suites.link_kind import LINK, LinkSuite
 
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.kinds.link import LinkKind, LinkSuite, outside_interval, signals_of
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
@@ -90,12 +89,12 @@ def test_rates_fall_with_errors_from_what_the_prs_leaves(records):
 
 
 def test_the_summary_pools_bits_and_averages_deviations(records):
-    summary = summarise_link(records)
+    summary = LinkKind().summary(records)
     received = summary.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
     rows = records.query("channel == 'awgn' and modulation == 'qpsk' and snr_db == 0")
     assert received["n_bits"].sum() == rows["n_bits"].sum()
     assert received[["ber_low", "ber_high"]].isna().all(axis=None)
-    often = summarise_link(pd.concat([records] * 3, ignore_index=True)).loc[received.index]
+    often = LinkKind().summary(pd.concat([records] * 3, ignore_index=True)).loc[received.index]
     assert ((often["ber_low"] < received["ber"]) & (received["ber"] < often["ber_high"])).all()
     assert (received["ber"] == received["n_bit_errors"] / received["n_bits"]).all()
     one = summary.query("scenario == 'tiny-prs' and snr_db == 60")
@@ -105,7 +104,7 @@ def test_the_summary_pools_bits_and_averages_deviations(records):
 
 
 def test_counts_of_errors_lie_within_the_family_wise_interval_and_others_are_told(records):
-    summary = summarise_link(records)
+    summary = LinkKind().summary(records)
     outside = outside_interval(summary)
     assert len(outside) == 2 * 2 * 2
     assert not outside.any()
@@ -151,7 +150,7 @@ def test_scenarios_of_different_systems_are_refused(suite, tiny):
 
 
 def test_columns_of_the_link_have_the_direction_that_is_better():
-    columns = [*COLUMNS, *LINK.columns]
+    columns = [*COLUMNS, *LinkKind.columns]
     assert direction("rate_bps", DESCRIBED, columns) == "higher"
     assert {direction(name, DESCRIBED, columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
     for name in ("n_bits", "ber_expected"):

@@ -6,14 +6,13 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.bench.studies.resolution_study import (
+
+from isacbench.bench.kinds.resolution import (
+    ResolutionKind,
+    ResolutionSuite,
     measure_resolution,
     pair,
-    resolution_scenes,
-    summarise_resolution,
 )
-from isacbench.bench.suites.resolution_kind import ResolutionSuite
-
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.model.cloud import PointCloud
@@ -59,7 +58,7 @@ def test_scenes_of_a_template_do_not_repeat_its_warnings(suite, room):
     stray = Scatterers(np.array([[-1.0, 0.0, 0.0]]), np.zeros(1), np.ones(1))
     with pytest.warns(InputWarning, match="outside the region"):
         template = dataclasses.replace(room, scatterers=stray)
-    assert len(resolution_scenes(suite, {"room": template})) == 8
+    assert len(ResolutionKind().scenes(suite, {"room": template})) == 8
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
@@ -143,7 +142,7 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
         for phase_deg, found in ((0.0, [1, 0]), (90.0, [0, 0]), (180.0, [1, 1]))
         for trial, resolved in enumerate(map(bool, found))
     ]
-    (row,) = summarise_resolution(pd.DataFrame(rows)).to_dict("records")
+    (row,) = ResolutionKind().summary(pd.DataFrame(rows)).to_dict("records")
     assert row["resolved"] == 0.5
     assert (row["resolved_worst"], row["worst_phase_deg"]) == (0.0, 90.0)
     assert row["resolved_in_phase"] == 0.5
@@ -152,9 +151,9 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
     assert math.isnan(row["resolved_low"])
     often = pd.concat([pd.DataFrame(rows).assign(trial=trial) for trial in range(5)])
     assert (
-        summarise_resolution(often)["resolved_low"].item()
+        ResolutionKind().summary(often)["resolved_low"].item()
         < 0.5
-        < summarise_resolution(often)["resolved_high"].item()
+        < ResolutionKind().summary(often)["resolved_high"].item()
     )
 
 

@@ -1,5 +1,6 @@
 import pandas as pd
-from isacbench.bench.studies.medians import median_times
+
+from isacbench.bench.statistics import median_times
 
 
 def rows(**columns):

@@ -2,7 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from isacbench.bench.studies.intervals import (
+from scipy.stats import binom, binomtest, chi2, multinomial
+
+from isacbench.bench.statistics import (
     exact_interval,
     mean_band,
     median_interval,
@@ -11,7 +13,6 @@ from isacbench.bench.studies.intervals import (
     student_band,
     wilson_interval,
 )
-from scipy.stats import binom, binomtest, chi2, multinomial
 
 
 def test_the_interval_of_normal_errors_is_that_of_chi_square_where_squares_spread_as_theirs():

@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from isacbench.report.tables.pareto import pareto_frontier, summarise_points, summarise_times, timed_rows
 
 from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.run_times import pareto_frontier, summarise_points, summarise_times, timed_rows
 
 # Few values: ties are the rule.
 alternatives = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=12)
