@@ -188,7 +188,7 @@ class Column:
     optional: int = 0
     part: int = 1
 
-    def text(self, row: Mapping[Hashable, Any]) -> str:
+    def text(self, row: Mapping[Any, Any]) -> str:
         """Text of a row."""
         value: Any = row if self.key is None else row.get(self.key)
         if value is None or (isinstance(value, float) and math.isnan(value)):
@@ -215,7 +215,7 @@ class Table:
 
     title: str
     columns: Sequence[Column]
-    rows: pd.DataFrame | Sequence[Mapping[Hashable, Any]] = field(repr=False)
+    rows: pd.DataFrame | Sequence[Mapping[Any, Any]] = field(repr=False)
     is_detail: bool = False
 
     @property
@@ -238,15 +238,13 @@ def text_table(
     return Table(title, columns, [dict(enumerate(row)) for row in rows], is_detail)
 
 
-def spread_rows(
-    table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]
-) -> list[dict[Hashable, Any]]:
+def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]) -> list[dict[Any, Any]]:
     """Turn a summary into rows of a table.
 
     Each has the values of the columns `rows`, and by the values of the columns `columns`, a tuple, the
     records of the summary.
     """
-    found: dict[tuple[Any, ...], dict[Hashable, Any]] = {}
+    found: dict[tuple[Any, ...], dict[Any, Any]] = {}
     for record in table.to_dict("records"):
         key = tuple(record[name] for name in rows)
         row = found.setdefault(key, dict(zip(rows, key, strict=True)))

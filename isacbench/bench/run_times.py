@@ -95,7 +95,7 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
 
 def _stage_table(name: str, table: pd.DataFrame) -> Table:
     labels = short_labels(estimator_labels(variants_in(table)))
-    milliseconds = {"form": "{:.2f}", "scale": 1e3}
+    milliseconds: dict[str, Any] = {"form": "{:.2f}", "scale": 1e3}
     columns = [
         Column("estimator", "label", part=0),
         Column("cells", "n_timed"),

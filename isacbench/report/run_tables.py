@@ -69,7 +69,9 @@ def _gain_tables(folder: Path, manifest: Mapping[str, Any]) -> list[Table]:
     if not draws.empty or manifest["suite"].get("sensing", ["all"]) != ["all"]:
         return []
     gains_db = {name: median_gain_db(scenario) for name, scenario in scenarios.items()}
-    rows = [{"scenario": name, "gain": f"{gain_db:+.1f}"} for name, gain_db in gains_db.items()]
+    rows: list[dict[str, str]] = [
+        {"scenario": name, "gain": f"{gain_db:+.1f}"} for name, gain_db in gains_db.items()
+    ]
     if len(gains_db) > MANY_SCENARIOS:
         extent = f"{min(gains_db.values()):+.1f} to {max(gains_db.values()):+.1f}"
         rows = [{"scenario": f"{len(gains_db)} scenarios", "gain": extent}]

@@ -236,9 +236,10 @@ def _map_charts(summary: pd.DataFrame) -> ChartGroup:
     snrs_db = np.linspace(part["snr_gain_db"].min(), part["snr_gain_db"].max(), 61)
     limit = Series(KNOWN_NOISE, snrs_db, known_noise_rate(snrs_db, rate), style=KNOWN_NOISE_STYLE)
     above, below = [], []
-    for name, own in part.groupby("scenario", sort=False):
+    for scenario, own in part.groupby("scenario", sort=False):
+        name = str(scenario)
         series = _by_detector(own, lines, "snr_gain_db", "pd", "pd")
-        above.append(Chart(str(name), x, detected, [*series, limit]))
+        above.append(Chart(name, x, detected, [*series, limit]))
         series = _by_detector(own, lines, "snr_gain_db", "false", "false")
         below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
     n_trials = int(part["n_cells"].max())

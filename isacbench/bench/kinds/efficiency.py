@@ -140,11 +140,12 @@ class EfficiencyKind(Kind):
             *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in DIMENSIONS),
         ]
         found = []
-        for (scenario, *variant), part in summary.groupby(CURVE, sort=False):
+        for key, part in summary.groupby(CURVE, sort=False):
+            scenario, *variant = map(str, key)
             band = trials_and_band(int(part["n_trials"].max()), "interval")
             label = lines[variant[0], variant[1]].label
             title = f"{scenario}, {label}: error over Cramér-Rao bound, {band}"
-            time_ms = 1e3 * times_s.get((scenario, *variant), math.nan)
+            time_ms = 1e3 * times_s.get(key, math.nan)
             title += number_or_blank(time_ms, f"; {time_words(rows)} {{:.1f}} ms")
             found.append(Table(title, columns, part.sort_values("snr_gain_db")))
         return found
@@ -229,7 +230,7 @@ def _measured(part: pd.DataFrame) -> pd.DataFrame:
     """Leave out errors of one hit among many trials, and give errors the relative band of their ratio."""
     n_hits = part["n_trials"] - part["n_failed"] - part["n_misses"]
     is_measured = (n_hits > 1) | (part["n_trials"] == 1)
-    columns = {}
+    columns: dict[str, Any] = {}
     for name, (column, _) in UNITS.items():
         for end in ("", "_low", "_high"):
             ratio = part[f"ratio_{name}{end}"].where(is_measured)

@@ -120,4 +120,4 @@ def title_stems(table: pd.DataFrame, column: str) -> Iterator[tuple[str, str, pd
     """Go through the parts of a table by the names in a column: name, stem of a file name, and rows."""
     stems = file_stems(table[column].unique())
     for name, part in table.groupby(column, sort=False):
-        yield str(name), stems[name], part
+        yield str(name), stems[str(name)], part

@@ -183,8 +183,9 @@ class LinkKind(Kind):
         times_s, found = median_times(rows, IMAGED)[f"{TIME}_median"], number_tables(sensed)
         labels = short_labels(estimator_labels(variants_in(sensed)))
         for key, part in sensed.groupby(IMAGED, sort=False):
+            template, name, params = map(str, key)
             title = (
-                f"{key[0]}, {labels[key[1], key[2]]}: mean imaging deviation by what is sensed with, "
+                f"{template}, {labels[name, params]}: mean imaging deviation by what is sensed with, "
                 f"{trials_and_band(int(part['n_cells'].max()), 'interval')}"
             )
             time_ms = 1e3 * times_s.get(key, math.nan)
@@ -193,8 +194,9 @@ class LinkKind(Kind):
             found += _over_snr(title, part, SIGNAL, signals, deviation_text, SIGNALS_A_TABLE)
         labels, outside = receiver_labels(received), outside_interval(received)
         for key, part in received.groupby(["channel", *VARIANT], sort=False):
+            channel, name, params = map(str, key)
             title = (
-                f"{key[0]}, {labels[key[1], key[2]]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
+                f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
                 f"{counted(part['n_cells'].max(), 'frame')}"
             ) + _expectation(outside.reindex(part.index).dropna())
             modulations = {(one,): one.upper() for one in part["modulation"].unique()}
@@ -259,10 +261,11 @@ def _signal_series(part: pd.DataFrame) -> list[Series]:
     """Deviations of one estimator, a line a signal."""
     found = []
     for key, rows in part.groupby(SIGNAL, sort=False):
+        signal = tuple(map(str, key))
         low, high = interval(rows, "deviation_mean", "deviation")
-        label = f"image, {signal_label(key)}"
+        label = f"image, {signal_label(signal)}"
         found.append(
-            Series(label, rows["snr_db"], rows["deviation_mean"], low, high, style=_signal_style(key))
+            Series(label, rows["snr_db"], rows["deviation_mean"], low, high, style=_signal_style(signal))
         )
     return found
 
@@ -295,7 +298,7 @@ def _trade_charts(
             elif division in ("", "reciprocal"):
                 texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]]
             series.append(Series(label, rows["rate_gbps"], rows["deviation_mean"], style=style, texts=texts))
-        top = 1.06 * max((float(np.nanmax([*one.y, 0.0])) for one in series), default=0.0) or 1.0
+        top = 1.06 * max((float(np.nanmax(np.append(one.y, 0.0))) for one in series), default=0.0) or 1.0
         y = Axis("imaging deviation", limits=(0.0, top))
         charts.append(Chart(f"Image by {labels[variant]}", Axis("achievable bit rate [Gbit/s]"), y, series))
     title = (
@@ -350,7 +353,7 @@ def _over_snr(
     title: str,
     part: pd.DataFrame,
     by: Sequence[str],
-    headings: Mapping[tuple[str, ...], str],
+    headings: Mapping[Any, str],
     write: Any,
     most: int,
 ) -> list[Table]:

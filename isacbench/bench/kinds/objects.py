@@ -68,12 +68,12 @@ def object_means(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
-    references, means = find_limits(rows), object_means(rows)
+    references, means = find_limits(rows), object_means(rows).to_dict("index")
     shown = []
-    for variant in (one for one in labels if one in means.index):
+    for variant in (one for one in labels if one in means):
         name = labels[variant]
         is_marked = variant[0] not in references or name.endswith("(ref.)")
-        shown.append({"label": name if is_marked else f"{name} (ref.)", **means.loc[variant].to_dict()})
+        shown.append({"label": name if is_marked else f"{name} (ref.)", **means[variant]})
     columns = [Column("estimator", "label", part=0)]
     for column, heading in OBJECT_TOTALS.items():
         columns.append(

@@ -477,7 +477,7 @@ def _ratio_table(parts: dict[str, pd.DataFrame], labels: Mapping[Variant, str], 
             for number, (name, part) in enumerate(shown.items(), start=1)
         ),
     ]
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"label": label, **{name: own.get(variant) for name, own in entries.items()}}
         for variant, label in labels.items()
     ]

@@ -178,7 +178,7 @@ class ResolutionKind(Kind):
                 # A dimension is named where its rows start.
                 line["heading"] = "" if line["dimension"] == before.get("dimension") else line["dimension"]
             variants = variants_in(part)
-            times = {one: {"time_s": times_s.get((*key, *one), math.nan)} for one in variants}
+            times: dict[Any, Any] = {one: {"time_s": times_s.get((*key, *one), math.nan)} for one in variants}
             lines.append({"heading": "time [ms]", **times})
             for batch in batched(variants, ESTIMATORS_A_TABLE):
                 columns = [

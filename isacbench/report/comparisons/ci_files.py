@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
+from isacbench.charts import text_table
 from isacbench.files.escaping import counted, in_markdown, shortened, visible
 from isacbench.report.comparisons.comparison_tables import (
     cell_lines,
@@ -59,9 +60,9 @@ def comparison_markdown(comparison: Comparison) -> str:
         *_items([*said.heading, *effect_lines(comparison)]),
         "",
     ]
-    for grid in comparison_grids(comparison):
-        bounded = [[shortened(cell, MAX_LINE) for cell in row] for row in grid.rows]
-        lines += markdown(grid._replace(rows=bounded)).split("\n")
+    for table in comparison_grids(comparison):
+        bounded = [[shortened(text, MAX_LINE) for text in row] for row in table.texts]
+        lines += markdown(text_table(table.title, table.headings, bounded)).split("\n")
     return _bounded(lines + _items(comparison_lines(comparison)))
 
 

@@ -96,7 +96,7 @@ def _legend(group: ChartGroup) -> list[Artist]:
         marker = _marker(first.style, colour)
         if len(symbols) == 1 and first.style.symbol == "x":
             marker["marker"] = MARKERS[symbols.pop()]
-        line = "" if first.mark == "points" else LINES[first.style.dash]
+        line: Any = "" if first.mark == "points" else LINES[first.style.dash]
         entries.append(Line2D([], [], color=colour, linestyle=line, label=text, **marker))
     return entries
 
