@@ -12,10 +12,11 @@ from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser, Estimator
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
+from isacbench.report.drawing.chart_figures import draw_charts
 from isacbench.report.drawing.style import drawable
 from isacbench.report.figures.map_figures import draw_map
 from isacbench.report.figures.run_figures import best_variants
-from isacbench.report.figures.spectrum_figures import draw_spectra
+from isacbench.report.figures.spectrum_figures import spectrum_charts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -175,10 +176,10 @@ def diagnosis_figures(results: Results, scenario: str, snr_db: float, trial: int
     seen, scene = [one for one in found if one is not None], results.scenarios[scenario]
     stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in seen])
     for one, stem in zip(seen, stems.values(), strict=True):
-        title = drawable(f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}")
-        yield f"rdm-{stem}", draw_map(title, one.diagnosis, scene.system, one.noise_power)
+        title = f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}"
+        yield f"rdm-{stem}", draw_map(drawable(title), one.diagnosis, scene.system, one.noise_power)
         if one.diagnosis.spectra:
-            yield f"spectrum-{stem}", draw_spectra(title, one.diagnosis, scene)
+            yield f"spectrum-{stem}", draw_charts(spectrum_charts(title, one.diagnosis, scene))
 
 
 def _diagnosers(suite: Suite) -> dict[Variant, Diagnoser]:

@@ -4,7 +4,7 @@ import pytest
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
 from isacbench.report.figures.map_figures import draw_map
-from isacbench.report.figures.spectrum_figures import draw_spectra
+from isacbench.report.figures.spectrum_figures import spectrum_charts
 
 RANGE_BINS, DOPPLER_BINS = np.arange(80, 86), np.arange(-2, 3)
 
@@ -52,26 +52,26 @@ def test_spectra_show_threshold_peaks_and_the_true_directions_of_the_cell(scenar
         Spectrum(cosine, -np.abs(cosine), -0.5, np.array([-0.2, 0.3]), "u"),
         Spectrum(cosine, -np.abs(cosine), None, np.empty(0), "w"),
     ]
-    figure = draw_spectra("title", diagnosis_of((range_bin, 0), spectra), scenario)
-    assert "1 scatterer" in figure.get_suptitle()
-    along_u, along_w = figure.axes
-    level, threshold, peaks, true = along_u.lines
-    np.testing.assert_array_equal(level.get_xdata(), cosine)
-    np.testing.assert_array_equal(threshold.get_ydata(), np.full(21, -0.5))
-    np.testing.assert_allclose(peaks.get_ydata(), [-0.2, -0.3])
-    np.testing.assert_allclose(true.get_xdata(), u)
-    assert along_u.get_xlabel() == "direction cosine u"
-    level, peaks, true = along_w.lines
-    np.testing.assert_allclose(true.get_xdata(), w)
+    group = spectrum_charts("title", diagnosis_of((range_bin, 0), spectra), scenario)
+    assert "1 scatterer" in group.title
+    along_u, along_w = group.charts
+    level, threshold, peaks, true = along_u.series
+    np.testing.assert_array_equal(level.x, cosine)
+    np.testing.assert_array_equal(threshold.y, np.full(21, -0.5))
+    np.testing.assert_allclose(peaks.y, [-0.2, -0.3])
+    np.testing.assert_allclose(true.x, u)
+    assert along_u.x.title == "direction cosine u"
+    level, peaks, true = along_w.series
+    np.testing.assert_allclose(true.x, w)
 
 
 def test_spectra_of_a_cell_without_scatterers_have_no_true_directions(scenario):
     cosine = np.linspace(-1, 1, 21)
     spectrum = Spectrum(cosine, cosine, np.zeros(21), np.empty(0), "u")
-    (axes,) = draw_spectra("title", diagnosis_of((0, 0), [spectrum]), scenario).axes
-    assert not axes.lines[-1].get_xdata().size
+    (chart,) = spectrum_charts("title", diagnosis_of((0, 0), [spectrum]), scenario).charts
+    assert not np.size(chart.series[-1].x)
 
 
 def test_spectra_of_no_cell_are_refused(scenario):
     with pytest.raises(ValueError, match="with a cell"):
-        draw_spectra("title", diagnosis_of(), scenario)
+        spectrum_charts("title", diagnosis_of(), scenario)
