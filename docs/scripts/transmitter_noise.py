@@ -17,7 +17,9 @@ from isacbench import load_scenario, score
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.model.echo import Simulator, echo_parameters
 from isacbench.plugins.registry import build_estimator
-from isacbench.report.drawing.style import LINES, new_figure, save, styled
+from isacbench.report.drawing.style import new_figure, save, styled
+
+LINES = "-", "-.", ":"
 
 FIGURE = Path(__file__).resolve().parents[1] / "images" / "transmitter-noise.png"
 SCENARIOS = {"receiver": "street", "transmitter": "street-transmitter-noise"}

@@ -28,8 +28,10 @@ from isacbench.model.observation import Observation
 from isacbench.model.radio_coordinates import draw_place
 from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import build_estimator
-from isacbench.report.drawing.style import LINES, new_figure, save, styled
+from isacbench.report.drawing.style import new_figure, save, styled
 from isacbench.specifications import spell_spec
+
+LINES = "-", "-.", ":"
 
 FIGURE = Path(__file__).resolve().parents[1] / "images" / "what-is-hard.png"
 ESTIMATORS = {name: build_estimator(name) for name in ("fft4d", "music2d", "esprit2d", "nomp4d")}

@@ -145,7 +145,7 @@ def image_command(
     if out is not None:
         cloud.write(out)
     if plot is not None:
-        from isacbench.report.drawing.style import file_stems
+        from isacbench.files.file_names import file_stems
         from isacbench.report.figures.plotting import plot_clouds
 
         if plot == OWN_PICTURE:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from dataclasses import dataclass, replace
-from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib.style
@@ -19,39 +16,21 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from isacbench.bench.store.run_folder import replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from isacbench.charts import Variant
-
-LineStyle = Literal["-", "-.", ":", "--", ""]
 
 DPI = 150
 FONT = "DejaVu Sans"
-MAX_STEM = 60
 ROW_IN = 0.175
 """Height of a row of a legend."""
 
-# Okabe and Ito's palette, distinguishable with any colour vision; without its yellow, too pale for a line.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-MARKERS = "os^Dvp"
-LINES: tuple[LineStyle, ...] = ("-", "-.", ":")
-BOUND_COLOUR = "0.15"
-BOUND_LINES: tuple[LineStyle, ...] = ("--", ":", "-.", "-")
-BOUND_MARKERS = "_x+"
-
-ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread", "empty": "no point"}
-"""Meaning of the built-in references in legends, with that of their band."""
-
 CONTEXT = "0.72"
 """Grey of the truth behind an estimate."""
-
-TRUE = "#009E73"
-"""Colour of the truth over data."""
 
 THRESHOLD = "#D55E00"
 """Colour of thresholds."""
@@ -83,111 +62,9 @@ RC = {
 }
 
 
-@dataclass(frozen=True)
-class LineLook:
-    """Look of an estimator, the same in every figure of a run.
-
-    Attributes
-    ----------
-    label : str
-        Name in legends.
-    colour, marker : str
-        As matplotlib writes them.
-    line : {"-", "-.", ":", "--", ""}
-        Line style.
-    is_bound : bool
-        True for an estimator that sees the truth.
-    """
-
-    label: str
-    colour: str
-    marker: str
-    line: LineStyle
-    is_bound: bool
-
-
-def assign_looks(labels: Mapping[Variant, str], bounds: Collection[str]) -> dict[Variant, LineLook]:
-    """Give every estimator its own colour, marker and line style.
-
-    Parameters
-    ----------
-    labels : mapping of (str, str) to str
-        Labels by name and parameters.
-    bounds : collection of str
-        Names of the estimators that see the truth.
-
-    Returns
-    -------
-    dict of (str, str) to LineLook
-        In the order of the labels.
-
-    Examples
-    --------
-    >>> found = assign_looks({("a", "{}"): "a", ("limit", "{}"): "limit"}, bounds={"limit"})
-    >>> [look.line for look in found.values()]
-    ['-', '--']
-    """
-    found: dict[Variant, LineLook] = {}
-    n_competitors = 0
-    for variant, label in labels.items():
-        if variant[0] in bounds:
-            role = ROLES.get(variant[0], "sees the truth")
-            line = BOUND_LINES[(len(found) - n_competitors) % len(BOUND_LINES)]
-            found[variant] = LineLook(f"{drawable(label)} ({role})", BOUND_COLOUR, "", line, True)
-            continue
-        turn, index = divmod(n_competitors, len(COLOURS))
-        marker = MARKERS[(index + turn) % len(MARKERS)]
-        found[variant] = LineLook(drawable(label), COLOURS[index], marker, LINES[turn % len(LINES)], False)
-        n_competitors += 1
-    return found
-
-
-def looks_over(x: Iterable[float], looks: Mapping[Variant, LineLook]) -> Mapping[Variant, LineLook]:
-    """Select looks of curves, or of points where all stand at one place.
-
-    Parameters
-    ----------
-    x : iterable of float
-        Places of points.
-    looks : mapping of (str, str) to LineLook
-
-    Returns
-    -------
-    mapping of (str, str) to LineLook
-        As given for several places. For a single one without lines, and with markers of
-        estimators that see the truth, too.
-
-    Examples
-    --------
-    >>> looks = assign_looks({("a", "{}"): "a", ("limit", "{}"): "limit"}, bounds={"limit"})
-    >>> [(look.line, look.marker) for look in looks_over([10.0, 10.0], looks).values()]
-    [('', 'o'), ('', '_')]
-    >>> [(look.line, look.marker) for look in looks_over([-10.0, 10.0], looks).values()]
-    [('-', 'o'), ('--', '')]
-    """
-    if len(set(x)) > 1:
-        return looks
-    bounds = [variant for variant, look in looks.items() if look.is_bound]
-    markers = {variant: BOUND_MARKERS[place % len(BOUND_MARKERS)] for place, variant in enumerate(bounds)}
-    return {
-        variant: replace(look, line="", marker=markers.get(variant, look.marker))
-        for variant, look in looks.items()
-    }
-
-
 def styled() -> AbstractContextManager[None]:
     """Return a context with the fonts and sizes of this module; it restores the user's own settings."""
     return matplotlib.style.context(["default", RC])
-
-
-class NotebookFigure(Figure):
-    """Figure that a notebook shows as the value of a cell, without pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        content = BytesIO()
-        with styled():
-            self.savefig(content, format="png")
-        return content.getvalue()
 
 
 def new_figure(
@@ -215,7 +92,7 @@ def new_figure(
     -------
     Figure
     """
-    figure = NotebookFigure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(title, wrap=True)
@@ -277,35 +154,6 @@ def drawable(text: str) -> str:
     font = get_font(findfont(FontProperties(family=[FONT])))
     shown = [char if char.isprintable() and font.get_char_index(ord(char)) else "\ufffd" for char in text]
     return "".join(shown).replace("$", r"\$")
-
-
-def file_stems(names: Iterable[str]) -> dict[str, str]:
-    """Give every name a part of a file name that is safe and unique on every system.
-
-    Parameters
-    ----------
-    names : iterable of str
-
-    Returns
-    -------
-    dict of str to str
-
-    Examples
-    --------
-    >>> file_stems(["street", "../a b", "Street"])
-    {'street': 'street', '../a b': 'a-b', 'Street': 'Street-2'}
-    """
-    stems: dict[str, str] = {}
-    taken: set[str] = set()
-    for name in names:
-        base = re.sub(r"[^A-Za-z0-9_]+", "-", name)[:MAX_STEM].strip("-") or "unnamed"
-        stem, number = base, 1
-        while stem.lower() in taken:
-            number += 1
-            stem = f"{base}-{number}"
-        taken.add(stem.lower())
-        stems[name] = stem
-    return stems
 
 
 def velocity_colours(fastest_mps: float) -> ScalarMappable:
