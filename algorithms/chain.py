@@ -34,7 +34,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from isacbench.added_fields import added_field
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
@@ -502,8 +501,8 @@ class MapEstimator(ABC):
     dynamic_range_db: float = 28.0
     local_dynamic_range_db: float = 16.5
     precision: CellPrecision = "double"
-    detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
-    m_of_n: int = added_field(1, before=1)
+    detection_window: Window = "hann"
+    m_of_n: int = 1
 
     to_cloud = staticmethod(to_cloud)
 

@@ -20,7 +20,7 @@ Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
 Params = Mapping[str, Any]
-Known = Callable[[PluginKind, str], tuple[Params, Params] | None]
+Known = Callable[[PluginKind, str], Params | None]
 
 _NONE = object()
 
@@ -122,8 +122,8 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     """Name estimators for tables and figures: the bare name, with parameters where they are needed.
 
     A label shows the parameters that distinguish variants of one name, except
-    values that more than half of them share. It also shows parameters that
-    differ from their defaults, and a detector that could be mistaken for
+    values that more than half of them share and defaults that half of them share.
+    It also shows parameters that differ from their defaults, and a detector that could be mistaken for
     another one of the same name. The defaults of a plugin that is not installed
     are unknown: its parameters count as equal to them.
 
@@ -154,8 +154,8 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     }
 
 
-def _defaults(kind: PluginKind, name: str) -> tuple[Params, Params] | None:
-    """Defaults of a plugin, and the values of missing parameters; None where they are unknown."""
+def _defaults(kind: PluginKind, name: str) -> Params | None:
+    """Defaults of a plugin, None where they are unknown."""
     try:
         return parameter_defaults(kind, name)
     except InputError:  # not registered, or broken: its rows can be shown all the same
@@ -163,18 +163,22 @@ def _defaults(kind: PluginKind, name: str) -> tuple[Params, Params] | None:
 
 
 def _label(name: str, own: Params, namesakes: Sequence[Params], known: Known) -> str:
-    unlike = _unlike_defaults(known("estimator", name), own) or {}
+    defaults = known("estimator", name)
+    unlike = _unlike_defaults(defaults, own) or {}
     told = {
-        key: value
+        key: _told(value, known)
         for key, value in own.items()
-        if key in unlike or _sets_apart(value, [other.get(key) for other in namesakes])
+        if key in unlike or _sets_apart(value, [other.get(key) for other in namesakes], defaults is not None)
     }
-    return spell_spec(name, {key: _told(value, known) for key, value in {**told, **unlike}.items()})
+    return spell_spec(name, told)
 
 
-def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
-    """Tell whether at most half share a value, or a detector among them could be confused with it."""
-    if 2 * values.count(value) <= len(values):
+def _sets_apart(value: Any, values: Sequence[Any], is_default: bool) -> bool:
+    """Tell whether few share a value, or a detector among them could be confused with it.
+
+    Few are at most half, of a default less than half: one of two variants has the bare name.
+    """
+    if 2 * values.count(value) + is_default <= len(values):
         return True
     names = [other.get("name") if isinstance(other, dict) else None for other in values]
     return isinstance(value, dict) and any(
@@ -182,13 +186,11 @@ def _sets_apart(value: Any, values: Sequence[Any]) -> bool:
     )
 
 
-def _unlike_defaults(known: tuple[Params, Params] | None, own: Params) -> dict[str, Any] | None:
+def _unlike_defaults(defaults: Params | None, own: Params) -> dict[str, Any] | None:
     """Parameters that differ from their defaults, None where the defaults are unknown."""
-    if known is None:
+    if defaults is None:
         return None
-    defaults, before = known
-    # A missing field was added later; its value is the one that means the behaviour before.
-    return {key: value for key, value in {**before, **own}.items() if value != defaults.get(key, _NONE)}
+    return {key: value for key, value in own.items() if value != defaults.get(key, _NONE)}
 
 
 def _told(value: Any, known: Known) -> Any:
