@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib.style
@@ -180,16 +179,6 @@ def styled() -> AbstractContextManager[None]:
     return matplotlib.style.context(["default", RC])
 
 
-class NotebookFigure(Figure):
-    """Figure that a notebook shows as the value of a cell, without pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        content = BytesIO()
-        with styled():
-            self.savefig(content, format="png")
-        return content.getvalue()
-
-
 def new_figure(
     width_in: float,
     height_in: float,
@@ -215,7 +204,7 @@ def new_figure(
     -------
     Figure
     """
-    figure = NotebookFigure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(title, wrap=True)
