@@ -176,8 +176,7 @@ class Scenario(Displayed):
     Notes
     -----
     In closed form echoes are those of endless subcarriers: one from beyond the
-    cyclic prefix comes without the interference between symbols that it brings
-    to `isacbench.link.sensing.echo_waveform.observe_waveform`.
+    cyclic prefix comes without the interference between symbols that it brings.
     One from beyond the unambiguous range or speed folds back, as theory has it.
     """
 
