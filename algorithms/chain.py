@@ -8,9 +8,9 @@
 4. `determined` drops plane waves that stand for several scatterers: what their
    cell leaves unexplained does not determine their direction.
 5. `locate` places plane waves in range and Doppler.
-6. `own_cell_test` drops those that are stronger in a neighbouring Doppler
+6. `CellwiseEstimator.own_cell_test` drops those that are stronger in a neighbouring Doppler
    cell, or much stronger in a neighbouring range cell.
-7. `sidelobe_test` drops what stronger scatterers of other cells explain: the same
+7. `CellwiseEstimator.sidelobe_test` drops what stronger scatterers of other cells explain: the same
    scatterer seen twice, sidelobes and grating lobes.
 8. `to_cloud` turns radio coordinates into points.
 
@@ -34,7 +34,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from isacbench.added_fields import added_field
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
@@ -359,66 +358,8 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
         )
 
 
-def own_cell_test(located: ScatterersInCells, estimator: CellwiseEstimator) -> ScatterersInCells:
-    """Keep the scatterers that are not much stronger in a neighbouring cell than in their own.
-
-    Parameters
-    ----------
-    located : ScatterersInCells
-    estimator : CellwiseEstimator
-        Its `range_excess` and `doppler_excess` are used.
-
-    Returns
-    -------
-    ScatterersInCells
-    """
-    with stage("peaks"):
-        return located.at_home(estimator.range_excess, estimator.doppler_excess)
-
-
-def sidelobe_test(
-    located: ScatterersInCells, rdm: ReadMap, levels: Levels, estimator: CellwiseEstimator
-) -> LocatedScatterers:
-    """Keep the scatterers that stand out of the sidelobes of stronger ones.
-
-    Gaps between symbols make grating lobes nearly as strong as an echo itself:
-    there the scatterers are those that together fit the map best.
-
-    Parameters
-    ----------
-    located : ScatterersInCells
-    rdm : ReadMap
-        The map of their cells.
-    levels : Levels
-    estimator : CellwiseEstimator
-        Its `local_dynamic_range_db` is used.
-
-    Returns
-    -------
-    LocatedScatterers
-        Those that stronger ones explain neither one by one, up to `SIDELOBE_EXCESS`, nor together, up to
-        `LEAST_LEFT`.
-    """
-    system, gated, limit_db = rdm.observation.system, rdm.selection, estimator.local_dynamic_range_db
-    if gated.sees_lobes:
-        with stage("refinement"):
-            return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
-    with stage("peaks"):
-        return located.clear_of_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
-
-
 def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
-    """Merge scatterers that several cells or readings saw: of those close together the strongest stays.
-
-    Parameters
-    ----------
-    scatterers : LocatedScatterers
-
-    Returns
-    -------
-    LocatedScatterers
-        See `isacbench.dsp.scatterers.merge_duplicates`.
-    """
+    """Merge scatterers that several cells or readings saw: of those close together the strongest stays."""
     with stage("peaks"):
         return merge_duplicates(scatterers)
 
@@ -502,8 +443,8 @@ class MapEstimator(ABC):
     dynamic_range_db: float = 28.0
     local_dynamic_range_db: float = 16.5
     precision: CellPrecision = "double"
-    detection_window: Window = added_field("hann", before="hann")  # noqa: RUF009, a field
-    m_of_n: int = added_field(1, before=1)
+    detection_window: Window = "hann"
+    m_of_n: int = 1
 
     to_cloud = staticmethod(to_cloud)
 
@@ -686,23 +627,34 @@ class CellwiseEstimator(MapEstimator):
         -------
         ScatterersInCells
         """
-        return own_cell_test(located, self)
+        with stage("peaks"):
+            return located.at_home(self.range_excess, self.doppler_excess)
 
     def sidelobe_test(self, located: ScatterersInCells, rdm: ReadMap, levels: Levels) -> LocatedScatterers:
         """Keep the scatterers that stand out of the sidelobes of stronger ones.
+
+        Gaps between symbols make grating lobes nearly as strong as an echo itself:
+        there the scatterers are those that together fit the map best.
 
         Parameters
         ----------
         located : ScatterersInCells
         rdm : ReadMap
+            The map of their cells.
         levels : Levels
 
         Returns
         -------
         LocatedScatterers
-            See the function `sidelobe_test`.
+            Those that stronger ones explain neither one by one, up to `SIDELOBE_EXCESS`, nor together,
+            up to `LEAST_LEFT`.
         """
-        return sidelobe_test(located, rdm, levels, self)
+        system, gated, limit_db = rdm.observation.system, rdm.selection, self.local_dynamic_range_db
+        if gated.sees_lobes:
+            with stage("refinement"):
+                return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
+        with stage("peaks"):
+            return located.clear_of_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
 
     def readings(self) -> tuple[Reading, ...]:
         """Readings of the cells, one after the other; `diagnose` draws the last."""

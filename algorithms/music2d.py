@@ -42,7 +42,6 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from isacbench.added_fields import added_field
 from isacbench.dsp.angles.cosines import PERIOD, cosine_samples, with_neighbours, within_period
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
@@ -202,9 +201,9 @@ class Music2d(CellwiseEstimator):
     spectrum_detector: Detector = field(
         default_factory=lambda: CaCfar(pfa=0.3, training=(0, 24), guard=(0, 8))
     )
-    search: Search = added_field("grid", before="grid")  # noqa: RUF009, a field
-    pairing: Pairing = added_field("joint", before="joint")  # noqa: RUF009, a field
-    product_pfa: float = added_field(1e-3, before=1e-3)
+    search: Search = "grid"
+    pairing: Pairing = "joint"
+    product_pfa: float = 1e-3
 
     def __post_init__(self) -> None:
         super().__post_init__()

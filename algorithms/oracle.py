@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isacbench.added_fields import added_field
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
@@ -64,7 +63,7 @@ class Oracle(Reference):
         If the size is no positive number.
     """
 
-    cell: float = added_field(1.0, before=1.0)
+    cell: float = 1.0
 
     name: ClassVar[str] = "oracle"
 

@@ -20,7 +20,6 @@ from isacbench import cores
 from isacbench.checking.promises.small_scenes import RESOLVED, observed
 from isacbench.cores import one_blas_thread
 from isacbench.cubes.frame_observation import observe_cube
-from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.link.sensing.observing import observe
 from isacbench.model.echo import resource_grid
 from isacbench.model.observation import Observation
@@ -144,7 +143,6 @@ def cube_cells():
             "isacbench.link.sensing.link_observation.weighted_echo",
             lambda: observe(SCENE, 10.0, sensing="prs"),
         ),
-        ("isacbench.link.waveform.propagation._Receiver._arriving", lambda: observe_waveform(SCENE, 10.0)),
         ("isacbench.cubes.transform.GateTransform._summed", cube_cells),
         ("isacbench.metrics.paper.deviation_scores", lambda: score(SCENE.truth, SCENE.truth)),
     ],

@@ -11,7 +11,7 @@ import pytest
 
 from tests.documents.sources import FILES, ROOT, statements, trees
 
-BASE = {"errors", "checkout", "choices", "cores", "added_fields", "number_text"}
+BASE = {"errors", "checkout", "choices", "cores", "number_text"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},
@@ -187,7 +187,6 @@ SLASHED = re.compile(r"(?<![\w./-])(?:isacbench|algorithms|tests)/[\w/]+\.py\b")
 
 NO_MODULES = {
     *("isacbench.estimators", "isacbench.detectors"),  # groups of entry points
-    "isacbench.before",  # a key of metadata
     "figures/",  # in the folder of a run
     *("isacbench_algorithms.strongest", "algorithms/strongest.py"),  # the reader's, in CONTRIBUTING
 }

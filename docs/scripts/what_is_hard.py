@@ -1,4 +1,4 @@
-"""Image scenes along seven axes, each from easy to hard, for the figure and the table of docs/population.md.
+"""Image scenes along six axes, each from easy to hard, for the figure and the table of docs/population.md.
 
 Every axis changes one thing at 10 dB, that of pairs at -40 dB. Scenes are developing ones, half of them with
 carrier phases.
@@ -8,9 +8,8 @@ carrier phases.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -21,10 +20,8 @@ import pandas as pd
 from isacbench import load_scenario, score
 from isacbench.bench.kinds.resolution import pair
 from isacbench.bench.statistics import student_band
-from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.echo import Simulator
-from isacbench.model.observation import Observation
 from isacbench.model.radio_coordinates import draw_place
 from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import build_estimator
@@ -52,7 +49,6 @@ class Shot(NamedTuple):
     scene: str
     scenario: Scenario
     snr_db: float = SNR_DB
-    observe: Callable[[Scenario, float], Observation] | None = None
 
 
 AXES = {
@@ -63,9 +59,7 @@ AXES = {
     "array errors": "phase error [°], and a tenth of it as gain error [dB]",
     "leakage": "direct path over all echoes [dB]",
 }
-FALLS_WITH_VALUE = {"dynamic range", "objects", "array errors", "leakage", "waveform"}
-FASTER = 8
-"""Factor of all speeds on the axis "waveform", which is in the table alone."""
+FALLS_WITH_VALUE = {"dynamic range", "objects", "array errors", "leakage"}
 
 
 def spelled(family: str, seed: int, **parameters: float) -> str:
@@ -102,16 +96,6 @@ def shots() -> Iterator[Shot]:
             # Nearer than to the other of the two, so that a point between them is none of them.
             half_m = float(np.linalg.norm(np.diff(both.truth.xyz, axis=0))) / 2
             yield Shot("spacing", cells, name, replace(both, radius_m=half_m), PAIR_SNR_DB)
-    for seed in range(201, 206):
-        scenario = load_scenario(spelled("crossing", seed))
-        scatterers, region = scenario.scatterers, scenario.region
-        fast = replace(
-            scenario,
-            scatterers=replace(scatterers, velocity=FASTER * scatterers.velocity),
-            region=replace(region, speed_mps=(FASTER * region.speed_mps[0], FASTER * region.speed_mps[1])),
-        )
-        yield Shot("waveform", 0, scenario.name, fast)
-        yield Shot("waveform", 1, scenario.name, fast, observe=observe_waveform)
 
 
 def measure() -> pd.DataFrame:
@@ -121,8 +105,7 @@ def measure() -> pd.DataFrame:
         scenario = shot.scenario
         if simulator is None or simulator.scenario is not scenario:
             simulator = Simulator(scenario)
-        observe = simulator.observe if shot.observe is None else partial(shot.observe, scenario)
-        observation, truth = observe(shot.snr_db), scenario.truth
+        observation, truth = simulator.observe(shot.snr_db), scenario.truth
         given = {"region": scenario.region, "radius_m": scenario.radius_m}
         best = score(truth, ORACLE.estimate(observation, truth), **given)
         best_m = max(sum(best[column] for column in PROJECTIONS), 0.3)
@@ -165,7 +148,7 @@ def print_table(rows: pd.DataFrame) -> None:
     """Print what every axis does: from its easy to its hard end, the mean loss with its 95 % interval."""
     print("| axis | from | to | " + " | ".join(f"`{name}`" for name in ESTIMATORS) + " |")
     print("|---|--:|--:|" + "--:|" * len(ESTIMATORS))
-    for axis in [*AXES, "waveform"]:
+    for axis in AXES:
         values = sorted(rows[rows["axis"] == axis]["value"].unique(), reverse=axis not in FALLS_WITH_VALUE)
         cells = []
         for name in ESTIMATORS:

@@ -80,7 +80,6 @@ def image_command(
     sensing: Annotated[str | None, Option(metavar="all|prs", help="Sensed resource elements.")] = None,
     modulation: Annotated[str | None, Option(help="qpsk, 16qam, 64qam or 256qam.")] = None,
     division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
-    waveform: Annotated[bool, Option("--waveform", help="Simulate the echo in the time domain.")] = False,
     out: Annotated[Path | None, Option("-o", "--out", help="Cloud: .csv, .ply, .mat or .npy.")] = None,
     plot: Annotated[
         Path | None, Option(help="Picture: .png, .pdf or .svg; without a file it gets a name of its own.")
@@ -95,8 +94,8 @@ def image_command(
     for option, value in (("--transmitted", transmitted), ("--ascending", ascending)):
         if cube is None and value is not None:
             raise InputError(f"{option} needs --cube FILE")
-    if cube is not None and (trial, seed, modulation, waveform) != (None, None, None, False):
-        raise InputError("--trial, --seed, --modulation and --waveform cannot be combined with --cube")
+    if cube is not None and (trial, seed, modulation) != (None, None, None):
+        raise InputError("--trial, --seed and --modulation cannot be combined with --cube")
     if cube is not None and snr is not None and division != "wiener":
         raise InputError("with --cube, --snr needs --division wiener")
     choices = {"sensing": sensing, "modulation": modulation, "division": division}
@@ -109,8 +108,7 @@ def image_command(
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.cubes.frame_summary import summarise_frame
     from isacbench.instrument.remarks import Remarks
-    from isacbench.link.sensing.echo_waveform import observe_waveform
-    from isacbench.link.sensing.observing import observe as observe_closed_form
+    from isacbench.link.sensing.observing import observe
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.contracts import is_reference
     from isacbench.plugins.registry import build_estimator
@@ -118,8 +116,7 @@ def image_command(
     scene, imager = load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
-        told = [scene.name, estimator, f"{snr_db:g} dB", *signal.values(), *["waveform"] * waveform]
-        observe = observe_waveform if waveform else observe_closed_form
+        told = [scene.name, estimator, f"{snr_db:g} dB", *signal.values()]
         observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
         told = [cube.name, scene.name, estimator, *signal.values()]

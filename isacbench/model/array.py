@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from isacbench.added_fields import added_field
 from isacbench.checked_arrays import checked_array
 from isacbench.choices import Mimo
 from isacbench.errors import InputError, require
@@ -100,9 +99,9 @@ class VirtualArray:
     rx_shape: tuple[int, int] = (8, 8)
     tx_spacing: int = 8
     rx_spacing: int = 1
-    ascending: tuple[str, str] = added_field(PAPER_ORDER, before=PAPER_ORDER)
-    mimo: Mimo = added_field("ideal", before="ideal")  # noqa: RUF009, a field
-    leakage_db: float | None = added_field(None, before=None)
+    ascending: tuple[str, str] = PAPER_ORDER
+    mimo: Mimo = "ideal"
+    leakage_db: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("tx_shape", "rx_shape"):

@@ -8,7 +8,6 @@ from typing import get_args
 import numpy as np
 from scipy import constants
 
-from isacbench.added_fields import added_field
 from isacbench.choices import NoiseSource
 from isacbench.errors import require
 from isacbench.model.number_limits import require_count
@@ -59,7 +58,7 @@ class System:
     cyclic_prefix_ratio: float = 1 / 4
     cyclic_suffix_ratio: float = 1 / 32
     coherent_phase: bool = True
-    noise: NoiseSource = added_field("receiver", before="receiver")  # noqa: RUF009, a field
+    noise: NoiseSource = "receiver"
 
     def __post_init__(self) -> None:
         for name in ("n_subcarriers", "n_symbols"):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.added_fields import added_field
 from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
 from isacbench.files.escaping import counted, quoted
@@ -87,7 +86,7 @@ class Scatterers(Displayed):
     velocity: NDArray[np.float64]
     amplitude: NDArray[np.float64]
     phase_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(()))
-    objects: tuple[str, ...] = added_field((), before=())
+    objects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "xyz", "velocity", "amplitude")
@@ -177,8 +176,7 @@ class Scenario(Displayed):
     Notes
     -----
     In closed form echoes are those of endless subcarriers: one from beyond the
-    cyclic prefix comes without the interference between symbols that it brings
-    to `isacbench.link.sensing.echo_waveform.observe_waveform`.
+    cyclic prefix comes without the interference between symbols that it brings.
     One from beyond the unambiguous range or speed folds back, as theory has it.
     """
 
@@ -189,11 +187,11 @@ class Scenario(Displayed):
     base_station_m: NDArray[np.float64]
     region: Region
     scatterers: Scatterers
-    radius_m: float = added_field(1.0, before=1.0)
-    gain_error_db: float = added_field(0.0, before=0.0)
-    phase_error_deg: float = added_field(0.0, before=0.0)
-    family: str = added_field("", before="")
-    family_version: int = added_field(0, before=0)
+    radius_m: float = 1.0
+    gain_error_db: float = 0.0
+    phase_error_deg: float = 0.0
+    family: str = ""
+    family_version: int = 0
 
     def __post_init__(self) -> None:
         require(0 < self.radius_m < np.inf, "radius_m", self.radius_m, "a positive number of m")

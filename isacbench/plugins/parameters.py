@@ -8,7 +8,6 @@ import json
 import math
 from typing import Any, get_type_hints
 
-from isacbench.added_fields import identity_fields
 from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 from isacbench.plugins.contracts import Detector
@@ -34,9 +33,7 @@ def canonical_params(plugin: object) -> str:
     str
         Sorted keys, no spaces, defaults included; a nested detector is an
         object with its ``name`` beside its parameters. Equal parameters give
-        equal strings. A field that was added later
-        (`isacbench.added_fields.added_field`) is left out at the value that
-        stands for the behaviour before.
+        equal strings.
 
     Raises
     ------
@@ -198,9 +195,8 @@ def plain_value(where: str, key: str, value: Any) -> Any:
 def _plain_params(plugin: Any) -> dict[str, Any]:
     kind = next((kind for kind, method in METHODS.items() if hasattr(plugin, method)), "class")
     where = f"{kind} {getattr(plugin, 'name', type(plugin).__name__)}"
-    given = {field.name for field in parameter_fields(plugin)}
-    values = identity_fields(plugin)
-    return {name: plain_value(where, name, value) for name, value in values.items() if name in given}
+    names = [field.name for field in parameter_fields(plugin)]
+    return {name: plain_value(where, name, getattr(plugin, name)) for name in names}
 
 
 def python_number(value: Any) -> Any:

@@ -12,7 +12,6 @@ from typing import Any, cast, get_args
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from isacbench.added_fields import values_before
 from isacbench.errors import InputError, InputWarning, unknown_name
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.contracts import Detector, Estimator, Metric
@@ -240,7 +239,7 @@ def build_variants(kind: PluginKind, spec: str) -> list[tuple[str, Any]]:
     return [(text, _build(kind, spec.name, spec.params)) for text, spec in spec_variants(spec)]
 
 
-def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
     """Look up the defaults of a registered plugin's parameters, in terms of JSON as in `canonical_params`.
 
     Parameters
@@ -250,10 +249,8 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
 
     Returns
     -------
-    defaults, before : dict of str to Any
-        Defaults of the parameters that have one. For parameters that were added
-        later, the value that means the behaviour before, which canonical
-        parameters leave out.
+    dict of str to Any
+        Of the parameters that have one.
 
     Raises
     ------
@@ -262,16 +259,12 @@ def parameter_defaults(kind: PluginKind, name: str) -> tuple[dict[str, Any], dic
 
     Examples
     --------
-    >>> defaults, _ = parameter_defaults("estimator", "music2d")
+    >>> defaults = parameter_defaults("estimator", "music2d")
     >>> defaults["detector"]["name"], defaults["detector"]["order_axis"]
     ('osca', 1)
     """
-    plugin = _load(_registered(kind, name))
-    defaults, before = (
-        {key: plain_value(f"{kind} {name}", key, value) for key, value in values.items()}
-        for values in (field_defaults(plugin), values_before(plugin))
-    )
-    return defaults, before
+    defaults = field_defaults(_load(_registered(kind, name)))
+    return {key: plain_value(f"{kind} {name}", key, value) for key, value in defaults.items()}
 
 
 def distribution(kind: PluginKind, name: str) -> str:

@@ -436,7 +436,6 @@ UNKNOWN_NAMES = [
     ["image", "-s", "streat"],
     ["plan", "-e", "musicd"],
     ["simulate", "-s", "streat", "-o", "frame.npy"],
-    ["waveform", "-s", "streat"],
     ["stress", "-e", "musicd"],
     ["stress", "-d", "osc"],
     ["check", "musicd"],

@@ -7,7 +7,6 @@ import pytest
 
 import isacbench
 from isacbench.bench.cells.scored_images import image_reference
-from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenes.scenario import load_scenario
@@ -43,7 +42,7 @@ def test_a_recorded_frame_has_its_data_and_its_noise_already(image):
     for words, message in (
         (
             "--modulation 16qam",
-            "--trial, --seed, --modulation and --waveform cannot be combined with --cube",
+            "--trial, --seed and --modulation cannot be combined with --cube",
         ),
         ("--snr 10", "with --cube, --snr needs --division wiener"),
     ):
@@ -62,15 +61,6 @@ def test_a_recorded_frame_is_sensed_with_its_prs(image, tiny):
     observation = isacbench.observe(scenario, float("inf"), sensing="prs")
     expected = isacbench.get_estimator("music2d").estimate(observation)
     assert PointCloud.read("cloud.npy").to_array() == pytest.approx(expected.to_array(), rel=1e-6)
-
-
-def test_the_echo_may_pass_as_a_waveform(image, tiny):
-    result = image("--waveform", "--sensing", "prs", "-e", "music2d", "-o", "cloud.npy")
-    assert result.exit_code == 0, result.output
-    assert "tiny, music2d, 10 dB, prs, waveform" in result.output
-    observation = observe_waveform(load_scenario(tiny), 10.0, sensing="prs")
-    expected = isacbench.get_estimator("music2d").estimate(observation)
-    assert PointCloud.read("cloud.npy").to_array() == pytest.approx(expected.to_array())
 
 
 @pytest.mark.parametrize("spec", ["oracle", "chance"])

@@ -15,7 +15,6 @@ COMMANDS = {
     "image": ["image", "-e", "fft4d", "-s"],
     "plan": ["plan", "-s"],
     "simulate": ["simulate", "-o", "frame.npy", "-s"],
-    "waveform": ["waveform", "--frames", "1", "-s"],
     "run": ["run", "quick", "-o", "out", "-s"],
 }
 REFUSED = {

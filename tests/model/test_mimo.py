@@ -14,7 +14,6 @@ from isacbench.cubes.image_cost import plan_image
 from isacbench.cubes.simulating import FrameSimulator
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
-from isacbench.link.sensing.echo_waveform import observe_waveform
 from isacbench.link.sensing.noise_colouring import noise_covariance
 from isacbench.link.sensing.observing import observe
 from isacbench.model.array import VirtualArray
@@ -176,7 +175,6 @@ def test_what_does_not_model_turns_refuses_them(taking_turns, mimo):
     scenario = taking_turns(mimo)
     for refused, task in (
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
-        (lambda: observe_waveform(scenario, 10.0), "an observation through the waveform"),
         (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
         (lambda: FrameSimulator(scenario, 10.0), "a simulated frame"),
         (lambda: observe_cube(np.zeros((240, 112, 4, 4), np.complex64), scenario), "a recorded frame"),

@@ -13,9 +13,7 @@ from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
-from isacbench.link.sensing.echo_waveform import observe_waveform, received_waveform
 from isacbench.link.sensing.observing import observe
-from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import Simulator, echo_parameters, transmitted_noise
 from isacbench.model.numerology import System
 from isacbench.model.radio_coordinates import gain_db
@@ -122,11 +120,8 @@ def test_the_option_is_part_of_the_identity_only_where_it_changes_something(nois
 
 def test_what_takes_noise_to_be_the_receivers_refuses_another(noisy):
     scenario = noisy()
-    grid = draw_grid(scenario.system)
     for refused, task in (
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
-        (lambda: observe_waveform(scenario, 10.0), "an observation through the waveform"),
-        (lambda: received_waveform(scenario, grid, [(0, 0)]), "a waveform"),
         (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
         (
             lambda: EfficiencyKind().scenes(load_suite("efficiency"), {"few": scenario}),

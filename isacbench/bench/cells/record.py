@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import pandas as pd
 
-from isacbench.added_fields import added_field, values_before
 from isacbench.display import brief
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
-from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
@@ -61,9 +59,6 @@ class Cell:
 class Record(Cell):
     """One row of the results; `COLUMNS` has the order of the columns.
 
-    A new column is an `isacbench.added_fields.added_field` after the others,
-    so that older runs and journals stay readable.
-
     Attributes
     ----------
     status : str
@@ -106,15 +101,12 @@ class Record(Cell):
     time_score_s: float = math.nan
     timing: bool = False
     environment: str = ""
-    hausdorff_sum_m: float = added_field(math.nan, before=math.nan)
+    hausdorff_sum_m: float = math.nan
 
 
 PROVENANCE = ["timing", "scenario_content", "environment"]
 COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not in PROVENANCE] + PROVENANCE
 """Columns of every table of results; a study appends its own."""
-
-ADDED: dict[str, Any] = values_before(Record)
-"""Columns that rows of older runs and journals lack, each with its value for these rows."""
 
 TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
 KINDS = {"str": "str", "CellStatus": "str", "int": "int64", "float": "float64", "bool": "bool"}
@@ -241,9 +233,9 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     optional = {**TIMING_COLUMNS, **REFERENCE_COLUMNS}
     present = {name: default for name, default in optional.items() if name in records}
     kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **present}.items()}
-    missing = {name: value for name, value in {**ADDED, **columns}.items() if name not in records}
+    missing = {name: value for name, value in columns.items() if name not in records}
     table = records.reindex(columns=list(kinds)).assign(**missing)
-    return _with_sums(table).astype(kinds).copy()  # in one piece
+    return table.astype(kinds).copy()  # in one piece
 
 
 def stored_points(records: pd.DataFrame) -> pd.Series[Any]:
@@ -282,26 +274,3 @@ def require_sound_records(records: pd.DataFrame) -> None:
         unknown = set(records["status"].unique()) - set(statuses)
         if unknown:
             raise ValueError(f"column status: {quoted(unknown.pop())}; allowed are {', '.join(statuses)}")
-
-
-def with_added(records: pd.DataFrame) -> pd.DataFrame:
-    """Add the columns that older rows lack.
-
-    Parameters
-    ----------
-    records : DataFrame
-
-    Returns
-    -------
-    DataFrame
-        Same rows, with all columns of `ADDED`.
-    """
-    return _with_sums(records.assign(**{name: value for name, value in ADDED.items() if name not in records}))
-
-
-def _with_sums(records: pd.DataFrame) -> pd.DataFrame:
-    """Fill the Hausdorff sums of older rows."""
-    if not {*PROJECTIONS} <= {*records}:
-        return records
-    sums_m = records[[*PROJECTIONS]].sum(axis=1, skipna=False)
-    return records.assign(hausdorff_sum_m=records["hausdorff_sum_m"].fillna(sums_m))

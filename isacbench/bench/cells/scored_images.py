@@ -6,13 +6,13 @@ of a scenario in a process.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from isacbench.added_fields import identity_fields
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
@@ -79,11 +79,11 @@ def image_reference(
     TypeError
         If a realisation is no `PointCloud`.
     """
-    parts = (scenario.system, scenario.array, scenario.frame, scenario.region)
+    parts: tuple[Any, ...] = (scenario.system, scenario.array, scenario.frame, scenario.region)
     content = (
         type(reference),
         canonical_params(reference),
-        *((type(part), *identity_fields(part).items()) for part in parts),
+        *((type(part), *dataclasses.astuple(part)) for part in parts),
         scenario.radius_m,
         scenario.base_station_m.tobytes(),
         scenario.truth.to_array().tobytes(),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.plan.labels import estimator_labels
 from isacbench.charts import Variant
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import shortened
@@ -76,7 +77,7 @@ def find_variant(run: RunTable, text: str) -> Variant:
 
     A variant fits if its name is the specification's and its stored parameters
     have every value that is given. A detector given by its name alone fits
-    with any parameters. Of several that fit, one that is spelled just so is meant.
+    with any parameters. Of several that fit, one whose label in tables it is is meant.
 
     Parameters
     ----------
@@ -105,9 +106,10 @@ def find_variant(run: RunTable, text: str) -> Variant:
         return namesakes[fitting[0]]
     if not fitting:
         raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
-    spelt = spell_apart(namesakes)
-    if text in spelt:
-        return namesakes[spelt.index(text)]
+    labels = estimator_labels(namesakes)
+    for variant in namesakes:
+        if labels[variant] == text:
+            return variant
     several = _listed([namesakes[index] for index in fitting], asked)
     raise InputError(
         f"{run.label}: {text!r} fits {len(fitting)} variants, {several}; give a specification that fits one "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS, require_sound_records, with_added
+from isacbench.bench.cells.record import CLOUD_KEYS, require_sound_records
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.resume import differing_versions
 from isacbench.bench.store.run_store import (
@@ -129,7 +129,7 @@ def read_run(folder: Path) -> RunTable:
             f"{folder}: not the folder of a run, {RECORDS} missing; give one that isacbench run wrote"
         )
     try:
-        records = with_added(read_table(folder / RECORDS)).copy()  # in one piece
+        records = read_table(folder / RECORDS)
         require_sound_records(records)
     except AccessError:
         raise

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from isacbench.added_fields import identity_fields
 from isacbench.bench.cells.isolation import array_digest
 from isacbench.bench.cells.timing import Trial
 from isacbench.bench.kinds.scenes import Scene, SharedObservation, distinct_entries, entry_of
-from isacbench.bench.suites.scenario_digest import digest
+from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, require_closed_form
 from isacbench.link.reception.channel_estimation import require_estimable
@@ -152,7 +151,7 @@ class UserScene(Scene):
     @cached_property
     def content(self) -> str:
         """Digest of radio, channel and modulation, from which all rows follow."""
-        system = identity_fields(self._system)
+        system = described_fields(self._system)
         return digest([self._suite.kind, system, canonical_params(self._channel), self._labels])
 
     def observe(self, snr_db: float, trial: int) -> Arrival:

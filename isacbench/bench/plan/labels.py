@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Params = Mapping[str, Any]
-Known = Callable[[PluginKind, str], tuple[Params, Params] | None]
 
 _NONE = object()
 
@@ -62,7 +61,7 @@ def variant_label(name: str, params: str) -> str:
     own = json.loads(params)
     kinds: tuple[PluginKind, ...] = "estimator", "detector"
     unlike = next((found for kind in kinds if (found := _unlike_defaults(_defaults(kind, name), own))), {})
-    return spell_spec(name, {key: _told(value, _defaults) for key, value in unlike.items()})
+    return spell_spec(name, {key: _told(value) for key, value in unlike.items()})
 
 
 def labelled(records: pd.DataFrame) -> pd.DataFrame:
@@ -121,33 +120,31 @@ def _told_apart(variants: Sequence[Variant]) -> dict[Variant, str]:
     keys = dict.fromkeys(key for own in parsed for key in own)
     differing = [key for key in keys if any(own.get(key) != parsed[0].get(key) for own in parsed)]
     return {
-        variant: spell_spec(variant[0], {key: _told(own[key], _defaults) for key in differing if key in own})
+        variant: spell_spec(variant[0], {key: _told(own[key]) for key in differing if key in own})
         for variant, own in zip(variants, parsed, strict=True)
     }
 
 
 @cache
-def _defaults(kind: PluginKind, name: str) -> tuple[Params, Params] | None:
-    """Defaults of a plugin, and the values of missing parameters; None where they are unknown."""
+def _defaults(kind: PluginKind, name: str) -> Params | None:
+    """Defaults of a plugin, None where they are unknown."""
     try:
         return parameter_defaults(kind, name)
     except InputError:  # not registered, or broken: its rows can be shown all the same
         return None
 
 
-def _unlike_defaults(known: tuple[Params, Params] | None, own: Params) -> dict[str, Any] | None:
+def _unlike_defaults(defaults: Params | None, own: Params) -> dict[str, Any] | None:
     """Parameters that differ from their defaults, None where the defaults are unknown."""
-    if known is None:
+    if defaults is None:
         return None
-    defaults, before = known
-    # A missing field was added later; its value is the one that means the behaviour before.
-    return {key: value for key, value in {**before, **own}.items() if value != defaults.get(key, _NONE)}
+    return {key: value for key, value in own.items() if value != defaults.get(key, _NONE)}
 
 
-def _told(value: Any, known: Known) -> Any:
+def _told(value: Any) -> Any:
     """Value to show: of a detector only its name and the parameters that differ from known defaults."""
     if not isinstance(value, dict):
         return value
     own = {key: inner for key, inner in value.items() if key != "name"}
-    unlike = _unlike_defaults(known("detector", value["name"]), own)
+    unlike = _unlike_defaults(_defaults("detector", value["name"]), own)
     return {"name": value["name"], **(own if unlike is None else unlike)}

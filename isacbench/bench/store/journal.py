@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import ADDED, COLUMNS, PROVENANCE, TYPES, with_added
+from isacbench.bench.cells.record import COLUMNS, PROVENANCE, TYPES
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import cannot_be_written
 from isacbench.files.checked_files import require_file, require_inside
@@ -33,9 +33,8 @@ if TYPE_CHECKING:
 SHARED = ["suite", "scenario", "estimator", "params", "seed", *PROVENANCE]
 """Columns in which many rows agree: each combination is written once."""
 
-NUMBERS = [name for name in COLUMNS if name not in {*SHARED, *ADDED} and TYPES[name] == "float"]
-"""Columns that are written as bits, before the cloud. Every journal has them in this order: columns that were
-added later are written by name."""
+NUMBERS = [name for name in COLUMNS if name not in SHARED and TYPES[name] == "float"]
+"""Columns that are written as bits, before the cloud."""
 
 OWN = [name for name in COLUMNS if name not in SHARED and name not in NUMBERS]
 """Columns that are written by name."""
@@ -166,7 +165,7 @@ class _Call:
         of_record = (np.cumsum(sizes) - sizes)[:, None] + np.arange(len(NUMBERS))
         numbers = pd.DataFrame(every[of_record], columns=NUMBERS)
         points = np.delete(every, of_record).reshape(-1, len(POINT_COLUMNS))
-        records = with_added(pd.concat([shared, own, numbers], axis=1))
+        records = pd.concat([shared, own, numbers], axis=1)
         return Rows(records, (sizes - len(NUMBERS)) // len(POINT_COLUMNS), points, {})
 
 

@@ -23,7 +23,6 @@ from isacbench.bench.cells.record import (
     Results,
     require_sound_records,
     typed,
-    with_added,
 )
 from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.manifest_plan import outline
@@ -559,7 +558,7 @@ def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> 
 
 
 def _read_records(path: Path) -> pd.DataFrame:
-    records = with_added(read_table(path))
+    records = read_table(path)
     if missing := [name for name in COLUMNS if name not in records]:
         raise ValueError(f"{path.name} has no column {missing[0]}")
     if records.duplicated(CLOUD_KEYS).any():

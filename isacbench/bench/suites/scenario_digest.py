@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from typing import TYPE_CHECKING, Any
@@ -9,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.added_fields import identity_fields
-from isacbench.model.array import VirtualArray
+from isacbench.model.array import PAPER_ORDER, VirtualArray
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
@@ -23,8 +23,24 @@ if TYPE_CHECKING:
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
 
-ADDED = ("radius_m", "gain_error_db", "phase_error_deg", "family", "family_version")
-"""Fields of a scenario, plain values, that older descriptions lack."""
+OPTIONS = {
+    "radius_m": 1.0,
+    "gain_error_db": 0.0,
+    "phase_error_deg": 0.0,
+    "family": "",
+    "family_version": 0,
+}
+"""Fields of a scenario, beside its parts, with the values at which its description leaves them out."""
+
+LEFT_OUT = {
+    **OPTIONS,
+    "ascending": PAPER_ORDER,
+    "mimo": "ideal",
+    "leakage_db": None,
+    "noise": "receiver",
+}
+"""Fields of scenarios and their parts that descriptions leave out at these values. A field that is
+added is listed with the value for the behaviour before it: digests of older scenarios stay as they are."""
 
 OBJECTS = "objects"
 """Field of scatterers, and column of the truth, that names their objects."""
@@ -83,17 +99,14 @@ def scenario_digest(scenario: Scenario) -> str:
         digests, in whatever form the scenario was written.
     """
     scatterers = scenario.scatterers
-    echoes = {name: values for name, values in identity_fields(scatterers).items() if name != OBJECTS}
-    arrays = {name: values.tolist() for name, values in echoes.items()}
+    names = [field.name for field in dataclasses.fields(scatterers) if field.name != OBJECTS]
+    arrays = {name: getattr(scatterers, name).tolist() for name in names}
     content = {"name": scenario.name, "radio": describe_scenario(scenario), "scatterers": arrays}
     return digest(_rounded(content))
 
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     """Describe a scenario without its scatterers, which the truth holds.
-
-    Fields that were added later are left out if their value means the behaviour
-    before (`isacbench.added_fields`), so that digests do not change.
 
     Parameters
     ----------
@@ -106,13 +119,18 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     """
     frame = "paper" if isinstance(scenario.frame, PaperFrame) else "panel"
     parts = {name: getattr(scenario, name) for name in ("system", "array", "region")}
-    own = {name: value for name, value in identity_fields(scenario).items() if name in ADDED}
     return {
-        **{name: identity_fields(part) for name, part in parts.items()},
-        "frame": {"name": frame, **identity_fields(scenario.frame)},
+        **{name: described_fields(part) for name, part in parts.items()},
+        "frame": {"name": frame, **described_fields(scenario.frame)},
         "base_station_m": scenario.base_station_m.tolist(),
-        **own,
+        **{name: value for name, value in described_fields(scenario).items() if name in OPTIONS},
     }
+
+
+def described_fields(part: Any) -> dict[str, Any]:
+    """Collect the fields of a scenario or a part of it, but those that have their value of `LEFT_OUT`."""
+    values = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    return {name: value for name, value in values.items() if name not in LEFT_OUT or value != LEFT_OUT[name]}
 
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
@@ -139,7 +157,7 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
             frame=get_frame(**described["frame"]),
             base_station_m=np.array(described["base_station_m"]),
             region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
-            **{name: described[name] for name in ADDED if name in described},
+            **{name: described[name] for name in OPTIONS if name in described},
             scatterers=Scatterers(
                 xyz=points[:, :3],
                 velocity=points[:, 3],

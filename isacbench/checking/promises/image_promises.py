@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking.promises.blas_kernels import other_kernels, process_under
 from isacbench.checking.promises.drift import cells_apart, cloud_drift
 from isacbench.checking.promises.promise import BrokenPromiseError, NotApplicableError, Promise
 from isacbench.checking.promises.small_scenes import Shot
@@ -25,7 +24,7 @@ from isacbench.model.region import Region
 from isacbench.plugins.contracts import Estimator
 
 INVARIANCE = 1e-9
-"""Largest drift between numbers of threads, BLAS kernels, memory orders and orders of elements."""
+"""Largest drift between numbers of threads, memory orders and orders of elements."""
 
 LIMITS = -126, 126
 """Binary exponents of the largest amplitude of scaled cells: the limits of float32."""
@@ -205,22 +204,6 @@ def _threads(imaging: Imaging) -> float:
     return imaging.drift(image)
 
 
-def _blas_kernels(imaging: Imaging) -> float:
-    """Drift under the other kernels that the processor can run, each in its own process."""
-    kernels = other_kernels()
-    if not kernels:
-        raise NotApplicableError("the BLAS has no other kernel that this processor runs")
-    estimator, truth = imaging.estimator, imaging.shot.scenario.truth
-    drifts = []
-    for name, core_type in kernels.items():
-        try:
-            image = process_under(core_type).image(estimator, imaging.shot.observation(), truth)
-            drifts.append(imaging.drift(image))
-        except (RuntimeError, BrokenPromiseError) as error:
-            raise BrokenPromiseError(f"under the BLAS kernel {name}: {error}") from error
-    return max(drifts)
-
-
 def _layout(imaging: Imaging) -> float:
     """Drift for cells in Fortran order, with elements first in memory, and backwards in memory."""
     cells = imaging.shot.seen.cells
@@ -292,7 +275,6 @@ RESOLVED_ECHOES = NO_FALSE_POINT, FOUND
 TWO_POWER_SCALE = Promise("scale by powers of two", 0.0, _of_cells(lambda imaging: _scaled(imaging, 1.0)))
 ANY_SCALE = Promise("scale", 1e-10, _of_cells(lambda imaging: _scaled(imaging, ODD)))
 THREADS = Promise("threads", INVARIANCE, _of_cells(_threads))
-BLAS_KERNELS = Promise("BLAS kernels", INVARIANCE, _of_cells(_blas_kernels))
 LAYOUT = Promise("memory order", INVARIANCE, _of_cells(_layout))
 ELEMENT_ORDER = Promise("element order", INVARIANCE, _of_cells(_element_order))
 SINGLE_PRECISION = Promise("single precision", SINGLE_POINT, _of_cells(_single_precision))
@@ -300,5 +282,5 @@ SINGLE_PRECISION = Promise("single precision", SINGLE_POINT, _of_cells(_single_p
 EVERY = FINITE, REPEAT
 """Promises of every image."""
 
-INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, BLAS_KERNELS, LAYOUT, ELEMENT_ORDER
+INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, LAYOUT, ELEMENT_ORDER
 """Promises of images without ties."""

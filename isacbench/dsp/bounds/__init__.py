@@ -11,7 +11,7 @@ is part of the amplitude and tells nothing here.
 
 from __future__ import annotations
 
-from isacbench.dsp.bounds.deterministic_bounds import N_NUISANCE, joint_bound, single_bound, tone_std_bins
+from isacbench.dsp.bounds.deterministic_bounds import N_NUISANCE, joint_bound, single_bound
 from isacbench.dsp.bounds.echo_slopes import N_PARAMETERS
 from isacbench.dsp.bounds.fisher_inverse import NEGLIGIBLE, Bound, JointBound
 from isacbench.dsp.bounds.position_covariances import position_covariance
@@ -27,5 +27,4 @@ __all__ = [
     "position_covariance",
     "single_bound",
     "stochastic_bound",
-    "tone_std_bins",
 ]

@@ -22,40 +22,6 @@ N_NUISANCE = 2
 """Unknowns of a scatterer besides its parameters: real and imaginary part of its amplitude."""
 
 
-def tone_std_bins(n: int, snr_post: ArrayLike) -> Floats:
-    """Bound of the frequency of one tone of unknown amplitude and phase, in bins of its DFT.
-
-    The closed form behind all four parameters on the full grid: bins are
-    range bins, velocity bins, and Rayleigh cells 2/P and 2/Q in u and w.
-
-    Parameters
-    ----------
-    n : int
-        Samples along the axis, at least 2.
-    snr_post : array_like
-        Signal-to-noise ratio after the gain of all resource and array
-        elements: N_c N_sym P Q |G|²/σ².
-
-    Returns
-    -------
-    ndarray of float64
-        sqrt(3 / (2π² snr_post (1 - 1/n²))).
-
-    References
-    ----------
-    Rife and Boorstyn, "Single-tone parameter estimation from discrete-time
-    observations", IEEE Trans. Inf. Theory 20 (1974).
-
-    Examples
-    --------
-    >>> round(float(tone_std_bins(2048, 100.0)), 4)
-    0.039
-    """
-    require(n >= 2, "n", n, "2 and more")
-    snr_post = _positive(snr_post, "snr_post")
-    return np.sqrt(3 / (2 * np.pi**2 * snr_post * (1 - n**-2)))
-
-
 def single_bound(
     system: System, array_shape: tuple[int, int], snr: ArrayLike, sensing: Sensing = "all"
 ) -> Bound:
@@ -63,8 +29,10 @@ def single_bound(
 
     The bound is the inverse of 2 SNR times the covariance of the phase slopes
     of the four parameters over all sensed elements. On the full grid it is
-    diagonal, with the entries of `tone_std_bins`; the comb of the PRS couples
-    range and velocity slightly.
+    diagonal: a tone of n samples has the standard deviation
+    sqrt(3 / (2π² snr_post (1 - 1/n²))) in bins of its DFT, after the gain of
+    all elements (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974). The comb
+    of the PRS couples range and velocity slightly.
 
     Parameters
     ----------

@@ -65,28 +65,6 @@ REFIT_STEPS = 10
 """Most steps after a plane wave left or two became one: the others move little."""
 
 
-def refine_directions(snapshots: Complex, waves: PlaneWaves, n_steps: int) -> PlaneWaves:
-    """Move the plane waves of each cell to where, together, they leave the least power unexplained.
-
-    Parameters
-    ----------
-    snapshots : ndarray of complex, shape (n, s, P, Q)
-        s snapshots of each cell, in each of which amplitudes are free: its
-        data, or a weighted basis of its signal subspace.
-    waves : PlaneWaves
-        Starts, k in a row.
-    n_steps : int
-        Most steps; cells that no longer change stop earlier.
-
-    Returns
-    -------
-    PlaneWaves
-        As many as at the start.
-    """
-    fit = _refined(snapshots, fit_waves(snapshots, waves.u, waves.w, waves.found), waves.found, n_steps)
-    return PlaneWaves(fit.u, fit.w, waves.found)
-
-
 def resolve_directions(
     snapshots: Complex, waves: PlaneWaves, noise: float, pfa: float, n_steps: int
 ) -> PlaneWaves:
@@ -103,7 +81,8 @@ def resolve_directions(
     Parameters
     ----------
     snapshots : ndarray of complex, shape (n, s, P, Q)
-        As for `refine_directions`, in white noise.
+        s snapshots of each cell, in each of which amplitudes are free, in white
+        noise: its data, or a weighted basis of its signal subspace.
     waves : PlaneWaves
         Starts, at least as many as there are sources.
     noise : float
@@ -118,7 +97,7 @@ def resolve_directions(
     PlaneWaves
     """
     found = waves.found.copy()
-    fit = _refined(snapshots, fit_waves(snapshots, waves.u, waves.w, found), found, n_steps, FINISHING_STEPS)
+    fit = refined(snapshots, fit_waves(snapshots, waves.u, waves.w, found), found, n_steps, FINISHING_STEPS)
     changing = np.arange(len(found))
     while changing.size:
         u, w, fewer = _without_one(fit.at(changing), found[changing], noise, -np.log(pfa) * noise)
@@ -127,7 +106,7 @@ def resolve_directions(
         cells = snapshots[changing]
         fit.put(
             changing,
-            _refined(
+            refined(
                 cells, fit_waves(cells, u[changed], w[changed], fewer), fewer, REFIT_STEPS, FINISHING_STEPS
             ),
         )
@@ -180,7 +159,7 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
     return square.min(axis=1), first, second
 
 
-def _refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
+def refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
     """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more."""
     half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)

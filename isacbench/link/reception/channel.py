@@ -15,8 +15,8 @@ import pandas as pd
 from scipy import constants
 
 from isacbench.errors import InputError, require, unknown_name
-from isacbench.link.waveform.propagation import Paths
-from isacbench.model.number_limits import LARGEST_PLACE_M
+from isacbench.model.frozen_arrays import freeze_arrays
+from isacbench.model.number_limits import LARGEST_PLACE_M, require_all
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 
 if TYPE_CHECKING:
@@ -38,6 +38,45 @@ RAYS_A_TAP = 16
 
 LINE_OF_SIGHT_DOPPLER = 0.7
 """Doppler of the line of sight over the largest there is; 3GPP TR 38.901, 7.7.2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Propagation paths from the transmitter to every receiving element.
+
+    Attributes
+    ----------
+    gain : ndarray of complex128, shape (K, E)
+        Complex amplitude of each path at each element.
+    delay_s : ndarray of float64, shape (K,)
+        Not negative.
+    doppler_hz : ndarray of float64, shape (K,)
+        Doppler frequency, positive when the path grows shorter.
+
+    Raises
+    ------
+    InputError
+        If the shapes disagree, a number is not finite, or a delay is negative.
+    """
+
+    gain: NDArray[np.complex128]
+    delay_s: NDArray[np.float64]
+    doppler_hz: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "delay_s", "doppler_hz")
+        freeze_arrays(self, "gain", dtype=np.complex128)
+        n = self.delay_s.size
+        if self.gain.ndim != 2 or {self.delay_s.shape, self.doppler_hz.shape, self.gain.shape[:1]} != {(n,)}:
+            raise InputError(
+                f"paths: gain {self.gain.shape}, delay_s {self.delay_s.shape} and doppler_hz "
+                f"{self.doppler_hz.shape}; allowed are the shapes (K, E), (K,) and (K,)"
+            )
+        for name in ("gain", "doppler_hz"):
+            values = getattr(self, name)
+            require_all(f"paths.{name}", np.abs(values), np.isfinite(values), "finite numbers")
+        is_delay = np.isfinite(self.delay_s) & (self.delay_s >= 0)
+        require_all("paths.delay_s", self.delay_s, is_delay, "finite numbers of 0 and more")
 
 
 class Channel(Protocol):

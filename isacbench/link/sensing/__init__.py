@@ -1,3 +1,3 @@
 """Sensing with the waveform: echoes of it, divided by what was sent, as observations."""
 
-__all__ = ["ambiguity", "division", "echo_waveform", "link_observation", "observing"]
+__all__ = ["division", "link_observation", "observing"]

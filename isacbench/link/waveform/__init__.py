@@ -1,10 +1,9 @@
-"""Transmitted waveform: resource grid, symbols, spectrum, peaks, rates, and copies of it that arrive."""
+"""Transmitted waveform: resource grid, symbols, spectrum, peaks and rates."""
 
 __all__ = [
     "figures_of_merit",
     "ofdm",
     "power_spectrum",
-    "propagation",
     "qam",
     "resource_grid",
 ]

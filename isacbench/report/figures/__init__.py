@@ -1,4 +1,4 @@
-"""Figures of a run, of images and of waveforms."""
+"""Figures of a run and of images."""
 
 __all__ = [
     "chosen_figures",
@@ -8,5 +8,4 @@ __all__ = [
     "plotting",
     "run_figures",
     "study_figures",
-    "waveform_figures",
 ]

@@ -38,7 +38,7 @@ def plot_clouds(
     Clouds are shown in perspective, coloured by radial velocity, grey where it
     is unknown. One estimate
     and the truth are also laid over each other in the xy, xz and yz
-    projections. A notebook shows the figure where it is the value of a cell.
+    projections. A notebook shows the figure after ``%matplotlib inline``.
 
     Parameters
     ----------

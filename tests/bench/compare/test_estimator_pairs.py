@@ -5,6 +5,8 @@ import pytest
 from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
 from isacbench.bench.compare.matching import RunTable
 from isacbench.errors import InputError
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import build_estimator
 from isacbench.specifications import spell_spec
 
 CA = {"guard": [0, 3], "name": "ca", "pfa": 0.001}
@@ -101,10 +103,9 @@ def test_a_map_is_cut_at_its_own_equals_sign():
         parse_map("a[b=c]")
 
 
-def test_of_several_that_fit_the_one_that_is_spelled_so_is_meant(made_run):
+def test_of_several_that_fit_the_one_with_that_label_is_meant(made_run):
     records, manifest = made_run(estimators=["0", "1"], trials=1)
-    # Fields that were added later are left out at their default, as `search` of music2d is.
-    stored = ['{"pfa":0.001}', '{"pfa":0.001,"search":"root"}']
+    stored = [canonical_params(build_estimator(text)) for text in ("music2d", "music2d[search=root]")]
     records["params"] = [stored[int(name)] for name in records["estimator"]]
     run = RunTable("r", records.assign(estimator="music2d"), manifest)
     assert find_variant(run, "music2d") == ("music2d", stored[0])

@@ -4,11 +4,12 @@ import pytest
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_estimator
+from isacbench.plugins.registry import build_estimator, build_variants
 
 
 def labels(*specs):
-    variants = [("music2d", canonical_params(build_estimator(spec))) for spec in specs]
+    plugins = [plugin for spec in specs for _, plugin in build_variants("estimator", spec)]
+    variants = [("music2d", canonical_params(plugin)) for plugin in plugins]
     return list(estimator_labels(variants).values())
 
 
@@ -42,8 +43,9 @@ def test_a_default_detector_is_told_where_another_has_its_name():
 
 
 def test_of_a_grid_every_value_is_told_and_what_most_have_by_default_is_not():
-    assert labels("music2d", "music2d[grid_points=101]") == [
+    assert labels("music2d", "music2d[grid_points=[75,101]]") == [
         "music2d[grid_points=201]",
+        "music2d[grid_points=75]",
         "music2d[grid_points=101]",
     ]
     assert labels("music2d", "music2d[pfa=0.01]", "music2d[grid_points=101]") == [
@@ -51,6 +53,10 @@ def test_of_a_grid_every_value_is_told_and_what_most_have_by_default_is_not():
         "music2d[pfa=0.01]",
         "music2d[grid_points=101]",
     ]
+
+
+def test_of_two_variants_the_default_has_the_bare_name():
+    assert labels("music2d[search=root]", "music2d") == ["music2d[search=root]", "music2d"]
 
 
 def test_what_is_not_registered_is_told_apart_from_its_namesakes():

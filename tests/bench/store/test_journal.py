@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import COLUMNS, Outcome, Record
-from isacbench.bench.store import journal as journal_module
 from isacbench.bench.store.journal import Journal, read_journal
 from isacbench.bench.store.provenance import Made
 from isacbench.errors import InputError
@@ -114,28 +113,6 @@ def test_entries_of_several_calls_may_have_other_columns(folder):
     assert rows.records[["trial", "scenario"]].values.tolist() == [[0, "tiny"], [1, "other"]]
     assert rows.records["hits"].tolist()[0] == 1
     assert rows.records["rate"].tolist()[1] == 0.5
-
-
-def added_since(monkeypatch, *names):
-    """Take columns for ones that were added after a journal was written."""
-    numbers = [name for name in journal_module.NUMBERS if name not in names]
-    monkeypatch.setattr("isacbench.bench.cells.record.ADDED", dict.fromkeys(names, math.nan))
-    monkeypatch.setattr(journal_module, "NUMBERS", numbers)
-
-
-def test_a_journal_from_before_a_column_was_added_keeps_its_rows_and_clouds(folder, monkeypatch):
-    cloud = [(1.0, 2.0, 3.0, 4.0, 5.0), (6.0, 7.0, 8.0, 9.0, 10.0)]
-    added_since(monkeypatch, "recall")
-    path = written(folder / "older", made(cloud, trial=0, precision=0.5))
-    older, _ = read_journal(path)
-    assert older.records["recall"].isna().all()
-    monkeypatch.setattr(journal_module, "OWN", [*journal_module.OWN, "recall"])
-    later = written(folder / "later", made(cloud, trial=1, precision=0.25, recall=0.75))
-    rows, n_torn = read_bytes(folder, path.read_bytes() + later.read_bytes())
-    assert n_torn == 0
-    assert rows.records["precision"].tolist() == [0.5, 0.25]
-    np.testing.assert_array_equal(rows.records["recall"], [math.nan, 0.75])
-    np.testing.assert_array_equal(rows.points, 2 * cloud)
 
 
 def test_an_empty_journal_has_no_rows(folder):

@@ -121,6 +121,16 @@ def test_a_described_scenario_is_restored(tiny, name):
     assert scenario_digest(restored) == scenario_digest(scenario)
 
 
+@pytest.mark.parametrize("radius_m", [1.0, 2.5])
+def test_a_key_that_is_left_out_at_one_value_is_restored_with_any(tiny, radius_m):
+    scenario = dataclasses.replace(load_scenario(tiny), radius_m=radius_m)
+    described = describe_scenario(scenario)
+    assert ("radius_m" in described) == (radius_m != 1)
+    again = restore_scenario("tiny", described, truth_table(scenario))
+    assert again.radius_m == radius_m
+    assert scenario_digest(again) == scenario_digest(scenario)
+
+
 @pytest.mark.parametrize("suite", ["quick", "paper"])
 def test_scenarios_have_the_digests_that_committed_rows_know_them_by(suite):
     manifest = Path(__file__).parents[3] / "results" / "reference" / suite / "manifest.json"

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,16 +14,15 @@ from isacbench.dsp.cfar.factors import (
     ca_factor,
     ca_rate,
     goca_factor,
-    goca_rate,
     osca_factor,
     osca_rate,
     paper_factor,
     soca_factor,
-    soca_rate,
     tm_factor,
-    tm_rate,
     trimmed_factors,
 )
+from isacbench.dsp.cfar.factors.mean_factors import chosen_half_rate
+from isacbench.dsp.cfar.factors.trimmed_factors import many_looks_rate
 from isacbench.errors import InputError
 from tests.conftest import few
 
@@ -144,6 +144,10 @@ def test_osca_factor_of_several_columns_gives_the_convolved_rate(columns, looks,
     assert rate == pytest.approx(pfa, rel=1e-7)
 
 
+goca_rate = partial(chosen_half_rate, greatest=True)
+soca_rate = partial(chosen_half_rate, greatest=False)
+
+
 @few
 @given(PFAS, st.sampled_from([1, 3, 16]))
 def test_rates_undo_factors(pfa, looks):
@@ -248,7 +252,7 @@ def test_tm_factor_of_one_look_gives_the_rate_of_the_spacings(pfa, trim):
 )
 def test_quadrature_for_the_mean_of_one_kept_cell_agrees_with_the_order_statistic(rank, n, pfa, looks):
     factor = osca_factor(pfa, ((rank, n),), looks)
-    rate = trimmed_factors._many_looks_rate(factor, n, (rank - 1, n - rank), looks)
+    rate = many_looks_rate(factor, n, (rank - 1, n - rank), looks)
     assert rate == pytest.approx(pfa, rel=1e-2 if pfa == 1e-30 else 1e-4)
 
 
@@ -292,7 +296,9 @@ def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
     [((18, 18), 2, 0.3), ((18, 18), 256, 1e-3), ((0, 18), 2, 1e-12), ((18, 0), 16, 1e-3)],
 )
 def test_rates_undo_factors_of_trimmed_means(trimmed, looks, pfa):
-    assert tm_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(pfa, rel=1e-7)
+    assert many_looks_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(
+        pfa, rel=1e-7
+    )
 
 
 def exact_tm_rate(factor, n, trimmed, looks):
@@ -341,7 +347,7 @@ def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
     factor = float(f"{tm_factor(pfa, n, trimmed, looks):.5g}")
     exact = exact_tm_rate(Fraction(factor), n, trimmed, looks)
     assert exact == pytest.approx(pfa, rel=2e-3)
-    assert tm_rate(factor, n, trimmed, looks) == pytest.approx(exact, rel=1e-6)
+    assert many_looks_rate(factor, n, trimmed, looks) == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -352,13 +358,13 @@ def test_tm_factor_does_not_depend_on_the_nodes(monkeypatch, n, trimmed, pfa, lo
     factor = tm_factor(pfa, n, trimmed, looks)
     for name, value in {"_N_PLANE": 96, "_N_BETWEEN": 28, "_NEGLIGIBLE": -27.0}.items():
         monkeypatch.setattr(trimmed_factors, name, value)
-    assert tm_rate(factor, n, trimmed, looks) == pytest.approx(pfa, rel=1e-6)
+    assert many_looks_rate(factor, n, trimmed, looks) == pytest.approx(pfa, rel=1e-6)
 
 
 @pytest.mark.parametrize(("n", "trimmed"), [(8, (1, 4)), (72, (0, 70))])
 def test_tm_factor_of_a_rate_of_1e_minus_30_is_found_where_the_kept_law_is_below_any_float64(n, trimmed):
     factor = tm_factor(1e-30, n, trimmed, 2)
-    assert tm_rate(factor, n, trimmed, 2) == pytest.approx(1e-30, rel=1e-6)
+    assert many_looks_rate(factor, n, trimmed, 2) == pytest.approx(1e-30, rel=1e-6)
 
 
 def trimmed_windows_rate(factor, n, trimmed, looks, n_windows, seed):
@@ -389,7 +395,7 @@ def test_tm_factor_keeps_a_rate_of_one_percent_within_one_percent(trimmed, looks
 
 
 def test_a_factor_of_nothing_alarms_always():
-    assert ca_rate(0.0, 8) == goca_rate(0.0, (4, 4)) == soca_rate(0.0, (4, 4)) == tm_rate(0.0, 8, (1, 1)) == 1
+    assert ca_rate(0.0, 8) == goca_rate(0.0, (4, 4), 1) == soca_rate(0.0, (4, 4), 1) == 1
 
 
 @pytest.mark.parametrize("trimmed", [(4, 4), (-1, 2), (1,), (0.5, 1)])

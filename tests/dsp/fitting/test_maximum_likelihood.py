@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.fitting.maximum_likelihood import refine_directions, resolve_directions
+from isacbench.dsp.fitting.maximum_likelihood import refined, resolve_directions
+from isacbench.dsp.fitting.variable_projection import fit_waves
 from isacbench.model.kernels import steering
 from tests.conftest import few
 from tests.dsp.plane_wave_data import noise, responses, snapshot
@@ -37,6 +38,13 @@ def unexplained(snapshots, u, w):
 
 def pairs_of(found):
     return np.array(sorted(zip(found.u[0][found.found[0]], found.w[0][found.found[0]], strict=True)))
+
+
+def refine_directions(snapshots, start, n_steps):
+    """Directions of the likeliest waves from a start, as many as there are in it."""
+    fit = fit_waves(snapshots, start.u, start.w, start.found)
+    fit = refined(snapshots, fit, start.found, n_steps)
+    return PlaneWaves(fit.u, fit.w, start.found)
 
 
 @st.composite

@@ -10,6 +10,7 @@ from isacbench.errors import InputError
 from isacbench.link.reception import channel as channel_module
 from isacbench.link.reception.channel import (
     Awgn,
+    Paths,
     TappedDelay,
     TwoRay,
     channel_response,
@@ -17,10 +18,10 @@ from isacbench.link.reception.channel import (
     reflection_coefficient,
 )
 from isacbench.link.waveform.ofdm import demodulate
-from isacbench.link.waveform.propagation import Paths, propagate
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System
+from tests.link.sensing.propagation import propagate
 
 PROFILES = ("tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e")
 SMALL = System(n_subcarriers=128, n_symbols=9)

@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from isacbench.errors import InputError
-from isacbench.link.reception.channel import TappedDelay, TwoRay, channel_response
+from isacbench.link.reception.channel import Paths, TappedDelay, TwoRay, channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
-from isacbench.link.waveform.propagation import Paths
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.numerology import System

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from isacbench.errors import InputError
-from isacbench.link.sensing.ambiguity import point_spread, prs_ambiguities
 from isacbench.link.sensing.division import division_weights
 from isacbench.link.sensing.noise_colouring import noise_covariance
 from isacbench.model.numerology import System
@@ -14,19 +12,12 @@ PAPER = System()
 VELOCITY_BIN_MPS = PAPER.velocity_bin_mps
 
 
-def summed(system, sensing, range_offset, doppler_offset):
-    """Point spread, element by element."""
-    n, m = np.nonzero(resource_elements(system, sensing))
-    phase = np.outer(range_offset, n / system.n_subcarriers)[:, None]
-    phase = phase - np.outer(doppler_offset, m / system.n_symbols)[None]
-    return np.exp(2j * np.pi * phase).mean(axis=-1)
-
-
-@pytest.mark.parametrize("sensing", ["all", "prs"])
-def test_the_point_spread_is_the_sum_over_resource_elements(sensing):
-    system, range_offset, doppler_offset = System(n_subcarriers=18, n_symbols=75), [0, -3.3, 40], [0.4, -90]
-    spread = point_spread(system, sensing, range_offset, doppler_offset)
-    np.testing.assert_allclose(spread, summed(system, sensing, range_offset, doppler_offset), atol=1e-12)
+def point_spread(system, sensing, range_offset_bins, doppler_offset_bins):
+    """Range-Doppler response to an echo at distances from it, relative to its peak."""
+    mask = resource_elements(system, sensing)
+    range_turns = np.outer(range_offset_bins, np.arange(system.n_subcarriers)) / system.n_subcarriers
+    doppler_turns = np.outer(np.arange(system.n_symbols), doppler_offset_bins) / system.n_symbols
+    return np.exp(2j * np.pi * range_turns) @ mask @ np.exp(-2j * np.pi * doppler_turns) / mask.sum()
 
 
 @pytest.mark.parametrize("sensing", ["all", "prs"])
@@ -41,15 +32,10 @@ def test_at_whole_bins_it_is_the_transform_of_the_mask_and_the_correlation_of_no
 
 
 def test_grating_lobes_stand_every_fourth_doppler_bin_under_the_envelope_of_one_burst():
-    lobes = prs_ambiguities(PAPER, n_lobes=27)[:27]
     k = np.arange(1, 28)
     envelope = np.abs(np.sin(12 * np.pi * k / 56) / (12 * np.sin(np.pi * k / 56)))
-    shown = np.array([lobe.height for lobe in lobes if lobe.range_m == 0])
-    # Where the envelope is 0 there is no lobe: 12 k / 56 is whole for k = 14 alone.
-    np.testing.assert_allclose(shown, envelope[envelope > 1e-9], rtol=1e-9)
-    speeds = [lobe.speed_mps for lobe in lobes[:4]]
-    np.testing.assert_allclose(speeds, 4 * VELOCITY_BIN_MPS * np.arange(1, 5), rtol=1e-12)
-    assert speeds[0] == pytest.approx(7.34, abs=0.005)
+    np.testing.assert_allclose(np.abs(point_spread(PAPER, "prs", [0], 4 * k))[0], envelope, atol=1e-12)
+    assert pytest.approx(7.34, abs=0.005) == 4 * VELOCITY_BIN_MPS
     decibels = 20 * np.log10(envelope[:4])
     np.testing.assert_allclose(decibels, [-0.66, -2.79, -6.97, -15.78], atol=0.01)
 
@@ -61,17 +47,13 @@ def test_between_grating_lobes_four_bursts_cancel_at_whole_doppler_bins():
 
 
 def test_the_comb_repeats_ranges_a_quarter_turn_of_doppler_away_and_never_at_rest():
-    comb = [lobe for lobe in prs_ambiguities(PAPER) if lobe.range_m > 0]
-    quarter_m, quarter_mps = PAPER.unambiguous_range_m / 4, 56 * VELOCITY_BIN_MPS
-    places = [(lobe.range_m / quarter_m, lobe.speed_mps / quarter_mps) for lobe in comb]
-    expected = [(1, -2), (1, -1), (1, 1), (2, -1), (2, 1), (3, -2), (3, -1), (3, 1)]
-    np.testing.assert_allclose(places, expected, atol=1e-12)
+    heights = np.abs(point_spread(PAPER, "prs", 512 * np.arange(1, 4), 56 * np.arange(-2, 2)))
     # Transforms of the four phases that the offsets 0, 2, 1, 3 give, over four.
     weak, strong = 1 / 2, np.sqrt(1 / 2)
-    heights = [strong, weak, weak, strong, strong, strong, weak, weak]
-    np.testing.assert_allclose([lobe.height for lobe in comb], heights, rtol=1e-9)
-    assert quarter_m == pytest.approx(156.1, abs=0.05)
-    assert quarter_mps == pytest.approx(102.8, abs=0.05)
+    expected = [[strong, weak, 0, weak], [0, strong, 0, strong], [strong, weak, 0, weak]]
+    np.testing.assert_allclose(heights, expected, atol=1e-9)
+    assert PAPER.unambiguous_range_m / 4 == pytest.approx(156.1, abs=0.05)
+    assert pytest.approx(102.8, abs=0.05) == 56 * VELOCITY_BIN_MPS
 
 
 def test_symbol_by_symbol_a_comb_is_ambiguous_where_the_staggered_one_is_not():
@@ -108,10 +90,3 @@ def test_the_masked_transform_is_the_merging_of_combs_at_the_speed_of_each_doppl
             assert np.all((turned != 0).sum(axis=1) == 1)
             profile += np.fft.ifft(merged)
         np.testing.assert_allclose(profile, masked[:, doppler_bin], atol=1e-12)
-
-
-def test_a_grid_without_prs_is_refused():
-    with pytest.raises(InputError, match="no PRS in a grid"):
-        point_spread(System(n_subcarriers=8, n_symbols=1), "prs", 0, 0)
-    with pytest.raises(InputError, match="unknown sensing 'pss'"):
-        point_spread(PAPER, "pss", 0, 0)

@@ -11,12 +11,11 @@ def perspectives_of(figure):
     return [axes for axes in figure.axes if axes.name == "3d"]
 
 
-def test_the_suffix_of_a_picture_decides_its_format_and_a_notebook_shows_it_without_pyplot(tmp_path):
+def test_the_suffix_of_a_picture_decides_its_format(tmp_path):
     pictures = ((TRUTH, "a.png", b"\x89PNG"), (None, "a.PDF", b"%PDF"), (None, "a.svg", b"<?xml"))
     for truth, name, magic in pictures:
-        figure = plot_clouds(truth, TRUTH, title="title of $1", out=str(tmp_path / name))
+        plot_clouds(truth, TRUTH, title="title of $1", out=str(tmp_path / name))
         assert (tmp_path / name).read_bytes().startswith(magic), name
-    assert figure._repr_png_().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("truth", [None, EMPTY])

@@ -192,7 +192,7 @@ class Blank(EstimatorCase):
     def promises(self) -> tuple[Promise[Imaging], ...]:
         """A cloud; an empty one of zeros."""
         empty = (image_promises.NO_FALSE_POINT,) if self.filled == "zeros" else ()
-        return *EVERY, *empty, image_promises.THREADS, image_promises.BLAS_KERNELS, image_promises.LAYOUT
+        return *EVERY, *empty, image_promises.THREADS, image_promises.LAYOUT
 
     def shot(self, seed: int) -> Shot:
         """Fill the cells of a gate.

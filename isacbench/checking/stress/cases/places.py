@@ -115,7 +115,7 @@ class Beyond(EstimatorCase):
         Points of what leaks in from beyond the gate, which is no echo of the
         model, may move with the last digits.
         """
-        leaks = image_promises.THREADS, image_promises.BLAS_KERNELS, image_promises.LAYOUT
+        leaks = image_promises.THREADS, image_promises.LAYOUT
         return *EVERY, image_promises.FOUND_FIRST, *(leaks if self.what == "gate" else INVARIANT)
 
     def scene(self) -> CaseScene:

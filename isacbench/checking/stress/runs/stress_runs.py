@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 from isacbench.bench.cells.isolation import seed_global_generators
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.checking.promises.blas_kernels import other_kernels, set_kernels
 from isacbench.checking.stress.case import Case
 from isacbench.checking.stress.runs.examining import BROKEN, CaseOutcome, Verdict, examine
 from isacbench.checking.stress.runs.families import find_cases, require_kind, table_of
@@ -176,7 +175,7 @@ class Examiner:
     def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
         self._timeout_s = timeout_s
         self._target: Target | None = None
-        self._process = GuardedProcess(_start, local_plugins(), other_kernels())
+        self._process = GuardedProcess(_start, local_plugins())
 
     def close(self) -> None:
         """End the process."""
@@ -244,8 +243,7 @@ def examine_all(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT
 # What follows runs in the process.
 
 
-def _start(plugins: tuple[PluginFile, ...], kernels: dict[str, str]) -> None:
-    set_kernels(kernels)
+def _start(plugins: tuple[PluginFile, ...]) -> None:
     for plugin in plugins:
         register_plugin(plugin)
 

@@ -19,14 +19,12 @@ from isacbench.dsp.cfar.factors.mean_factors import (
     ca_factor,
     ca_rate,
     goca_factor,
-    goca_rate,
     paper_factor,
     soca_factor,
-    soca_rate,
 )
 from isacbench.dsp.cfar.factors.order_factors import osca_factor, osca_rate
 from isacbench.dsp.cfar.factors.rate_roots import check_looks, check_pfa
-from isacbench.dsp.cfar.factors.trimmed_factors import tm_factor, tm_rate
+from isacbench.dsp.cfar.factors.trimmed_factors import tm_factor
 
 __all__ = [
     "ca_factor",
@@ -34,12 +32,9 @@ __all__ = [
     "check_looks",
     "check_pfa",
     "goca_factor",
-    "goca_rate",
     "osca_factor",
     "osca_rate",
     "paper_factor",
     "soca_factor",
-    "soca_rate",
     "tm_factor",
-    "tm_rate",
 ]

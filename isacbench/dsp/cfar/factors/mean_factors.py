@@ -141,34 +141,33 @@ def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
     return checked_factor(factor, pfa)
 
 
-def goca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """False-alarm rate of a greatest-of cell-averaging detector with a given factor.
-
-    Its noise estimate is the greater of the means of two halves.
+@lru_cache(maxsize=4096)
+def goca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
+    """Exact factor of a greatest-of cell-averaging detector: on the greater of the means of two halves.
 
     Parameters
     ----------
-    factor : float
-        Factor α >= 0 on the greater mean.
+    pfa : float
+        Probability of false alarm per cell, 1e-30 to 0.999999.
     halves : (int, int)
-        Training cells of the leading and of the trailing half; one of them
-        may be empty, which leaves cell averaging over the other.
+        Training cells of the leading and of the trailing half; one of them may be
+        empty, which leaves cell averaging over the other.
     looks : int, default 1
         Independent noise powers M that each cell averages.
 
     Returns
     -------
     float
-        P(power > α · greater mean) in homogeneous noise.
+        Factor α on the greater mean.
 
     Raises
     ------
     InputError
-        If `halves` or `looks` is out of range.
+        If `pfa`, `halves` or `looks` is out of range.
 
     Notes
     -----
-    A gamma power of integer shape M is the time of the M-th arrival of a
+    The false-alarm rate P: a gamma power of integer shape M is the time of the M-th arrival of a
     Poisson process of rate M. Let A be the mean of n cells. The cell under
     test exceeds αA if fewer than M arrivals fall into the time αA. Their
     number is negative binomial; given j of them, A is gamma distributed with
@@ -188,77 +187,6 @@ def goca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
 
     Examples
     --------
-    >>> f"{goca_rate(6.710225, (36, 36)):.6f}"
-    '0.001000'
-    """
-    return _chosen_half_rate(factor, halves, looks, greatest=True)
-
-
-def soca_rate(factor: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """False-alarm rate of a smallest-of cell-averaging detector with a given factor.
-
-    Its noise estimate is the smaller of the means of two halves.
-
-    Parameters
-    ----------
-    factor : float
-        Factor α >= 0 on the smaller mean.
-    halves : (int, int)
-        Training cells of the leading and of the trailing half; one of them
-        may be empty, which leaves cell averaging over the other.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        P(power > α · smaller mean) in homogeneous noise, see the notes of
-        `goca_rate`.
-
-    Raises
-    ------
-    InputError
-        If `halves` or `looks` is out of range.
-
-    References
-    ----------
-    G. V. Trunk, "Range resolution of targets using automatic detectors",
-    IEEE Trans. AES 14(5), 1978.
-
-    Examples
-    --------
-    >>> f"{soca_rate(8.198775, (36, 36)):.6f}"
-    '0.001000'
-    """
-    return _chosen_half_rate(factor, halves, looks, greatest=False)
-
-
-@lru_cache(maxsize=4096)
-def goca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """Exact factor of a greatest-of cell-averaging detector.
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell, 1e-30 to 0.999999.
-    halves : (int, int)
-        Training cells of the leading and of the trailing half, as in
-        `goca_rate`.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        Factor α on the greater mean.
-
-    Raises
-    ------
-    InputError
-        If `pfa`, `halves` or `looks` is out of range.
-
-    Examples
-    --------
     >>> round(goca_factor(1e-3, (36, 36)), 6)
     6.710225
     """
@@ -267,15 +195,15 @@ def goca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
 
 @lru_cache(maxsize=4096)
 def soca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
-    """Exact factor of a smallest-of cell-averaging detector.
+    """Exact factor of a smallest-of cell-averaging detector: on the smaller of the means of two halves.
 
     Parameters
     ----------
     pfa : float
         Probability of false alarm per cell, 1e-30 to 0.999999.
     halves : (int, int)
-        Training cells of the leading and of the trailing half, as in
-        `goca_rate`.
+        Training cells of the leading and of the trailing half; one of them may be
+        empty, which leaves cell averaging over the other.
     looks : int, default 1
         Independent noise powers M that each cell averages.
 
@@ -288,6 +216,11 @@ def soca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
     ------
     InputError
         If `pfa`, `halves` or `looks` is out of range.
+
+    References
+    ----------
+    G. V. Trunk, "Range resolution of targets using automatic detectors",
+    IEEE Trans. AES 14(5), 1978.
 
     Examples
     --------
@@ -303,10 +236,11 @@ def _chosen_half_factor(pfa: float, halves: tuple[int, int], looks: int, greates
     _check_halves(halves)
     if 0 in halves:
         return ca_factor(pfa, sum(halves), looks)
-    return solve_factor(lambda factor: _chosen_half_rate(factor, halves, looks, greatest), pfa)
+    return solve_factor(lambda factor: chosen_half_rate(factor, halves, looks, greatest), pfa)
 
 
-def _chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
+def chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
+    """False-alarm rate of a detector that takes the greater, or the smaller, mean of two halves."""
     looks = checked_looks(looks)
     _check_halves(halves)
     if factor == 0:
@@ -327,7 +261,7 @@ def _rate_of_half(factor: float, n_own: int, n_other: int, looks: int, greatest:
     """
     own, other = looks * n_own, looks * n_other
     arrivals = np.arange(looks)
-    # Logarithm of the negative binomial law of the arrivals, see the notes of `goca_rate`.
+    # Logarithm of the negative binomial law of the arrivals, see the notes of `goca_factor`.
     log_law = own * -math.log1p(factor / n_own) - arrivals * math.log1p(n_own / factor)
     log_law += special.gammaln(own + arrivals) - special.gammaln(own) - special.gammaln(arrivals + 1)
     total = n_own + n_other + factor

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import optimize, special
 
-from isacbench.dsp.cfar.factors.mean_factors import ca_factor, ca_rate
-from isacbench.dsp.cfar.factors.order_factors import osca_factor, osca_rate
+from isacbench.dsp.cfar.factors.mean_factors import ca_factor
+from isacbench.dsp.cfar.factors.order_factors import osca_factor
 from isacbench.dsp.cfar.factors.rate_roots import check_pfa, checked_looks, checked_training, solve_factor
 from isacbench.errors import InputError
 
@@ -43,16 +43,14 @@ _ALIAS = 1e-9
 """Largest aliases of the contour sum, relative to the rate."""
 
 
-def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
-    """False-alarm rate of a trimmed-mean detector with a given factor.
-
-    Its noise estimate is the mean of the sorted training cells without the
-    smallest and the largest.
+@lru_cache(maxsize=1024)
+def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
+    """Exact factor of a trimmed-mean detector.
 
     Parameters
     ----------
-    factor : float
-        Factor α >= 0 on the trimmed mean.
+    pfa : float
+        Probability of false alarm per cell, 1e-30 to 0.999999.
     n_training : int
         Number N of training cells.
     trimmed : (int, int)
@@ -63,12 +61,12 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
     Returns
     -------
     float
-        P(power > α · trimmed mean) in homogeneous noise.
+        Factor α on the trimmed mean.
 
     Raises
     ------
     InputError
-        If `n_training`, `trimmed` or `looks` is out of range.
+        If `pfa`, `n_training`, `trimmed` or `looks` is out of range.
 
     Notes
     -----
@@ -96,50 +94,6 @@ def tm_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int
 
     Examples
     --------
-    >>> f"{tm_rate(9.946539, 72, (18, 18)):.6f}"
-    '0.001000'
-    """
-    _check_trimmed(n_training, trimmed)
-    n_training, looks = int(n_training), checked_looks(looks)
-    below, above = trimmed
-    if factor == 0:
-        return 1.0
-    if below == above == 0:
-        return ca_rate(factor, n_training, looks)
-    if looks == 1:
-        return _one_look_rate(factor, n_training, trimmed)
-    if below + above == n_training - 1:
-        return osca_rate(factor, ((below + 1, n_training),), looks)
-    return _many_looks_rate(factor, n_training, trimmed, looks)
-
-
-@lru_cache(maxsize=1024)
-def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int = 1) -> float:
-    """Exact factor of a trimmed-mean detector.
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell, 1e-30 to 0.999999.
-    n_training : int
-        Number N of training cells.
-    trimmed : (int, int)
-        How many of the smallest, and of the largest, are left out.
-    looks : int, default 1
-        Independent noise powers M that each cell averages.
-
-    Returns
-    -------
-    float
-        Factor α on the trimmed mean.
-
-    Raises
-    ------
-    InputError
-        If `pfa`, `n_training`, `trimmed` or `looks` is out of range.
-
-    Examples
-    --------
     >>> round(tm_factor(1e-3, 72, (18, 18)), 6)
     9.946539
     """
@@ -154,7 +108,7 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
     if below + above == n_training - 1:
         return osca_factor(pfa, ((below + 1, n_training),), looks)
     near = ca_factor(pfa, n_training, looks) / _rough_mean(n_training, trimmed, looks)
-    return solve_factor(lambda factor: _many_looks_rate(factor, n_training, trimmed, looks), pfa, near)
+    return solve_factor(lambda factor: many_looks_rate(factor, n_training, trimmed, looks), pfa, near)
 
 
 def _one_look_rate(factor: float, n_training: int, trimmed: tuple[int, int]) -> float:
@@ -186,7 +140,7 @@ def _rough_mean(n_training: int, trimmed: tuple[int, int], looks: int) -> float:
     return float(np.diff(special.gammainc(looks + 1, limits))[0] / (upper - lower))
 
 
-def _many_looks_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> float:
+def many_looks_rate(factor: float, n_training: int, trimmed: tuple[int, int], looks: int) -> float:
     """Read the coefficient of the generating function on a circle; powers have the mean `looks` here."""
     n_kept = n_training - sum(trimmed)
     scale = factor / n_kept

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from isacbench.errors import InputError
-from isacbench.link.waveform import propagation
-from isacbench.link.waveform.ofdm import demodulate, layout, modulate, n_samples
-from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
+from isacbench.link.reception.channel import Paths
+from isacbench.link.waveform.ofdm import layout, modulate
 from isacbench.model.numerology import System
+from tests.link.sensing.propagation import propagate
 
 
 def a_grid(system, seed=0):
@@ -91,32 +91,6 @@ def test_doppler_beyond_half_the_sampling_rate_is_that_of_the_continuous_formula
     received = propagate(grid, system, paths)
     expected = received_by_formula(grid, system, paths, len(received))
     np.testing.assert_allclose(received, expected, rtol=0, atol=1e-12)
-    symbols = np.stack(list(received_symbols(grid, system, paths)), axis=1)
-    np.testing.assert_allclose(symbols, demodulate(expected, system), rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("ratios", "n_elements"), [((0.25, 0.125), 1), ((0.5, 0.5), 20), ((0.5, 0), 3), ((0, 0), 20)]
-)
-def test_symbols_received_one_by_one_are_those_of_the_whole_waveform(ratios, n_elements):
-    prefix, suffix = ratios
-    system = System(n_subcarriers=16, n_symbols=5, cyclic_prefix_ratio=prefix, cyclic_suffix_ratio=suffix)
-    paths, grid = paths_of(system, DELAYS, DOPPLERS, n_elements), a_grid(system)
-    symbols = np.stack(list(received_symbols(grid, system, paths)), axis=1)
-    np.testing.assert_allclose(
-        symbols, demodulate(propagate(grid, system, paths), system), rtol=0, atol=1e-12
-    )
-
-
-def test_blocks_of_paths_and_of_periods_add_up_to_the_same(monkeypatch):
-    system = System(n_subcarriers=32, n_symbols=2)
-    paths, grid = paths_of(system, DELAYS, DOPPLERS), a_grid(system)
-    whole = propagate(grid, system, paths)
-    by_symbol = list(received_symbols(grid, system, paths))
-    monkeypatch.setattr(propagation, "TABLE_VALUES", 100)
-    monkeypatch.setattr(propagation, "SAMPLES_TOGETHER", 1)
-    np.testing.assert_allclose(propagate(grid, system, paths), whole, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(list(received_symbols(grid, system, paths)), by_symbol, rtol=0, atol=1e-11)
 
 
 def test_a_fractional_delay_is_the_shift_of_the_oversampled_frame():
@@ -141,27 +115,6 @@ def test_a_fractional_delay_is_the_shift_of_the_oversampled_frame():
     assert errors[2] < errors[1] / 3
 
 
-def test_no_elements_receive_nothing():
-    system = System(n_subcarriers=32, n_symbols=2)
-    paths = Paths(np.ones((1, 0)), np.array([2 / system.bandwidth_hz]), np.zeros(1))
-    grid = a_grid(system)
-    assert propagate(grid, system, paths).shape == (n_samples(layout(system), 2) + 2, 0)
-    assert [symbol.shape for symbol in received_symbols(grid, system, paths)] == [(32, 0)] * 2
-
-
-def test_no_paths_bring_nothing():
-    system = System(n_subcarriers=32, n_symbols=2)
-    none = Paths(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-    assert not propagate(a_grid(system), system, none).any()
-    assert all(not symbol.any() for symbol in received_symbols(a_grid(system), system, none))
-
-
-def test_symbols_that_arrive_behind_the_frame_are_not_received():
-    system = System(n_subcarriers=32, n_symbols=2)
-    late = Paths([[1.0]], [1.0], [0.0])
-    assert all(not symbol.any() for symbol in received_symbols(a_grid(system), system, late))
-
-
 @pytest.mark.parametrize(
     ("gain", "delay_s", "doppler_hz", "message"),
     [
@@ -175,14 +128,3 @@ def test_symbols_that_arrive_behind_the_frame_are_not_received():
 def test_paths_that_are_none_are_refused(gain, delay_s, doppler_hz, message):
     with pytest.raises(InputError, match=message):
         Paths(gain, delay_s, doppler_hz)
-
-
-def test_tables_of_another_system_and_endless_frames_are_refused():
-    system = System(n_subcarriers=32, n_symbols=2)
-    path = Paths([[1.0]], [0.0], [0.0])
-    with pytest.raises(InputError, match=r"symbols of shape \(32, 3\): allowed is \(32, 2\)"):
-        propagate(np.ones((32, 3)), system, path)
-    with pytest.raises(InputError, match="symbols hold values that are not finite"):
-        received_symbols(np.full((32, 2), np.nan), system, path)
-    with pytest.raises(InputError, match=r"paths\.delay_s, the longest, = 1.0: allowed is up to"):
-        propagate(np.ones((32, 2)), system, Paths([[1.0]], [1.0], [0.0]))
