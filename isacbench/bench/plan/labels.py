@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from isacbench.charts import Variant, variants_in
@@ -125,7 +124,6 @@ def _told_apart(variants: Sequence[Variant]) -> dict[Variant, str]:
     }
 
 
-@cache
 def _defaults(kind: PluginKind, name: str) -> Params | None:
     """Defaults of a plugin, None where they are unknown."""
     try:

@@ -23,7 +23,7 @@ HALF_BIN = 0.5
 
 
 def spectrum_charts(title: str, diagnosis: Diagnosis, scenario: Scenario) -> ChartGroup:
-    """Spectra of the cell of a diagnosis with threshold and peaks, and the true directions of what lies in it."""
+    """Spectra of the cell of a diagnosis with threshold and peaks, and the true directions in it."""
     if diagnosis.cell is None:
         raise ValueError("a figure of spectra takes a diagnosis with a cell")
     range_bin, doppler_bin = diagnosis.cell

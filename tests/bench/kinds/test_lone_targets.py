@@ -12,6 +12,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
+from tests.dsp.tone_bounds import tone_std_bins
 
 SPACE = load_scenario("single")
 PLACES = np.array([[64.0, 1.0, 0.0, 0.1], [66.0, -9.0, 0.15, -0.1], [68.0, 10.0, -0.15, 0.02]])
