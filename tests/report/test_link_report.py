@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.link_kind import LinkSuite
 from isacbench.report.figures import run_figures
 from isacbench.report.figures.link_figures import draw_link, draw_trade
@@ -88,7 +89,7 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     results = run_suite(
         LinkSuite(**suite, modulations=["qpsk", "16qam"], snr_db=[0, 40], trials=2), tmp_path / "run"
     )
-    imaged_grid, known, estimated = grids_of(results.records, "link")
+    imaged_grid, known, estimated = grids_of(results.rows, "link")
     header = ["SNR [dB]", "QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
     assert imaged_grid.header == header
     assert [row[0] for row in imaged_grid.rows] == ["0", "40"]
@@ -100,10 +101,10 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver_and_two_figures(plugins, 
     assert known.title.startswith("awgn, channel known: bit error rate")
     assert estimated.title.startswith("awgn, channel from PRS: bit error rate")
     assert known.rows[1][1].startswith("0 (0) | -40")
-    assert not math.isnan(results.records["ber_expected"].max())
-    assert {path.name for path in draw_run(tmp_path / "run")} == {"link-tiny.png", "trade-tiny.png"}
+    assert not math.isnan(results.rows["ber_expected"].max())
+    assert {path.name for path in draw_run(Run.open(tmp_path / "run"))} == {"link-tiny.png", "trade-tiny.png"}
     # One trial is no trials, and no decibel has no sign.
-    first = results.records.query("trial == 0").assign(evm_db=-0.01)
+    first = results.rows.query("trial == 0").assign(evm_db=-0.01)
     imaged_grid, known, _ = grids_of(first, "link")
     assert ", 1 trial, " in imaged_grid.title
     assert imaged_grid.title.endswith(" ms")
@@ -117,9 +118,9 @@ def test_a_suite_without_users_has_tables_and_a_figure_of_images(plugins, tiny, 
     results = run_suite(
         LinkSuite(**suite, modulations=["qpsk"], sensing=["all"], snr_db=[40], trials=1), tmp_path / "run"
     )
-    (grid,) = grids_of(results.records, "link")
+    (grid,) = grids_of(results.rows, "link")
     assert grid.header == ["SNR [dB]", "QPSK"]
-    assert [path.name for path in draw_run(tmp_path / "run")] == ["link-tiny.png"]
+    assert [path.name for path in draw_run(Run.open(tmp_path / "run"))] == ["link-tiny.png"]
 
 
 def test_snrs_beside_the_points_do_not_cover_each_other():

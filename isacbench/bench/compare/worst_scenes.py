@@ -11,7 +11,7 @@ import pandas as pd
 from isacbench.bench.compare.scene_scores import SCENE_CELL, VARIANT, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
 from isacbench.bench.plan.labels import rows_of, variants_in
-from isacbench.bench.store.run_store import scenario_texts
+from isacbench.bench.store.manifest import scenario_texts
 from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:

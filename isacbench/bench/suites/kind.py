@@ -67,7 +67,7 @@ class Kind:
     tables : Tables
         Summary of the records, ``summary.csv`` and ``summary.md``.
     figures : str
-        Function from `isacbench.bench.cells.record.Results` to pairs of the stem of a file and a figure.
+        Function from `isacbench.bench.store.run.Run` to pairs of the stem of a file and a figure.
     suite : type of Suite
         Class with the keys of its suites.
     columns : mapping of str to Any

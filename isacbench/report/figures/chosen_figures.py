@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from isacbench.bench.compare.scene_scores import SCENE_KINDS
-from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS, averaged_columns, summarise_scores
 from isacbench.errors import InputError, unknown_name
 from isacbench.model.radio_coordinates import median_gain_db
@@ -19,9 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    import pandas as pd
-
-    from isacbench.bench.cells.record import Results
+    from isacbench.bench.store.run import Run
     from isacbench.report.figures.curves import NamedFigure
 
 
@@ -44,74 +41,52 @@ class FigureChoice:
     metric: str | None = None
 
 
-def draw_chosen(folder: Path, choice: FigureChoice, extension: str = "png") -> list[Path]:
-    """Draw chosen figures of a stored run.
+def draw_chosen(run: Run, choice: FigureChoice, extension: str = "png") -> list[Path]:
+    """Draw chosen figures of a run; of an empty choice all, in the format.
 
-    Parameters
-    ----------
-    folder : Path
-        Of a run.
-    choice : FigureChoice
-        Empty: all figures, in the format.
-    extension : {"png", "pdf", "svg"}
-
-    Returns
-    -------
-    list of Path
-        Files in ``figures`` of the run: ``<metric>-*`` or ``curves-*`` of scores; ``clouds-*``, ``rdm-*``
-        and ``spectrum-*`` of images, with SNR and trial in their names.
-
-    Raises
-    ------
-    InputError
-        If the folder holds no run of images, or the run has not what is chosen.
-
-    Warns
-    -----
-    InputWarning
-        If an estimator of the run is not installed, or its diagnosis fails.
+    Files in ``figures`` of the run are ``<metric>-*`` or ``curves-*`` of scores; ``clouds-*``, ``rdm-*`` and
+    ``spectrum-*`` of images, with SNR and trial in their names. InputError if it is no run of images, or has
+    not what is chosen; a warning if an estimator is not installed, or its diagnosis fails.
     """
     if choice == FigureChoice():
-        return draw_run(folder, extension)
-    results = read_results(folder)
-    if results.suite.kind not in SCENE_KINDS:
+        return draw_run(run, extension)
+    if run.kind not in SCENE_KINDS:
         raise InputError(
-            f"{folder}: figures can be chosen of runs of the kinds {', '.join(SCENE_KINDS)}; this one is of "
-            f"the kind {results.suite.kind}"
+            f"{run.label}: figures can be chosen of runs of the kinds {', '.join(SCENE_KINDS)}; this one is "
+            f"of the kind {run.kind}"
         )
-    records = _chosen_rows(folder, results, choice)
-    results = replace(results, records=records)
-    return save_figures(folder, _figures(results, choice), extension)
+    chosen = _require_chosen(run, choice)
+    return save_figures(run.folder, _figures(chosen, choice), extension)
 
 
-def _chosen_rows(folder: Path, results: Results, choice: FigureChoice) -> pd.DataFrame:
-    """Rows of the chosen scenario; whatever else is chosen must be among them."""
-    records, names = results.records, list(results.records["scenario"].unique())
+def _require_chosen(run: Run, choice: FigureChoice) -> Run:
+    """Take the rows of the chosen scenario; whatever else is chosen must be among them."""
+    names = list(run.rows["scenario"].unique())
     if choice.scenario is not None and choice.scenario not in names:
-        raise InputError(f"{folder}: {unknown_name('scenario', choice.scenario, names)}")
+        raise InputError(f"{run.label}: {unknown_name('scenario', choice.scenario, names)}")
     if choice.scenario is not None:
-        records = records[records["scenario"] == choice.scenario]
+        run = run.take((run.rows["scenario"] == choice.scenario).to_numpy())
     elif len(names) > MANY_SCENARIOS:
         raise InputError(
-            f"{folder}: {len(names)} scenarios are too many for figures of each; give --scenario"
+            f"{run.label}: {len(names)} scenarios are too many for figures of each; give --scenario"
         )
     for what, column, wanted in (("SNR in dB", "snr_db", choice.snr_db), ("trial", "trial", choice.trial)):
-        values = sorted(records[column].unique())
+        values = sorted(run.rows[column].unique())
         if wanted is not None and wanted not in values:
             listed = ", ".join(f"{value:g}" for value in values)
-            raise InputError(f"{folder}: no {what} of {wanted:g}; allowed are {listed}")
-    metrics = averaged_columns(records)
+            raise InputError(f"{run.label}: no {what} of {wanted:g}; allowed are {listed}")
+    metrics = averaged_columns(run.rows)
     if choice.metric is not None and choice.metric not in metrics:
-        raise InputError(f"{folder}: {unknown_name('score', choice.metric, metrics)}")
-    return records
+        raise InputError(f"{run.label}: {unknown_name('score', choice.metric, metrics)}")
+    return run
 
 
-def _figures(results: Results, choice: FigureChoice) -> Iterator[NamedFigure]:
-    records, looks = results.records, variant_looks(results.records)
+def _figures(run: Run, choice: FigureChoice) -> Iterator[NamedFigure]:
+    records, looks = run.rows, variant_looks(run.rows)
     is_of_images = choice.snr_db is not None or choice.trial is not None
     summary = summarise_scores(records)
     for scenario, stem in file_stems(records["scenario"].unique()).items():
-        scene, own = results.scenarios[scenario], records[records["scenario"] == scenario]
+        scene, own = run.scenarios[scenario], records[records["scenario"] == scenario]
         gain_db = median_gain_db(scene)
         if choice.metric is not None:
             figure = draw_score(summary, scenario, choice.metric, looks, scene.radius_m, gain_db)
@@ -124,6 +99,6 @@ def _figures(results: Results, choice: FigureChoice) -> Iterator[NamedFigure]:
         wanted_db = CLOUD_SNRS_DB if choice.snr_db is None else [choice.snr_db]
         snrs_db = nearest_values(sorted(own["snr_db"].unique()), wanted_db)
         at = f"{stem}-{snrs_db[0]:g}dB" if choice.snr_db is not None else stem
-        yield from cloud_figures(results, looks, scenario, f"clouds-{at}-trial{trial}", snrs_db, trial)
+        yield from cloud_figures(run, looks, scenario, f"clouds-{at}-trial{trial}", snrs_db, trial)
         if is_of_images:
-            yield from diagnosis_figures(results, scenario, snrs_db[-1], trial)
+            yield from diagnosis_figures(run, scenario, snrs_db[-1], trial)

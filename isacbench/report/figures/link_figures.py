@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from isacbench.bench.cells.record import Results
+    from isacbench.bench.store.run import Run
     from isacbench.report.drawing.style import LineStyle
     from isacbench.report.figures.curves import NamedFigure
 
@@ -48,12 +48,12 @@ PANEL_IN = 3.1, 2.5
 TITLE_WIDTH = 42
 
 
-def link_figures(results: Results) -> Iterator[NamedFigure]:
+def link_figures(run: Run) -> Iterator[NamedFigure]:
     """Draw bit errors beside deviations of every scenario, and the trade between the two.
 
     Parameters
     ----------
-    results : Results
+    run : Run
 
     Yields
     ------
@@ -61,7 +61,7 @@ def link_figures(results: Results) -> Iterator[NamedFigure]:
         Of the file.
     figure : Figure
     """
-    summary = summarise_link(results.records)
+    summary = summarise_link(run.rows)
     templates = [name for name in summary["template"].unique() if name]
     for template, stem in file_stems(templates).items():
         yield f"link-{stem}", draw_link(summary, template)

@@ -11,7 +11,9 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.plan.labels import rows_of
+from isacbench.bench.store.run import CellKey, Run
 from isacbench.bench.studies.population_study import (
     ALL,
     PHASES,
@@ -21,7 +23,6 @@ from isacbench.bench.studies.population_study import (
 )
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.report.drawing.panels import MAX_SNR_TICKS, draw_line, legend_lines, panel_grid
 from isacbench.report.drawing.style import drawable, file_stems, looks_over, new_figure
 from isacbench.report.figures.cloud_figures import Image, draw_comparison
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
     from isacbench.report.drawing.style import LineLook
     from isacbench.report.figures.curves import NamedFigure
@@ -87,12 +87,12 @@ TARGETS = (
 )
 
 
-def population_figures(results: Results) -> Iterator[NamedFigure]:
+def population_figures(run: Run) -> Iterator[NamedFigure]:
     """Draw ratios of all scenes, scores over SNR by family, and each estimator's worst scene.
 
     Parameters
     ----------
-    results : Results
+    run : Run
 
     Yields
     ------
@@ -103,18 +103,18 @@ def population_figures(results: Results) -> Iterator[NamedFigure]:
     # Bands are over scenes here, and not over the realisations of a reference.
     looks = {
         variant: replace(look, label=look.label.replace(" ± spread", ""))
-        for variant, look in variant_looks(results.records).items()
+        for variant, look in variant_looks(run.rows).items()
     }
-    cells, summary = scene_cells(results.records), summarise_population(results.records)
+    cells, summary = scene_cells(run.rows), summarise_population(run.rows)
     if cells["ratio"].notna().any():
         yield "ratios", draw_ratios(cells, looks)
     yield "scores", draw_score_curves(summary, looks)
-    yield from radii(results, looks)
+    yield from radii(run, looks)
     lone = summary.loc[summary["n_false_mean"].notna(), "family"].unique()
     for family, stem in file_stems(lone).items():
         yield f"targets-{stem}", draw_targets(summary, family, looks)
-    yield from tradeoffs(results, looks)
-    yield from _worst_images(results, cells, looks)
+    yield from tradeoffs(run, looks)
+    yield from _worst_images(run, cells, looks)
 
 
 def draw_ratios(cells: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Figure:
@@ -329,9 +329,7 @@ def _scale(axes: Axes, curve: _Curve, most: float = math.nan) -> None:
         axes.set_ylim(-0.03 * top, top)
 
 
-def _worst_images(
-    results: Results, cells: pd.DataFrame, looks: Mapping[Variant, LineLook]
-) -> Iterator[NamedFigure]:
+def _worst_images(run: Run, cells: pd.DataFrame, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
     """Draw the scene in which each estimator has its largest ratio, beside the truth."""
     (snr_db,) = nearest_values(sorted(cells["snr_db"].unique()), [WORST_SNR_DB])
     rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
@@ -342,8 +340,8 @@ def _worst_images(
         if scenes.empty:
             continue
         worst = scenes.iloc[scenes["ratio"].argmax()]
-        cloud = _stored_cloud(results, worst)
-        scene = results.scenarios[worst["scenario"]]
+        cloud = run.clouds.get(CellKey(*worst[CLOUD_KEYS]), PointCloud.empty())
+        scene = run.scenarios[worst["scenario"]]
         title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {counted(len(scenes), 'scene')}"
         note = f"{counted(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
         image = Image(cloud, note)
@@ -351,11 +349,3 @@ def _worst_images(
             title, scene.truth, looks[variant].label, image, scene.region, scene.radius_m
         )
         yield f"worst-{stem}", figure
-
-
-def _stored_cloud(results: Results, row: pd.Series[Any]) -> PointCloud:
-    """Cloud of a row."""
-    points = results.clouds
-    for name in ("trial", "snr_db", "scenario", "estimator", "params"):
-        points = points[points[name] == row[name]]
-    return PointCloud.from_array(points[POINT_COLUMNS].to_numpy())

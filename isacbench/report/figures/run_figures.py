@@ -7,8 +7,9 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.store.run_store import read_results
 from isacbench.bench.studies.imaging_study import (
     MANY_SCENARIOS,
     average_scenarios,
@@ -22,7 +23,6 @@ from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.drawing.style import drawable, file_stems, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
+    from isacbench.bench.store.run import Run
     from isacbench.report.drawing.style import LineLook
     from isacbench.report.figures.curves import NamedFigure
 
@@ -59,53 +59,24 @@ NOT_RUN = Image(PointCloud.empty(), "not run")
 """Cell of which an interrupted run has no record."""
 
 
-def draw_run(folder: Path, extension: str = "png") -> list[Path]:
-    """Draw a stored run: of images scores over SNR and clouds; of a study its own figures.
+def draw_run(run: Run, extension: str = "png") -> list[Path]:
+    """Draw a run: of images scores over SNR and clouds; of a study its own figures.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of a run; figures of the same names in its ``figures`` are replaced.
-    extension : {"png", "pdf", "svg"}
-
-    Returns
-    -------
-    list of Path
-        What was written. Of images: ``deviation.png``, ``radii.png``; for each scenario
-        ``curves-*.png`` and ``clouds-*.png``, more than one of these where
-        the estimators are many, and of the 16 best alone where they are
-        more; where the time counts ``pareto-*.png`` and, where stages were
-        timed, ``stages-*.png``; of more than 12 scenarios only ``deviation.png``
-        with their mean and ``radii.png``. Of a population ``ratios.png``, ``scores.png``, ``radii.png``,
-        ``targets-*.png`` and ``worst-*.png``. Of another study, for each scenario that it has:
-        ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and
-        ``roc.png``, and ``detection-*.png``; or ``link-*.png`` and
-        ``trade-*.png``. Nothing where the run holds no cells.
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold a run.
+    Figures of the same names in ``figures`` of its folder are replaced. Of images: ``deviation.png``,
+    ``radii.png``; for each scenario ``curves-*.png`` and ``clouds-*.png``, more than one of these where the
+    estimators are many, and of the 16 best alone where they are more; where the time counts ``pareto-*.png``
+    and, where stages were timed, ``stages-*.png``; of more than 12 scenarios only ``deviation.png`` with
+    their mean and ``radii.png``. Of a population ``ratios.png``, ``scores.png``, ``radii.png``,
+    ``targets-*.png`` and ``worst-*.png``. Of another study, for each scenario that it has:
+    ``efficiency-*.png``; ``resolution-*.png``; ``maps.png`` and ``roc.png``, and ``detection-*.png``; or
+    ``link-*.png`` and ``trade-*.png``. Nothing where the run holds no cells.
     """
-    results = read_results(folder)
-    draw: Callable[[Results], Iterator[NamedFigure]] = resolve_name(kind_of(results.suite).figures)
-    return [] if results.records.empty else save_figures(folder, draw(results), extension)
+    draw: Callable[[Run], Iterator[NamedFigure]] = resolve_name(kind_of(run.suite).figures)
+    return [] if run.rows.empty else save_figures(run.folder, draw(run), extension)
 
 
 def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = "png") -> list[Path]:
-    """Save figures into ``figures`` of a run.
-
-    Parameters
-    ----------
-    folder : Path
-    figures : iterable of (str, Figure)
-        By the stems of their files; drawn one after the other, in the style of all figures.
-    extension : {"png", "pdf", "svg"}
-
-    Returns
-    -------
-    list of Path
-    """
+    """Save figures into ``figures`` of a run, by the stems of their files, drawn one after the other."""
     target = folder / FOLDER
     require_picture(Path(f"figure.{extension}"))
     make_own_folder(target)
@@ -113,65 +84,43 @@ def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = 
         return [save(figure, target / f"{stem}.{extension}") for stem, figure in figures]
 
 
-def imaging_figures(results: Results) -> Iterator[NamedFigure]:
+def imaging_figures(run: Run) -> Iterator[NamedFigure]:
     """Draw scores over SNR, run time against error where the time counts, and clouds.
 
     Of more than 12 scenarios only their mean deviation and times are drawn.
-
-    Parameters
-    ----------
-    results : Results
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
     """
-    looks = variant_looks(results.records)
-    if _is_crowded(results):
-        yield "deviation", _mean_deviation(results, looks)
-        yield from radii(results, looks)
-        yield from tradeoffs(results, looks)
+    looks = variant_looks(run.rows)
+    if _is_crowded(run):
+        yield "deviation", _mean_deviation(run, looks)
+        yield from radii(run, looks)
+        yield from tradeoffs(run, looks)
         return
-    yield from _curves(results, looks)
-    yield from radii(results, looks)
-    yield from tradeoffs(results, looks)
-    yield from _clouds(results, looks)
+    yield from _curves(run, looks)
+    yield from radii(run, looks)
+    yield from tradeoffs(run, looks)
+    yield from _clouds(run, looks)
 
 
-def _is_crowded(results: Results) -> bool:
+def _is_crowded(run: Run) -> bool:
     """Tell whether a run has too many scenarios for figures of each."""
-    return results.records["scenario"].nunique() > MANY_SCENARIOS
+    return run.rows["scenario"].nunique() > MANY_SCENARIOS
 
 
-def _mean_deviation(results: Results, looks: dict[Variant, LineLook]) -> Figure:
+def _mean_deviation(run: Run, looks: dict[Variant, LineLook]) -> Figure:
     """Deviation over SNR as a mean over scenarios, and a warning that says what is not drawn."""
-    n_scenarios = results.records["scenario"].nunique()
+    n_scenarios = run.rows["scenario"].nunique()
     warnings.warn(
         f"of more than {MANY_SCENARIOS} scenarios only means are drawn; isacbench image -s "
         "SCENARIO -e ESTIMATOR --plot draws one",
         InputWarning,
         stacklevel=2,
     )
-    return draw_deviations(average_scenarios(results.records), looks, mean_of_scenarios(n_scenarios))
+    return draw_deviations(average_scenarios(run.rows), looks, mean_of_scenarios(n_scenarios))
 
 
-def tradeoffs(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Draw time against error of every scenario, or of many together, where the time counts.
-
-    Parameters
-    ----------
-    results : Results
-    looks : mapping of (str, str) to LineLook
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    rows = timed_rows(results.records)
+def tradeoffs(run: Run, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
+    """Draw time against error of every scenario, or of many together, where the time counts."""
+    rows = timed_rows(run.rows)
     if rows.empty:
         return
     points = summarise_points(rows, {name for (name, _), look in looks.items() if look.is_bound})
@@ -182,91 +131,60 @@ def tradeoffs(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[N
             yield f"stages-{stem}", stages
 
 
-def _curves(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
+def _curves(run: Run, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
     """Scores over SNR, all scenarios together and each on its own."""
-    summary = summarise_scores(results.records)
+    summary = summarise_scores(run.rows)
     yield "deviation", draw_deviations(summary, looks)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
-        scene = results.scenarios[scenario]
+        scene = run.scenarios[scenario]
         yield (
             f"curves-{stem}",
             draw_scores(summary, scenario, looks, scene.radius_m, median_gain_db(scene)),
         )
 
 
-def radii(results: Results, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
-    """Draw scores of matched points over the radius, first trials at the highest SNR.
-
-    Parameters
-    ----------
-    results : Results
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
-    top_db, first = results.records["snr_db"].max(), int(results.records["trial"].min())
-    rows, points = (
-        table[(table["snr_db"] == top_db) & (table["trial"] == first)]
-        for table in (results.records[~failed(results.records)], results.clouds)
-    )
-    image = ["scenario", *CELL[:2]]
-    clouds: dict[Hashable, pd.DataFrame] = dict(list(points.groupby(image, observed=True, sort=False)))
+def radii(run: Run, looks: Mapping[Variant, LineLook]) -> Iterator[NamedFigure]:
+    """Draw scores of matched points over the radius, first trials at the highest SNR."""
+    rows = run.rows
+    top_db, first = rows["snr_db"].max(), int(rows["trial"].min())
+    is_drawn = (rows["snr_db"] == top_db) & (rows["trial"] == first) & ~failed(rows)
     curves: dict[Variant, list[Curve]] = {variant: [] for variant in looks}
-    for name, *variant in rows[image].itertuples(index=False):
-        part = clouds.get((name, *variant), points[:0])
-        pair = CloudPair.of(results.scenarios[name], PointCloud.from_array(part[POINT_COLUMNS].to_numpy()))
+    for place in np.flatnonzero(is_drawn).tolist():
+        name, *variant = rows[["scenario", "estimator", "params"]].iloc[place]
+        pair = CloudPair.of(run.scenarios[name], run.cloud_array.cloud(place))
         curves[variant[0], variant[1]].append(score_curve(pair))
     if any(curves.values()):
-        n_scenes = counted(rows["scenario"].nunique(), "scene")
+        n_scenes = counted(rows.loc[is_drawn, "scenario"].nunique(), "scene")
         title = f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}"
         yield "radii", draw_radii(curves, looks, title)
 
 
-def _clouds(results: Results, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
+def _clouds(run: Run, looks: dict[Variant, LineLook]) -> Iterator[NamedFigure]:
     """Clouds of every scenario's first trial."""
-    for scenario, stem in file_stems(results.records["scenario"].unique()).items():
-        records = results.records[results.records["scenario"] == scenario]
+    for scenario, stem in file_stems(run.rows["scenario"].unique()).items():
+        records = run.rows[run.rows["scenario"] == scenario]
         snrs_db = nearest_values(sorted(records["snr_db"].unique()), CLOUD_SNRS_DB)
         trial = int(records["trial"].min())
-        yield from cloud_figures(results, looks, scenario, f"clouds-{stem}", snrs_db, trial)
+        yield from cloud_figures(run, looks, scenario, f"clouds-{stem}", snrs_db, trial)
 
 
 def cloud_figures(
-    results: Results,
+    run: Run,
     looks: Mapping[Variant, LineLook],
     scenario: str,
     stem: str,
     snrs_db: Sequence[float],
     trial: int,
 ) -> Iterator[NamedFigure]:
-    """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure.
-
-    Parameters
-    ----------
-    results : Results
-    looks : mapping of (str, str) to LineLook
-    scenario, stem : str
-        Names of the scenario and of the file.
-    snrs_db : sequence of float
-    trial : int
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-    """
+    """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure."""
     # A run of limits alone still has clouds to show.
     candidates = [variant for variant, look in looks.items() if not look.is_bound] or list(looks)
-    records = results.records[results.records["scenario"] == scenario]
+    records = run.rows[run.rows["scenario"] == scenario]
     shown = best_variants(records, candidates)
     title = drawable(scenario)
     if len(shown) < len(candidates):
         title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
-    images, scene = _images(results, scenario, trial), results.scenarios[scenario]
+    images, scene = _images(run, scenario, trial), run.scenarios[scenario]
     pages = batched(shown, CLOUDS_A_FIGURE)
     for number, page in enumerate(pages, start=1):
         rows = {snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page] for snr_db in snrs_db}
@@ -278,20 +196,7 @@ def cloud_figures(
 
 
 def best_variants(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
-    """Choose the estimators whose clouds are drawn.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a scenario.
-    candidates : sequence of (str, str)
-        Names and parameters.
-
-    Returns
-    -------
-    list of (str, str)
-        Those of least mean deviation, in the order given.
-    """
+    """Choose the estimators whose clouds are drawn: those of least mean deviation, in the order given."""
     if len(candidates) <= MOST_CLOUDS:
         return list(candidates)
     means = records.groupby(["estimator", "params"], sort=False)["deviation"].mean()
@@ -300,19 +205,15 @@ def best_variants(records: pd.DataFrame, candidates: Sequence[Variant]) -> list[
     return [variant for variant in candidates if variant in best]
 
 
-def _images(results: Results, scenario: str, trial: int) -> dict[Hashable, Image]:
+def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
     """Images of one trial of a scenario, by name, parameters and SNR."""
     # Numbers first: they are compared much faster than text, and leave little of it.
-    points = results.clouds[results.clouds["trial"] == trial]
-    points = points[points["scenario"] == scenario]
-    clouds: dict[Hashable, PointCloud] = {
-        key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
-        for key, part in points.groupby(CELL, sort=False, observed=True)
-    }
-    records = results.records[(results.records["trial"] == trial) & (results.records["scenario"] == scenario)]
+    places = np.flatnonzero(run.rows["trial"] == trial)
+    places = places[run.rows["scenario"].iloc[places] == scenario]
+    records = run.rows.iloc[places].set_index(CELL)
     return {
-        key: _image(clouds.get(key, PointCloud.empty()), record)
-        for key, record in records.set_index(CELL).iterrows()
+        key: _image(run.cloud_array.cloud(place), record)
+        for place, (key, record) in zip(places.tolist(), records.iterrows(), strict=True)
     }
 
 

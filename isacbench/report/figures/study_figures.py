@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from isacbench.bench.cells.record import Results
     from isacbench.bench.plan.labels import Variant
+    from isacbench.bench.store.run import Run
     from isacbench.report.drawing.style import LineLook
     from isacbench.report.figures.curves import NamedFigure
 
@@ -62,12 +62,12 @@ SHARE_LIMITS = -0.03, 1.03
 """Ends of an axis of shares and probabilities."""
 
 
-def efficiency_figures(results: Results) -> Iterator[NamedFigure]:
+def efficiency_figures(run: Run) -> Iterator[NamedFigure]:
     """Draw errors and bounds of every scenario.
 
     Parameters
     ----------
-    results : Results
+    run : Run
 
     Yields
     ------
@@ -75,17 +75,17 @@ def efficiency_figures(results: Results) -> Iterator[NamedFigure]:
         Of the file.
     figure : Figure
     """
-    summary, looks = summarise_efficiency(results.records), variant_looks(results.records)
+    summary, looks = summarise_efficiency(run.rows), variant_looks(run.rows)
     for scenario, stem in file_stems(summary["scenario"].unique()).items():
         yield f"efficiency-{stem}", draw_efficiency(summary, scenario, looks)
 
 
-def resolution_figures(results: Results) -> Iterator[NamedFigure]:
+def resolution_figures(run: Run) -> Iterator[NamedFigure]:
     """Draw probabilities of resolution of every template and SNR.
 
     Parameters
     ----------
-    results : Results
+    run : Run
 
     Yields
     ------
@@ -93,7 +93,7 @@ def resolution_figures(results: Results) -> Iterator[NamedFigure]:
         Of the file.
     figure : Figure
     """
-    summary, looks = summarise_resolution(results.records), variant_looks(results.records)
+    summary, looks = summarise_resolution(run.rows), variant_looks(run.rows)
     several = summary["snr_gain_db"].nunique() > 1
     for template, stem in file_stems(summary["template"].unique()).items():
         for snr_gain_db, at_snr in summary[summary["template"] == template].groupby("snr_gain_db"):
@@ -101,12 +101,12 @@ def resolution_figures(results: Results) -> Iterator[NamedFigure]:
             yield f"resolution-{stem}{suffix}", draw_resolution(at_snr, looks)
 
 
-def detection_figures(results: Results) -> Iterator[NamedFigure]:
+def detection_figures(run: Run) -> Iterator[NamedFigure]:
     """Draw detectors on the maps, and behind estimators on every scenario.
 
     Parameters
     ----------
-    results : Results
+    run : Run
 
     Yields
     ------
@@ -114,7 +114,7 @@ def detection_figures(results: Results) -> Iterator[NamedFigure]:
         Of the file.
     figure : Figure
     """
-    summary = summarise_detection(results.records)
+    summary = summarise_detection(run.rows)
     on_maps = summary["scenario"].isin(list(MAPS))
     if on_maps.any():
         yield "maps", draw_maps(summary[on_maps])

@@ -49,9 +49,8 @@ def study_charts(joined: JoinedRuns) -> list[Chart]:
         ``series`` with ``label``, ``colour``, ``dash``, ``symbol`` and the lists ``x``, ``y``, ``low``,
         ``high``; and ``line``, a reference value of y, or None.
     """
-    kind = joined.table.manifest["suite"].get("kind", "imaging")
-    charts = CHARTS.get(kind)
-    return [] if charts is None else list(charts(joined.table.records))
+    charts = CHARTS.get(joined.table.kind)
+    return [] if charts is None else list(charts(joined.table.rows))
 
 
 def _chart(group: str, title: str, x: str, y: str, series: list[dict[str, Any]], **more: Any) -> Chart:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from isacbench.bench.store.csv_table import without_formulas
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
-from isacbench.bench.store.run_store import read_scenes, recover_manifest
+from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.studies.imaging_study import MANY_SCENARIOS
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError
@@ -20,72 +19,48 @@ from isacbench.report.tables.run_tables import Grid, markdown
 from isacbench.report.tables.stage_tables import is_timed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
+    from isacbench.bench.store.run import Run
     from isacbench.bench.suites.kind import Tables
 
 
 def grids_of(records: pd.DataFrame, kind: str = "imaging") -> list[Grid]:
-    """Lay out all tables of a run: those of its kind, and where it was timed those of its times.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of the run.
-    kind : str
-        Of its suite.
-
-    Returns
-    -------
-    list of Grid
-    """
+    """Lay out all tables of a run: those of its kind, and where it was timed those of its times."""
     return [grid for tables in _by_stem(records, kind).values() for grid in _grids(tables, records)]
 
 
-def write_run_tables(folder: Path, records: pd.DataFrame, kind: str = "imaging") -> list[Path]:
+def write_run_tables(run: Run) -> tuple[list[Path], list[Grid]]:
     """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and the tables of its times.
 
     ``summary.md`` ends with the reasons of failed cells, if there are any, and commands that repeat them.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing folder. Tables of these names are replaced; those of
-        times are removed where no row is timed any more.
-    records : DataFrame
-        Rows of the run.
-    kind : str
-        Of its suite.
-
-    Returns
-    -------
-    list of Path
-        Files that were written: ``stages.csv`` and ``stages.md``, too, where any row
-        is timed, and of images ``pareto.csv``, as far as there is anything to put into them.
+    Tables of these names are replaced; those of times (``stages`` and, of images, ``pareto``) are removed
+    where no row is timed any more. Returned are the files, and the tables that `grids_of` lays out.
     """
-    made, manifest = _by_stem(records, kind), recover_manifest(folder)
-    written = []
-    for stem in ("summary", *KINDS[kind].timed_tables):
-        summary, grids = pd.DataFrame(), []
+    made = _by_stem(run.rows, run.kind)
+    written: list[Path] = []
+    every: list[Grid] = []
+    for stem in ("summary", *KINDS[run.kind].timed_tables):
+        summary, grids = pd.DataFrame(), list[Grid]()
         if stem in made:
-            summary, grids = resolve_name(made[stem].summary)(records), _grids(made[stem], records)
+            summary, grids = resolve_name(made[stem].summary)(run.rows), _grids(made[stem], run.rows)
+            every += grids
         if stem == "summary":
-            grids += _gain_grids(folder, manifest) + failure_grids(records, manifest)
+            grids = [*grids, *_gain_grids(run), *failure_grids(run.rows, run.manifest)]
         csv = "" if summary.empty else without_formulas(summary).to_csv(index=False)
-        written += _write(folder / f"{stem}.csv", csv)
-        written += _write(folder / f"{stem}.md", "\n".join(map(markdown, grids)))
-    return written
+        written += _write(run.folder / f"{stem}.csv", csv)
+        written += _write(run.folder / f"{stem}.md", "\n".join(map(markdown, grids)))
+    return written, every
 
 
-def _gain_grids(folder: Path, manifest: Mapping[str, Any]) -> list[Grid]:
+def _gain_grids(run: Run) -> list[Grid]:
     """SNR of a median scatterer after all gains.
 
     Nothing where no scenario is stored, trials draw, or some images sense with a part of the frame.
     """
     try:
         with warned_before():
-            _, scenarios, draws = read_scenes(folder, manifest)
+            scenarios, draws = run.scenarios, run.draws
     except InputError:
         return []
     gains_db = {name: median_gain_db(scenario) for name, scenario in scenarios.items()}
@@ -95,7 +70,7 @@ def _gain_grids(folder: Path, manifest: Mapping[str, Any]) -> list[Grid]:
     else:
         rows = [[name, f"{gain_db:+.1f}"] for name, gain_db in gains_db.items()]
     title = "SNR of a median scatterer after all gains, over the SNR of a resource element"
-    is_shown = draws.empty and manifest["suite"].get("sensing", ["all"]) == ["all"]
+    is_shown = draws.empty and run.manifest["suite"].get("sensing", ["all"]) == ["all"]
     return [Grid(title, ["scenario", "dB"], rows, is_detail=True)] if is_shown else []
 
 

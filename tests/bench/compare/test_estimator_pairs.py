@@ -3,7 +3,7 @@ import json
 import pytest
 
 from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
-from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.specifications import spell_spec
 
@@ -27,7 +27,7 @@ def run(made_run):
     number = records["estimator"].astype(int)
     records["estimator"] = [STORED[index][0] for index in number]
     records["params"] = [json.dumps(STORED[index][1], sort_keys=True) for index in number]
-    return RunTable("results/mine", records, manifest)
+    return Run("results/mine", records, manifest)
 
 
 @pytest.mark.parametrize(
@@ -106,6 +106,6 @@ def test_of_several_that_fit_the_one_that_is_spelled_so_is_meant(made_run):
     # Fields that were added later are left out at their default, as `search` of music2d is.
     stored = ['{"pfa":0.001}', '{"pfa":0.001,"search":"root"}']
     records["params"] = [stored[int(name)] for name in records["estimator"]]
-    run = RunTable("r", records.assign(estimator="music2d"), manifest)
+    run = Run("r", records.assign(estimator="music2d"), manifest)
     assert find_variant(run, "music2d") == ("music2d", stored[0])
     assert find_variant(run, "music2d[search=root]") == ("music2d", stored[1])

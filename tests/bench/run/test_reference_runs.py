@@ -12,8 +12,7 @@ from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.store.run_store import read_results
-from isacbench.bench.store.stored_run import load_run
+from isacbench.bench.store.run import Run, load_run
 from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
@@ -70,7 +69,7 @@ def folder(suite, run_once):
 @pytest.fixture
 def first(folder):
     """Rows of this run."""
-    return read_results(folder).records
+    return Run.open(folder).rows
 
 
 def is_of_reference(records):
@@ -119,7 +118,7 @@ def test_a_reference_is_scored_once_for_all_snrs_and_trials_of_a_scenario(suite,
 
     monkeypatch.setattr(scored_images, "score_realisations", counted)
     scored_images._imaged.cache_clear()
-    records = run_suite(suite).records
+    records = run_suite(suite).rows
     assert is_of_reference(records).sum() == 12
     assert len(calls) == len(REFERENCES)
 
@@ -171,8 +170,8 @@ def test_a_stored_cloud_that_lost_points_is_noticed_and_made_again(suite, first,
 
 
 def test_runs_with_and_without_references_are_merged(suite, folder, tmp_path):
-    run(suite, estimators=["seer"], snr_db=[0], trials=1, out=tmp_path / "without")
-    records = merge([tmp_path / "without", folder], tmp_path / "both").records
+    run(suite, estimators=["seer"], out=tmp_path / "without")
+    records = merge([tmp_path / "without", folder], tmp_path / "both").run.rows
     assert set(records["estimator"]) == {"seer", "blob", "oracle", "chance", "trouble"}
     assert records["deviation_spread"].notna().tolist() == is_of_reference(records).tolist()
 
@@ -185,7 +184,7 @@ def test_rows_of_references_are_scored_again_from_their_realisations(first, fold
     scored_images._imaged.cache_clear()
     rescored = rescore(folder)
     assert rescored.n_changed == (first["status"] == "ok").sum()
-    pd.testing.assert_frame_equal(rescored.records, first)
+    pd.testing.assert_frame_equal(rescored.run.rows, first)
 
 
 @pytest.mark.parametrize("gone", ["all", "chance"])

@@ -7,8 +7,9 @@ import pytest
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.run.rescoring import Change, rescore
 from isacbench.bench.run.runner import run
+from isacbench.bench.store.manifest import read_manifest
+from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.run_store import read_manifest
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
@@ -125,8 +126,9 @@ def test_a_run_rescored_by_a_further_metric_goes_on_with_that_metric(street, don
 
 
 def test_a_killed_run_is_scored_with_the_rows_of_its_journal(street, done, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
-    run(street, out=tmp_path / "run")
+    with monkeypatch.context() as patch:
+        patch.setattr(Run, "save", lambda *_: None)
+        run(street, out=tmp_path / "run")
     assert not (tmp_path / "run" / "results.parquet").exists()
     assert rescore(tmp_path / "run").n_scored == 4
     assert not (tmp_path / "run" / "journal.jsonl").exists()

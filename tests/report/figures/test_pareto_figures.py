@@ -4,7 +4,7 @@ from matplotlib.colors import same_color
 from matplotlib.text import Text
 
 from isacbench.bench.run.runner import run
-from isacbench.bench.store.run_store import read_results
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.drawing.style import new_figure, styled
 from isacbench.report.figures import run_figures
@@ -215,15 +215,12 @@ def test_a_run_draws_them_where_its_times_count(plugins, tiny, tmp_path, monkeyp
     )
     folder = tmp_path / "run"
     run(suite, out=folder)
-    stored = read_results(folder)
+    stored = Run.open(folder)
     for name in ("draw_deviations", "draw_scores", "draw_clouds"):
         monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
-    assert not [path for path in draw_run(folder) if path.stem.startswith("pareto")]
-    timed_run = with_stages(stored.records.assign(timing=True))
-    monkeypatch.setattr(
-        run_figures, "read_results", lambda _: type(stored)(**{**vars(stored), "records": timed_run})
-    )
-    names = [path.name for path in draw_run(folder)]
+    assert not [path for path in draw_run(Run.open(folder)) if path.stem.startswith("pareto")]
+    timed_run = stored.changed(rows=with_stages(stored.rows.assign(timing=True)))
+    names = [path.name for path in draw_run(timed_run)]
     assert names == [
         "deviation.png",
         "curves-tiny.png",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run import Run
 from isacbench.bench.studies.population_study import scene_cells, summarise_population
 from isacbench.bench.suites.population_kind import PopulationSuite
 from isacbench.model.scenes.scenario import load_scenario
@@ -127,7 +128,7 @@ def test_every_figure_of_a_population_is_written_with_the_worst_scene_of_each_es
         run_figures, "save", lambda figure, path: titles.append(figure.get_suptitle()) or save(figure, path)
     )
     run_suite(population(), tmp_path / "run")
-    paths = draw_run(tmp_path / "run")
+    paths = draw_run(Run.open(tmp_path / "run"))
     assert [path.name for path in paths] == [
         "ratios.png",
         "scores.png",
@@ -144,7 +145,7 @@ def test_without_an_oracle_there_are_no_ratios(population, tmp_path, monkeypatch
     for name in ("draw_score_curves", "draw_targets"):
         monkeypatch.setattr(population_figures, name, lambda *_: None)
     run_suite(population(estimators=["blob"], snr_db=[0]), tmp_path / "run")
-    assert [path.name for path in draw_run(tmp_path / "run")] == [
+    assert [path.name for path in draw_run(Run.open(tmp_path / "run"))] == [
         "scores.png",
         "radii.png",
         "targets-sparse.png",

@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.detection_kind import DetectionSuite
 from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
@@ -178,7 +179,7 @@ def test_figures_of_a_stored_study_are_written_where_they_are_said_to_be(
 ):
     monkeypatch.chdir(tmp_path)
     run_suite(make(**{**SMALL, **changes}), out=tmp_path / "run")
-    paths = draw_run(tmp_path / "run")
+    paths = draw_run(Run.open(tmp_path / "run"))
     assert [path.relative_to(tmp_path / "run").as_posix() for path in paths] == [
         f"figures/{name}.png" for name in names
     ]
@@ -190,4 +191,4 @@ def test_detection_without_maps_has_the_figure_of_its_scenario_alone(plugins, ti
     monkeypatch.setattr(run_figures, "save", lambda _, path: path)
     suite = {"scenarios": [str(tiny)], "estimators": ["blob"], "detectors": ["ca"], "maps": []}
     run_suite(DetectionSuite(**{**SMALL, **suite}), out=tmp_path / "run")
-    assert [path.stem for path in draw_run(tmp_path / "run")] == ["detection-tiny"]
+    assert [path.stem for path in draw_run(Run.open(tmp_path / "run"))] == ["detection-tiny"]

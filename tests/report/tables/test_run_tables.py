@@ -10,7 +10,6 @@ from isacbench.bench.studies.imaging_study import average_scenarios, summarise_s
 from isacbench.bench.studies.intervals import mean_band
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.tables.image_tables import SHOWN, score_grids
-from isacbench.report.tables.tables_by_kind import write_run_tables
 from tests.report.tables.printed import printed
 
 N_TRIALS = 5
@@ -149,8 +148,8 @@ def test_brackets_survive_in_the_terminal(records):
     assert "blob[n=5]" in "".join(printed(score_grids(records)[0]))
 
 
-def test_tables_are_written_and_replaced(records, tmp_path):
-    paths = write_run_tables(tmp_path, records)
+def test_tables_are_written_and_replaced(records, tables_written):
+    paths = tables_written(records)
     assert [path.name for path in paths] == ["summary.csv", "summary.md"]
     assert len(pd.read_csv(paths[0])) == 8
     lines = paths[1].read_text(encoding="utf-8").splitlines()
@@ -159,7 +158,7 @@ def test_tables_are_written_and_replaced(records, tmp_path):
     assert f"**{2 * N_TRIALS} of {8 * N_TRIALS} cells failed**" in lines
     reason = "ZeroDivisionError: no luck (test_plugins.py, line 68, in estimate)"
     assert f"| {reason} | error | trouble[kind=raise] | tiny | 10 |" in lines
-    assert write_run_tables(tmp_path, records) == paths
+    assert tables_written(records) == paths
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from isacbench.bench.cells.record import TIMING_COLUMNS
 from isacbench.bench.studies.imaging_study import summarise_scores
 from isacbench.report.tables.image_tables import score_grids
 from isacbench.report.tables.stage_tables import is_timed, stage_grids, summarise_stages
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+from isacbench.report.tables.tables_by_kind import grids_of
 
 
 @pytest.fixture
@@ -87,8 +87,10 @@ def test_scenes_of_one_template_share_a_table(records):
     assert [row[1] for row in grid.rows] == ["18", "18"]
 
 
-def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_was_timed(records, tmp_path):
-    paths = write_run_tables(tmp_path, records)
+def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_was_timed(
+    records, tables_written, tmp_path
+):
+    paths = tables_written(records)
     assert [path.name for path in paths][:4] == ["summary.csv", "summary.md", "stages.csv", "stages.md"]
     written = pd.read_csv(tmp_path / "stages.csv")
     pd.testing.assert_frame_equal(written, summarise_stages(records).reset_index(drop=True))
@@ -97,10 +99,10 @@ def test_tables_of_stages_are_written_and_shown_beside_the_others_where_a_run_wa
     assert grids_of(records)[: len(shown)] == shown
 
 
-def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tmp_path):
+def test_a_run_that_was_not_timed_has_no_tables_of_stages(records, tables_written):
     ordinary = records.drop(columns=[*TIMING_COLUMNS]).assign(timing=False)
     assert not is_timed(ordinary)
-    assert [path.name for path in write_run_tables(tmp_path, ordinary)] == ["summary.csv", "summary.md"]
+    assert [path.name for path in tables_written(ordinary)] == ["summary.csv", "summary.md"]
     assert grids_of(ordinary) == score_grids(ordinary)
 
 

@@ -11,7 +11,7 @@ from isacbench.bench.suites.resolution_kind import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.tables.failures import failure_grids
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
+from isacbench.report.tables.tables_by_kind import grids_of
 from tests.report.tables.printed import printed
 
 WIDTH = 100
@@ -81,14 +81,14 @@ def test_times_are_medians_of_the_cells_that_did_not_fail(rows_of, kind):
 
 @pytest.mark.parametrize("kind", STUDIES)
 def test_every_table_fits_a_terminal_of_a_hundred_columns_and_is_written_with_the_summary(
-    rows_of, tmp_path, kind
+    rows_of, tables_written, kind
 ):
     records = rows_of(kind)
     grids = grids_of(records, kind)
     for grid in grids:
         assert all(len(row) == len(grid.header) for row in grid.rows)
         assert max(map(len, printed(grid))) <= WIDTH
-    paths = write_run_tables(tmp_path, records, kind)
+    paths = tables_written(records, kind)
     summary = pd.read_csv(paths[0])
     assert len(summary) == len(resolve_name(KINDS[kind].tables.summary)(records))
     assert isinstance(json.loads(summary["params"].iloc[0]), dict)
