@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.matching import NotComparableError
     from isacbench.bench.compare.ranking import Ranking, rank
     from isacbench.bench.run.runner import run
-    from isacbench.bench.store.stored_run import load_run
+    from isacbench.bench.store.run import load_run
     from isacbench.checking.contract import check
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.errors import InputError
@@ -74,7 +74,7 @@ _HOMES = {
     "get_detector": "isacbench.plugins.registry",
     "get_estimator": "isacbench.plugins.registry",
     "get_metric": "isacbench.plugins.registry",
-    "load_run": "isacbench.bench.store.stored_run",
+    "load_run": "isacbench.bench.store.run",
     "load_scenario": "isacbench.model.scenes.scenario",
     "observe": "isacbench.link.sensing.observing",
     "observe_cube": "isacbench.cubes.frame_observation",

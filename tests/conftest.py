@@ -228,9 +228,9 @@ def asked_once():
         if "typer.testing" in sys.modules:
             typer = sys.modules["typer"]
             patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command), raising=False)
-        if "isacbench.bench.store.run_store" in sys.modules:
-            run_store = sys.modules["isacbench.bench.store.run_store"]
-            patch.setattr(run_store, "git_state", cache(run_store.git_state))
+        if "isacbench.bench.store.manifest" in sys.modules:
+            manifest = sys.modules["isacbench.bench.store.manifest"]
+            patch.setattr(manifest, "git_state", cache(manifest.git_state))
         yield
 
 
@@ -352,14 +352,19 @@ def _records(scenarios, estimators, snr_db, trials):
 @pytest.fixture
 def made_run():
     """Return a function that makes up a run: its records and its manifest."""
+    from isacbench.bench.store.score_columns import describe_scores
+    from isacbench.bench.suites.imaging_kind import IMAGING
+    from isacbench.plugins.scoring import Metrics
 
     def make(scenarios=("street",), estimators=("fft4d", "music2d"), snr_db=(-20, -5, 10), trials=10):
         records = _records(scenarios, estimators, snr_db, trials)
+        lists = {"scenarios": list(scenarios), "estimators": list(estimators), "snr_db": list(snr_db)}
         manifest = {
             "isacbench": "0.1.0",
             "git": {"commit": "0123456789abcdef", "dirty": False},
             "seed": 0,
-            "suite": {"name": "street", "kind": "imaging", "scenarios": list(scenarios)},
+            "suite": {"name": "street", "kind": "imaging", "trials": trials, **lists},
+            "scores": describe_scores(Metrics.of(IMAGING.metrics), ()),
             "scenarios": {name: {"content": f"c-{name}"} for name in scenarios},
             "environments": {"e1": {"machine": {"processor": "P", "cores": 2}, "versions": {}}},
         }
@@ -374,7 +379,7 @@ def scenes_run(made_run):
     import numpy as np
     import pandas as pd
 
-    from isacbench.bench.compare.matching import RunTable
+    from isacbench.bench.store.run import Run
 
     four = ("fft4d", "music2d", "esprit2d", "oracle")
 
@@ -391,7 +396,7 @@ def scenes_run(made_run):
             records[f"hausdorff_{plane}_m"] = records["deviation"] / 4
         records["hausdorff_sum_m"] = 3 * records["deviation"] / 4
         change(records)
-        return RunTable("run", records, manifest)
+        return Run("run", records, manifest)
 
     return make
 
@@ -401,9 +406,13 @@ def written_run(tmp_path):
     """Return a function that writes records and manifest into a folder, as far as a comparison reads it."""
     import json
 
+    from isacbench.bench.cells.record import COLUMNS, TYPES
+
     def write(name, records, manifest):
         folder = tmp_path / name
         folder.mkdir()
+        further = [one for one in COLUMNS if one not in records and TYPES[one] == "float"]
+        records = records.reindex(columns=[*records, *further])
         records.to_parquet(folder / "results.parquet", index=False)
         (folder / "manifest.json").write_text(json.dumps(manifest))
         return folder

@@ -3,7 +3,7 @@
 import ast
 import re
 import tomllib
-from collections import Counter, defaultdict
+from collections import Counter
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 
@@ -161,25 +161,8 @@ def test_a_folder_has_few_modules():
     assert {folder: n for folder, n in counts.items() if n > MOST_MODULES} == {}
 
 
-def test_no_file_name_is_there_twice():
-    names = Counter(path.name for path in FILES.values() if path.name != "__init__.py")
-    names += Counter(f"{room.rpartition('.')[2]}.py" for room in ROOMS)
-    assert [name for name, n in names.items() if n > 1] == []
-
-
 def test_rooms_alone_list_their_names():
     assert [module for module in FILES if module not in ROOMS and exported(module)] == []
-
-
-def test_no_public_function_or_class_is_defined_twice():
-    places = defaultdict(list)
-    for module, tree in trees().items():
-        if module in ROOMS:
-            continue
-        for node in tree.body:
-            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-                places[node.name].append(module)
-    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
 
 
 DOTTED = re.compile(r"(?<![\w./-])(?:isacbench|isacbench_algorithms)(?:\.\w+)+")

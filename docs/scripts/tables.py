@@ -17,7 +17,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from isacbench.bench.compare.matching import RunTable, read_run
 from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
 from isacbench.bench.kinds.detection import DetectionKind
 from isacbench.bench.kinds.efficiency import EfficiencyKind
@@ -27,8 +26,9 @@ from isacbench.bench.kinds.population import ALL, ratio_charts, scene_cells, sum
 from isacbench.bench.kinds.resolution import ResolutionKind
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
-from isacbench.bench.plan.labels import rows_of as own_rows
 from isacbench.bench.run_times import pareto_charts, summarise_points
+from isacbench.bench.store.run import Run
+from isacbench.charts import rows_of as own_rows
 from isacbench.charts import variants_in
 from isacbench.report.comparisons.ranking_charts import ranking_charts
 from isacbench.report.comparisons.ranking_tables import ranking_grids
@@ -54,29 +54,29 @@ DIMENSIONS = "range", "velocity", "u", "w"
 
 
 @cache
-def rows_of(name: str) -> RunTable:
+def rows_of(name: str) -> Run:
     """Rows and manifest of a committed run."""
-    return read_run(ROOT / "results" / "reference" / name)
+    return Run.open(ROOT / "results" / "reference" / name).require_finished()
 
 
 @cache
 def labels_of(name: str) -> dict[Variant, str]:
     """Estimators of a run by name and parameters, as tables spell them, references last."""
-    records = rows_of(name).records
+    records = rows_of(name).rows
     limits, labels = find_limits(records), estimator_labels(variants_in(records))
     return dict(sorted(labels.items(), key=lambda item: item[0][0] in limits))
 
 
 def competing(name: str) -> dict[Variant, str]:
     """Estimators of a run that do not see the truth."""
-    limits = find_limits(rows_of(name).records)
+    limits = find_limits(rows_of(name).rows)
     return {variant: label for variant, label in labels_of(name).items() if variant[0] not in limits}
 
 
 @cache
 def population() -> pd.DataFrame:
     """Summary of the population."""
-    return summarise_population(rows_of("population").records)
+    return summarise_population(rows_of("population").rows)
 
 
 def scenes(snr_db: float, family: str = ALL, frame: str = ALL, phases: str = ALL) -> pd.DataFrame:
@@ -91,7 +91,7 @@ def scenes(snr_db: float, family: str = ALL, frame: str = ALL, phases: str = ALL
 def ranking(snr_db: float) -> Ranking:
     """Ranks of the population at one SNR."""
     run = rows_of("population")
-    return rank_table(replace(run, records=run.records[run.records["snr_db"] == snr_db]))
+    return rank_table(run.take((run.rows["snr_db"] == snr_db).to_numpy()))
 
 
 def ranks(snr_db: float) -> dict[Variant, str]:
@@ -106,7 +106,7 @@ def ranks(snr_db: float) -> dict[Variant, str]:
 
 def snrs_db() -> list[float]:
     """SNRs of the population, ascending."""
-    return sorted(rows_of("population").records["snr_db"].unique())
+    return sorted(rows_of("population").rows["snr_db"].unique())
 
 
 def number(value: float, form: str = ".2f") -> str:
@@ -200,7 +200,7 @@ def scores() -> str:
 
 def objects() -> str:
     """Objects of the population at 10 dB, by kind."""
-    records = rows_of("population").records
+    records = rows_of("population").rows
     means = object_means(records[records["snr_db"] == TOP_DB])
     kinds = [name for name in means if name.startswith("detected_")]
     header = ["", "F-score", "detected", "false an image"]
@@ -318,7 +318,7 @@ def places() -> str:
 
 def told_apart() -> dict[str, str]:
     """Least distance along u from which nine of ten pairs are told apart, in Rayleigh cells."""
-    table = ResolutionKind().summary(rows_of("resolution").records)
+    table = ResolutionKind().summary(rows_of("resolution").rows)
     table = table[table["dimension"] == "u"].sort_values("separation_cells", ascending=False)
     found = {}
     for variant, label in labels_of("resolution").items():
@@ -330,7 +330,7 @@ def told_apart() -> dict[str, str]:
 
 def street() -> str:
     """Hausdorff sum and F-score on the paper's streets."""
-    table = summarise_scores(rows_of("paper").records)
+    table = summarise_scores(rows_of("paper").rows)
     labels, names = labels_of("paper"), table["scenario"].unique()
     header = ["SNR [dB]"]
     header += [f"{name} {code(label)}" for name in names for label in labels.values()]
@@ -363,7 +363,7 @@ STREET_SCORES = {  # heading: column, form
 
 def street_scores() -> str:
     """Other scores on the paper's streets at 10 dB."""
-    table = summarise_scores(rows_of("paper").records)
+    table = summarise_scores(rows_of("paper").rows)
     table = table[table["snr_db"] == TOP_DB].set_index(["scenario", *VARIANT])
     names, labels = table.index.get_level_values(0).unique(), labels_of("paper")
     columns = [(name, *variant) for name in names for variant in labels]
@@ -377,7 +377,7 @@ def street_scores() -> str:
 
 def efficiency() -> str:
     """Misses, and errors over the Cramér-Rao bound."""
-    table = EfficiencyKind().summary(rows_of("efficiency").records)
+    table = EfficiencyKind().summary(rows_of("efficiency").rows)
     gains_db = sorted(table["snr_gain_db"].unique())
     shown_db = [gain_db for gain_db in (20.0, 30.0, 40.0) if gain_db in gains_db]
     header = ["", *(f"missed at {gain_db:g} dB" for gain_db in (10, 15, 20, 25))]
@@ -393,7 +393,7 @@ def efficiency() -> str:
 
 def resolution() -> str:
     """Shares of pairs told apart, over their distance in each dimension."""
-    table = ResolutionKind().summary(rows_of("resolution").records)
+    table = ResolutionKind().summary(rows_of("resolution").rows)
     cells = sorted(table["separation_cells"].unique())
     header = ["", "", *(f"{distance:g}" for distance in cells)]
     rows = []
@@ -407,7 +407,7 @@ def resolution() -> str:
 
 def detectors() -> str:
     """Detectors on the street and at a clutter edge, and images behind them."""
-    table = DetectionKind().summary(rows_of("detectors").records)
+    table = DetectionKind().summary(rows_of("detectors").rows)
     table = table[(table["pfa"] == 1e-3) & (table["snr_gain_db"] == table["snr_gain_db"].max())]
     street = table[table["scenario"] == "street"].set_index("detector")
     edge = table[table["scenario"] == "clutter-edge"].set_index("detector")
@@ -432,7 +432,7 @@ def detectors() -> str:
 
 def aperture() -> str:
     """Images of 8 x 8 and of 16 x 16 virtual elements."""
-    table = summarise_scores(rows_of("aperture").records).set_index(["scenario", *VARIANT, "snr_db"])
+    table = summarise_scores(rows_of("aperture").rows).set_index(["scenario", *VARIANT, "snr_db"])
     labels, arrays = labels_of("aperture"), {"street-8x8": "8 x 8", "street": "16 x 16"}
     header = [
         "SNR [dB]",
@@ -482,7 +482,7 @@ def transmitter() -> str:
 
 def _steps(chosen: Cells, snrs: Sequence[float], names: dict[str, str]) -> str:
     """Lay out steps of the suite `printed` at some SNRs, a column a scenario."""
-    table = summarise_scores(rows_of("printed").records).set_index([*VARIANT, "scenario", "snr_db"])
+    table = summarise_scores(rows_of("printed").rows).set_index([*VARIANT, "scenario", "snr_db"])
     rows = []
     for step, variant in zip(STEPS, labels_of("printed"), strict=True):
         for snr_db in snrs if step in chosen else ():
@@ -500,7 +500,7 @@ def _five(row: pd.Series) -> str:
 @cache
 def population_points() -> pd.DataFrame:
     """Time and error of each estimator over all scenes, from processor times of cells that were not alone."""
-    records = rows_of("population").records
+    records = rows_of("population").rows
     return summarise_points(records.assign(timing=True))
 
 
@@ -555,14 +555,11 @@ def with_tables(text: str) -> str:
 def draw() -> None:
     """Draw the pictures that belong to the tables."""
     run, points = rows_of("population"), population_points()
-    lines = lines_of(run.records)
+    lines = lines_of(run.rows)
     groups = [
         pareto_charts(points[points["estimator"] != "empty"], "pareto-scenes", lines),
         replace(ranking_charts(ranking(TOP_DB)), stem="population-ranks"),
-        *(
-            replace(group, stem="population-ratios")
-            for group in ratio_charts(scene_cells(run.records), lines)
-        ),
+        *(replace(group, stem="population-ratios") for group in ratio_charts(scene_cells(run.rows), lines)),
     ]
     save_charts(groups, ROOT / "docs" / "images")
 

@@ -13,40 +13,25 @@ from isacbench.files.escaping import counted, visible_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
-    import pandas as pd
-
+    from isacbench.bench.store.run import Run
     from isacbench.charts import Table
 
 PLAIN_WIDTH = 100
 
 
-def report_run(folder: Path, records: pd.DataFrame, kind: str, with_page: bool = True) -> None:
-    """Write the tables of a run, draw its figures and its page, and print all tables but details.
+def report_run(run: Run, with_page: bool = True) -> None:
+    """Write the tables of a run, draw its figures and its page, and print all tables but details."""
+    from isacbench.report.run_report import write_report
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the run.
-    records : DataFrame
-        Rows of the run.
-    kind : str
-        Kind of its suite.
-    with_page : bool
-        Whether to write the page.
-    """
-    from isacbench.report.html.guarded_pages import draw_run_and_page
-    from isacbench.report.run_tables import tables_of, write_run_tables
-
-    written = [*write_run_tables(folder, records, kind), *draw_run_and_page(folder, with_page)]
-    for table in tables_of(records, kind):
+    written, tables = write_report(run, with_page)
+    for table in tables:
         if not table.is_detail:
             print_table(table)
-    has_score = records.reindex(columns=["deviation", "gospa_m"]).notna()
+    has_score = run.rows.reindex(columns=["deviation", "gospa_m"]).notna()
     if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
         say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
-    say(f"{folder}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
+    say(f"{run.label}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")
 
 
 def print_table(table: Table) -> None:
@@ -63,25 +48,12 @@ def print_table(table: Table) -> None:
 
 
 def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | None = None) -> None:
-    """Print scores, a line each.
-
-    Parameters
-    ----------
-    scores : mapping of str to float
-    spreads : mapping of str to float, optional
-        Spreads of some scores, by the same names.
-    """
+    """Print scores, a line each, with the spreads of those that have any."""
     for name, value in scores.items():
         spread = f" ±{spreads[name]:.3g}" if spreads and name in spreads else ""
         say(f"  {name:<16} {value:.6g}{spread}")
 
 
 def print_json(content: object) -> None:
-    """Print JSON; NaN is an error.
-
-    Parameters
-    ----------
-    content : object
-        Content that JSON can hold.
-    """
+    """Print JSON; NaN is an error."""
     typer.echo(visible_json(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)))

@@ -25,9 +25,10 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from isacbench.bench.compare.comparison import Comparison
+    from isacbench.bench.store.run import Run
 
 GAPS_SHOWN = 10
 """Largest number of lines about missing cells."""
@@ -58,7 +59,7 @@ def report_command(
     plugin: PluginFiles = None,
 ) -> None:
     """Make tables, figures and page of a run again, figures for a paper, or one page of several runs."""
-    from isacbench.bench.store.run_store import read_results
+    from isacbench.bench.store.run import Run
     from isacbench.report.figures.chosen_figures import FigureChoice, draw_chosen
 
     register(plugin)
@@ -71,25 +72,25 @@ def report_command(
             raise InputError("several folders, and -o, need --html; without it give one folder")
         _write_leaderboard(folders, out)
     elif html:
-        from isacbench.report.html.guarded_pages import write_page_guarded
+        from isacbench.report.html.written_pages import write_run_page
 
-        say(str(write_page_guarded(folders[0])))
+        say(str(write_run_page(Run.open(folders[0]))))
     elif is_choice:
-        _say_figures(draw_chosen(folders[0], choice, extension or "png"))
+        _say_figures(draw_chosen(Run.open(folders[0]), choice, extension or "png"))
     else:
-        results = read_results(folders[0])
-        report_run(folders[0], results.records, results.suite.kind, html is None)
+        report_run(Run.open(folders[0]), html is None)
 
 
 def _write_leaderboard(folders: list[Path], out: Path | None) -> None:
     """Write the page of one run or of several into a file of its own."""
+    from isacbench.bench.store.run import Run
     from isacbench.report.html.written_pages import LEADERBOARD_PAGE, write_leaderboard
 
     path = Path(LEADERBOARD_PAGE) if out is None else out
     if path.suffix != ".html":
         raise InputError(f"{path}: a page is written as .html; give -o FILE.html")
     require_replaceable(path)
-    say(str(write_leaderboard(folders, path)))
+    say(str(write_leaderboard([Run.open(folder) for folder in folders], path)))
 
 
 @app.command("merge")
@@ -99,17 +100,18 @@ def merge_command(
     mix_versions: MixVersions = False,
     plugin: PluginFiles = None,
 ) -> None:
-    """Join shards of a run, or runs of one suite with other estimators, SNRs or trials."""
+    """Join shards of a run, or runs of one suite with other estimators."""
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.run.merging import merge as merge_runs
+    from isacbench.charts import variants_in
 
     register(plugin)
     merged = merge_runs(folders, out, mix_versions)
-    if not merged.records.empty:
-        report_run(out, merged.records, merged.kind)
-    say(f"{out}: {len(merged.records)} of {merged.n_cells} cells")
-    made = zip(merged.records["estimator"], merged.records["params"], strict=True)
-    labels = estimator_labels([*made, *((gap.estimator, gap.params) for gap in merged.gaps)])
+    if not merged.run.rows.empty:
+        report_run(merged.run)
+    say(f"{out}: {len(merged.run.rows)} of {merged.n_cells} cells")
+    variants = variants_in(merged.run.rows)
+    labels = estimator_labels([*variants, *((gap.estimator, gap.params) for gap in merged.gaps)])
     for gap in merged.gaps[:GAPS_SHOWN]:
         trials = f"trial{'s' if len(gap.trials) > 1 else ''} {', '.join(map(str, gap.trials))}"
         label = labels[gap.estimator, gap.params]
@@ -130,8 +132,8 @@ def rescore_command(
     register(plugin)
     require_names(metrics=metric or ())
     rescored = rescore_run(folder, metric or ())
-    if not rescored.records.empty:
-        report_run(folder, rescored.records, rescored.kind)
+    if not rescored.run.rows.empty:
+        report_run(rescored.run)
     say(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
     for change in rescored.changes:
         say(str(change))
@@ -170,6 +172,7 @@ def compare_command(
     """
     from isacbench.bench.compare.comparison import compare as compare_runs
     from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.store.run import Run
     from isacbench.report.comparisons.ci_files import (
         comparison_junit,
         comparison_markdown,
@@ -182,10 +185,10 @@ def compare_command(
     if (between is None) != (other is None):
         raise InputError("--between and --and must be given together")
     _require_own_places([path for path in (markdown, junit) if path is not None])
+    runs = [Run.open(path) for path in (base, new) if path is not None]
     try:
         found = compare_runs(
-            base,
-            new,
+            *runs,
             map=mapped or (),
             between=None if between is None or other is None else (between, other),
             tolerances=tolerance or (),
@@ -199,12 +202,12 @@ def compare_command(
             print_json({"comparable": False, "reasons": error.reasons})
             raise typer.Exit(EXIT_NOT_COMPARABLE) from error
         fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
-    folder = base if new is None else new
+    folder = runs[-1].folder
     comparison_paths(found, folder, plot)  # refuses a wrong name before anything is written
     _write(markdown, lambda: comparison_markdown(found))
     _write(junit, lambda: comparison_junit(found))
     if not as_json:
-        _print_comparison(found, folder, plot, html)
+        _print_comparison(found, runs, plot, html)
     else:
         print_json(comparison_content(found))
         if plot is not None:
@@ -232,10 +235,12 @@ def rank_command(
 ) -> None:
     """Rank the estimators of a run over its scenes: rank sets, win probabilities, worst scenes."""
     from isacbench.bench.compare.ranking import rank as rank_run
+    from isacbench.bench.store.run import Run
     from isacbench.report.comparisons.ranking_charts import draw_ranking_file
     from isacbench.report.comparisons.ranking_tables import ranking_content, ranking_grids, ranking_lines
 
-    found = rank_run(folder, metric, estimator)
+    run = Run.open(folder)
+    found = rank_run(run, metric, estimator)
     if as_json:
         print_json(ranking_content(found))
         return
@@ -248,12 +253,12 @@ def rank_command(
     if html:
         from isacbench.report.html.written_pages import write_rank_page
 
-        _draw_into(folder, lambda: [write_rank_page(folder, found.metric)], "page")
+        _draw_into(folder, lambda: [write_rank_page(run, found.metric)], "page")
 
 
 def _require_own_places(paths: list[Path]) -> None:
     """Refuse files that cannot be written, are the same, or are tables of a run."""
-    from isacbench.bench.store.run_store import RUN_TABLES
+    from isacbench.bench.store.run_folder import RUN_TABLES
 
     for index, path in enumerate(paths):
         require_replaceable(path)
@@ -263,7 +268,9 @@ def _require_own_places(paths: list[Path]) -> None:
             raise InputError(f"{path}: is named by two options; give a different file to each")
 
 
-def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, with_page: bool) -> None:
+def _print_comparison(
+    comparison: Comparison, runs: Sequence[Run], plot: Path | None, with_page: bool
+) -> None:
     """Print a comparison and draw it, by default into the folder of the new run, with its page."""
     from isacbench.report.comparisons.comparison_charts import draw_comparison_files
     from isacbench.report.comparisons.comparison_tables import (
@@ -280,6 +287,7 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, w
         print_table(grid)
     for line in comparison_lines(comparison):
         say(line)
+    folder = runs[-1].folder
     if plot is None:
         _draw_into(folder, lambda: draw_comparison_files(comparison, folder))
     else:
@@ -287,7 +295,7 @@ def _print_comparison(comparison: Comparison, folder: Path, plot: Path | None, w
     if with_page:
         from isacbench.report.html.written_pages import write_comparison_page
 
-        _draw_into(folder, lambda: [write_comparison_page(comparison, folder)], "page")
+        _draw_into(folder, lambda: [write_comparison_page(comparison, runs)], "page")
     say(comparison_summary(comparison))
 
 

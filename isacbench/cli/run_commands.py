@@ -28,8 +28,8 @@ from isacbench.cli.termination import Termination
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.record import Results
     from isacbench.bench.run.runner import Execution
+    from isacbench.bench.store.run import Run
     from isacbench.bench.suites.suite import Suite
 
 
@@ -106,7 +106,6 @@ def run_command(
     from isacbench.bench.run.runner import Execution
     from isacbench.bench.store.resume import parse_reruns
     from isacbench.bench.store.run_folder import default_folder
-    from isacbench.bench.store.run_store import recover_manifest
     from isacbench.bench.workers.guarded_cells import Guard
 
     execution = Execution(
@@ -124,27 +123,27 @@ def run_command(
     folder = default_folder(wanted.name) if out is None else out
     with Termination() as termination:
         try:
-            results = _run_and_report(wanted, folder, execution, html)
+            run = _run_and_report(wanted, folder, execution, html)
         except KeyboardInterrupt:
             termination.fail(_describe_left(folder))
-        if results.interrupted:
-            termination.fail(f"the {len(results.records)} cells so far are in {folder}")
-    lost = results.records[failed(results.records)]
+        if run.manifest["interrupted"]:
+            termination.fail(f"the {len(run.rows)} cells so far are in {folder}")
+    lost = run.rows[failed(run.rows)]
     if not lost.empty:
         first = lost.iloc[0]
         label = estimator_labels([(first["estimator"], first["params"])])[first["estimator"], first["params"]]
         command = command_to_show(
-            recover_manifest(folder), first["scenario"], label, first["snr_db"], first["trial"], picture=""
+            run.manifest, first["scenario"], label, first["snr_db"], first["trial"], picture=""
         )
         fail(
-            f"{len(lost)} of {len(results.records)} cells failed, the first one {first['estimator']} on "
+            f"{len(lost)} of {len(run.rows)} cells failed, the first one {first['estimator']} on "
             f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, "
             f"{first['reason']}{f'; again: {command}' if command else ''}",
             EXIT_FAILED_CELLS,
         )
 
 
-def _run_and_report(suite: Suite, folder: Path, execution: Execution, with_page: bool) -> Results:
+def _run_and_report(suite: Suite, folder: Path, execution: Execution, with_page: bool) -> Run:
     """Run a suite and make tables and figures of its rows, also after an interrupt."""
     from isacbench.bench.run.looks import record_look
     from isacbench.bench.run.runner import run_suite
@@ -152,15 +151,15 @@ def _run_and_report(suite: Suite, folder: Path, execution: Execution, with_page:
     if (log := record_look(suite)) is not None:
         say(f"{log}: this look at reporting scenes is recorded; commit it")
     with progress_shown(suite.name, is_idle=execution.is_timing) as show:
-        results = run_suite(suite, folder, show, execution)
-    if not results.records.empty:
-        report_run(folder, results.records, results.suite.kind, with_page)
-    return results
+        run = run_suite(suite, folder, show, execution)
+    if not run.rows.empty:
+        report_run(run, with_page)
+    return run
 
 
 def _describe_left(folder: Path) -> str:
     """Describe what is stored after an interrupt outside the work on cells."""
-    from isacbench.bench.store.run_store import MANIFEST
+    from isacbench.bench.store.run_folder import MANIFEST
 
     if not (folder / MANIFEST).exists():
         return "nothing is done yet"

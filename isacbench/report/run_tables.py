@@ -12,9 +12,8 @@ from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.kinds.scores import MANY_SCENARIOS
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
-from isacbench.bench.store.csv_table import without_formulas
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
-from isacbench.bench.store.run_store import read_scenes, recover_manifest
+from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Column, Table, variants_in
 from isacbench.errors import InputError
@@ -25,6 +24,8 @@ from isacbench.report.table_texts import markdown
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from isacbench.bench.store.run import Run
 
 MOST_FAILURES = 20
 NOTHING: Mapping[str, Any] = {}
@@ -37,36 +38,38 @@ def tables_of(rows: pd.DataFrame, kind: str = "imaging") -> list[Table]:
     return KINDS[kind].tables(rows) + (stage_tables(rows) if is_timed(rows) else [])
 
 
-def write_run_tables(folder: Path, rows: pd.DataFrame, kind: str = "imaging") -> list[Path]:
+def write_run_tables(run: Run) -> tuple[list[Path], list[Table]]:
     """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and the tables of its times.
 
     ``summary.md`` ends with the reasons of failed cells, if there are any, and commands that repeat them.
     Of timed rows also ``stages.csv``, ``stages.md``, and of images ``pareto.csv``. Tables of these names are
-    replaced; those of times are removed where no row is timed any more.
+    replaced; those of times are removed where no row is timed any more. Returned are the files, and the
+    tables of `tables_of`.
     """
-    manifest, timed = recover_manifest(folder), not rows.empty and is_timed(rows)
-    tables = [] if rows.empty else KINDS[kind].tables(rows)
-    tables += _gain_tables(folder, manifest) + failure_tables(rows, manifest)
-    written = _write(folder / "summary.csv", None if rows.empty else KINDS[kind].summary(rows))
-    written += _write(folder / "summary.md", tables)
-    written += _write(folder / "stages.csv", summarise_stages(rows) if timed else None)
-    written += _write(folder / "stages.md", stage_tables(rows) if timed else [])
-    if KINDS[kind].has_images:
-        written += _write(folder / "pareto.csv", summarise_points(timed_rows(rows)) if timed else None)
-    return written
+    rows, kind, folder = run.rows, KINDS[run.kind], run.folder
+    is_empty, has_times = rows.empty, not rows.empty and is_timed(rows)
+    tables, stages = [] if is_empty else kind.tables(rows), stage_tables(rows) if has_times else []
+    written = _write(folder / "summary.csv", None if is_empty else kind.summary(rows))
+    further = _gain_tables(run) + failure_tables(rows, run.manifest)
+    written += _write(folder / "summary.md", tables + further)
+    written += _write(folder / "stages.csv", summarise_stages(rows) if has_times else None)
+    written += _write(folder / "stages.md", stages)
+    if kind.has_images:
+        written += _write(folder / "pareto.csv", summarise_points(timed_rows(rows)) if has_times else None)
+    return written, tables + stages
 
 
-def _gain_tables(folder: Path, manifest: Mapping[str, Any]) -> list[Table]:
+def _gain_tables(run: Run) -> list[Table]:
     """SNR of a median scatterer after all gains.
 
     Nothing where no scenario is stored, trials draw, or some images sense with a part of the frame.
     """
     try:
         with warned_before():
-            _, scenarios, draws = read_scenes(folder, manifest)
+            scenarios, draws = run.scenarios, run.draws
     except InputError:
         return []
-    if not draws.empty or manifest["suite"].get("sensing", ["all"]) != ["all"]:
+    if not draws.empty or run.manifest["suite"].get("sensing", ["all"]) != ["all"]:
         return []
     gains_db = {name: median_gain_db(scenario) for name, scenario in scenarios.items()}
     rows: list[dict[str, str]] = [

@@ -88,12 +88,12 @@ def test_a_million_rows_are_written_resumed_and_reported(
 
     monkeypatch.setattr(runner, "work_here", estimates.work)
     written = timed("written", runner.run_suite, suite, folder)
-    assert len(written.records) == 1_000_000
+    assert len(written.rows) == 1_000_000
     resumed = timed("resumed", runner.run_suite, suite, folder)
     assert estimates.time_s == 0, "cells were made again"
-    assert resumed.records.equals(written.records)
-    timed("tables", write_run_tables, folder, resumed.records)
-    figures = timed("figures", draw_run, folder)
+    assert resumed.rows.equals(written.rows)
+    timed("tables", write_run_tables, resumed)
+    figures = timed("figures", draw_run, resumed)
     print(spent_s, f"{largest_memory_mib():.0f} MiB")
     assert all(path.stat().st_size for path in (*figures, *folder.glob("*.csv")))
     assert largest_memory_mib() < MAX_MEMORY_MIB

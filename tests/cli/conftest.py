@@ -17,8 +17,8 @@ def command_line(tmp_path, monkeypatch):
 def drawn_runs(monkeypatch):
     """Folders of the runs that have been asked to be drawn; none is."""
     folders = []
-    drawing = "isacbench.report.html.guarded_pages.draw_run_and_page"
-    monkeypatch.setattr(drawing, lambda folder, *_: folders.append(folder) or [folder / "deviation.png"])
+    drawing = "isacbench.report.run_report.draw_with_page"
+    monkeypatch.setattr(drawing, lambda run, *_: folders.append(run.folder) or [run.folder / "deviation.png"])
     return folders
 
 

@@ -19,7 +19,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 
 HEAVY = {"matplotlib", "numpy", "pandas", "pyarrow", "pydantic", "scipy", "skimage"}
-DRAWING = "isacbench.report.html.guarded_pages.draw_run_and_page"
+DRAWING = "isacbench.report.run_report.draw_with_page"
 CLOUD = "x,y,z,v,power\n1,2,3,0,1\n5,6,1,10,4\n"
 
 

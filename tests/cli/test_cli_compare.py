@@ -36,7 +36,7 @@ def everything(folder):
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
 
 
-def test_without_a_regression_the_exit_code_is_0_and_nothing_but_a_figure_is_made(
+def test_without_a_regression_the_exit_code_is_0_and_nothing_but_a_figure_and_the_page_is_made(
     cli, folders, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(comparison_figure, "comparison_charts", DRAW_CHANGES)
@@ -47,7 +47,7 @@ def test_without_a_regression_the_exit_code_is_0_and_nothing_but_a_figure_is_mad
     assert result.stderr == ""
     after = everything(tmp_path)
     new = {path.relative_to(tmp_path).as_posix() for path in after.keys() - before.keys()}
-    assert new == {"same/figures", "same/figures/compare-deviation.png"}
+    assert new == {"same/figures", "same/figures/compare-deviation.png", "same/compare.html"}
     assert {path: after[path] for path in before if path.is_file()} == {
         path: time for path, time in before.items() if path.is_file()
     }
@@ -194,7 +194,7 @@ def test_a_folder_that_cannot_be_written_is_compared_and_not_drawn_into(cli, fol
 
     before = everything(tmp_path)
     monkeypatch.setattr(Path, "mkdir", refuse)
-    result = cli("base", "worse")
+    result = cli("base", "worse", "--no-html")
     assert result.exit_code == 4
     assert "no figures: worse/figures: cannot be written: Permission denied" in result.stdout.splitlines()
     assert everything(tmp_path) == before

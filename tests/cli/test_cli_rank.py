@@ -15,7 +15,7 @@ def write(scenes_run, written_run):
 
     def make(**families):
         run = scenes_run(**families)
-        return written_run("r", run.records, run.manifest)
+        return written_run("r", run.rows, run.manifest)
 
     return make
 

@@ -1,25 +1,20 @@
 import pandas as pd
 import pytest
 
+from isacbench.bench.store.run import Run
 from isacbench.cli.printing import report_run
 from isacbench.report.table_texts import Grid
 
 
-@pytest.fixture(autouse=True)
-def _without_files(monkeypatch):
-    for name in ("tables.tables_by_kind.write_run_tables", "html.guarded_pages.draw_run_and_page"):
-        monkeypatch.setattr(f"isacbench.report.{name}", lambda *_: [])
-
-
-def shown_of(records, grids, folder, monkeypatch, capsys):
-    monkeypatch.setattr("isacbench.report.run_tables.tables_of", lambda *_: grids)
-    report_run(folder, records, "population")
+def shown_of(records, grids, monkeypatch, capsys):
+    monkeypatch.setattr("isacbench.report.run_report.write_report", lambda *_: ([], grids))
+    report_run(Run("run", records, {}))
     return capsys.readouterr().out
 
 
-def test_details_are_written_and_not_printed(tmp_path, monkeypatch, capsys):
+def test_details_are_written_and_not_printed(monkeypatch, capsys):
     grids = [Grid("what all need", ["name"], [["first"]]), Grid("the rest", ["name"], [["second"]], (), True)]
-    shown = shown_of(pd.DataFrame(), grids, tmp_path, monkeypatch, capsys)
+    shown = shown_of(pd.DataFrame(), grids, monkeypatch, capsys)
     assert "first" in shown
     assert "second" not in shown
 
@@ -33,7 +28,7 @@ def test_details_are_written_and_not_printed(tmp_path, monkeypatch, capsys):
     ],
     ids=["scored but for gospa", "scored or failed", "of another kind"],
 )
-def test_cells_that_have_scores_but_no_gospa_are_told(records, told, tmp_path, monkeypatch, capsys):
-    shown = shown_of(pd.DataFrame(records), [], tmp_path, monkeypatch, capsys)
+def test_cells_that_have_scores_but_no_gospa_are_told(records, told, monkeypatch, capsys):
+    shown = shown_of(pd.DataFrame(records), [], monkeypatch, capsys)
     assert told in shown
     assert ("gospa" in shown) == bool(told)

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from isacbench.bench.store.csv_table import without_formulas
+from isacbench.bench.store.tables import without_formulas
 from isacbench.errors import InputError
 from isacbench.files.escaping import in_markdown, quoted, shortened, visible, visible_json, visible_lines
 from isacbench.model.cloud import PointCloud

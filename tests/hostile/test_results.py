@@ -14,18 +14,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import NotComparableError, read_run
+from isacbench.bench.compare.comparison import compare
+from isacbench.bench.compare.matching import NotComparableError
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.store.run_store import read_results
+from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.run_tables import tables_of, write_run_tables
-from isacbench.report.table_texts import rich_table
+from isacbench.report.tables.run_tables import rich_table
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from .files import ANY, Trap, content
 
@@ -71,6 +71,12 @@ def place(run_folder, name, write):
     path.with_name(f"{name}.whole").unlink(missing_ok=True)
 
 
+def read_all(folder):
+    """Read a run with what is otherwise read at first use."""
+    run = Run.open(folder)
+    return run, run.cloud_array, run.scenarios
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_no_hostile_file_is_a_part_of_a_run(refused, made, tmp_path, name):
     for kind, write in PLACED.items():
@@ -79,11 +85,9 @@ def test_no_hostile_file_is_a_part_of_a_run(refused, made, tmp_path, name):
         shutil.copytree(made[1], run_folder)
         place(run_folder, name, write)
         before = outside(run_folder)
-        refused(read_results, run_folder)
+        refused(read_all, run_folder)
         refused(rescore, run_folder)
         refused(lambda folder: merge([folder, folder], folder.with_name("merged")), run_folder)
-        if name in ("manifest.json", "results.parquet"):
-            refused(read_run, run_folder)
         assert outside(run_folder) == before, kind
     assert not list(tmp_path.rglob("UNPICKLED"))
 
@@ -92,8 +96,7 @@ def test_no_hostile_file_is_a_journal(refused, made, tmp_path):
     for name in NO_FILES:
         run_folder = shutil.copytree(made[1], tmp_path / name)
         ANY[name](run_folder / "journal.jsonl")
-        refused(read_results, run_folder)
-        refused(read_run, run_folder)
+        refused(Run.open, run_folder)
         refused(lambda folder: run_suite(made[0], out=folder), run_folder)
 
 
@@ -135,8 +138,8 @@ def put_link(run_folder, kind, name):
 
 def run_and_report(suite, run_folder):
     results = run_suite(suite, out=run_folder)
-    write_run_tables(run_folder, results.records)
-    draw_run(run_folder)
+    write_run_tables(results)
+    draw_run(results)
 
 
 @pytest.mark.usefixtures("written_empty")
@@ -206,11 +209,11 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
     with bounded(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            results = read_results(run_folder)
-            for grid in tables_of(results.records, results.suite.kind):
+            results = Run.open(run_folder)
+            for grid in grids_of(results.rows, results.kind):
                 rich_table(grid)
-            write_run_tables(run_folder, results.records, results.suite.kind)
-            comparison_grids(compare_tables(read_run(made[1]), read_run(run_folder), [], 0.01))
+            write_run_tables(results)
+            comparison_grids(compare(made[1], run_folder))
             rescore(run_folder)
         except NotComparableError:
             pass
@@ -224,7 +227,7 @@ def test_records_that_lack_a_column_are_refused(refused, run_folder, column):
     resigned(
         pd.read_parquet(run_folder / "results.parquet").drop(columns=column), run_folder / "results.parquet"
     )
-    assert f"no column {column}" in refused(read_results, run_folder)
+    assert f"no column {column}" in refused(Run.open, run_folder)
 
 
 def test_nothing_in_a_table_is_unpickled(refused, run_folder, tmp_path):
@@ -237,7 +240,7 @@ def test_nothing_in_a_table_is_unpickled(refused, run_folder, tmp_path):
     pq.write_table(table, run_folder / "results.parquet")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        refused(read_results, run_folder)
+        refused(Run.open, run_folder)
     assert not (tmp_path / "UNPICKLED").exists()
 
 
@@ -245,18 +248,18 @@ def manifest_of(folder):
     return json.loads((folder / "manifest.json").read_text())
 
 
-@pytest.mark.parametrize("key", ["suite", "scenarios", "started"])
+@pytest.mark.parametrize("key", ["suite", "scenarios"])
 def test_a_manifest_that_lacks_a_part_is_refused(refused, run_folder, key):
     manifest = manifest_of(run_folder)
     del manifest[key]
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
-    assert key in refused(read_results, run_folder)
+    assert key in refused(Run.open, run_folder)
 
 
 def test_rows_of_a_scenario_that_the_manifest_lacks_are_refused(run_folder, refused):
     table = pd.read_parquet(run_folder / "results.parquet").assign(scenario="elsewhere")
     resigned(table, run_folder / "results.parquet")
-    assert "its rows name the scenarios ['elsewhere']" in refused(read_results, run_folder)
+    assert "its rows name the scenarios ['elsewhere']" in refused(Run.open, run_folder)
 
 
 @pytest.mark.parametrize("key", ["sessions", "scores"])
@@ -277,4 +280,4 @@ def test_a_path_that_is_no_text_is_kept(made, run_folder):
         shutil.copy(made[1].parent / name, folder)
     suite = made[0].replace(scenarios=[str(folder / "tiny.toml")])
     run_suite(suite, out=run_folder.with_name("other"))
-    assert read_results(run_folder.with_name("other")).suite.scenarios == suite.scenarios
+    assert Run.open(run_folder.with_name("other")).suite.scenarios == suite.scenarios

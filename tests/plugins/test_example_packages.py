@@ -29,7 +29,7 @@ from typer.testing import CliRunner
 from isacbench import load_scenario
 from isacbench.cli import app
 from isacbench.plugins.registry import get_detector
-from isacbench.report.html import guarded_pages
+from isacbench.report import run_report
 
 from isacbench_learned.surroundings import FEATURES
 
@@ -38,7 +38,7 @@ import train as training
 from train import scene_names, train
 
 training.SNRS_DB = (15.0,)
-guarded_pages.draw_run_and_page = lambda *_: []
+run_report.draw_with_page = lambda *_: []
 done = {name: CliRunner().invoke(app, words) for name, words in json.loads(sys.argv[1]).items()}
 alarms, exact = {}, []
 for looks in (1, 256):

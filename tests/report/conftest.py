@@ -6,7 +6,9 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS
+from isacbench.bench.store.run import Run
 from isacbench.report.figures import run_figures
+from isacbench.report.tables.tables_by_kind import write_run_tables
 
 SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "recall"]
 
@@ -24,6 +26,17 @@ def all_axes_named(monkeypatch):
 
     monkeypatch.setattr(run_figures, "save", hold)
     return drawn
+
+
+@pytest.fixture
+def tables_written(tmp_path):
+    """Return a function that writes the tables of made-up rows, and returns their paths."""
+
+    def write(records, kind="imaging"):
+        manifest = {"suite": {"kind": kind, "scenarios": []}, "scenarios": {}}
+        return write_run_tables(Run(str(tmp_path), records, manifest))[0]
+
+    return write
 
 
 @pytest.fixture

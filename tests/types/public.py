@@ -6,7 +6,7 @@ from typing import assert_type
 import pandas as pd
 
 import isacbench
-from isacbench.bench.store.stored_run import CellKey
+from isacbench.bench.store.run import CellKey
 from isacbench.plugins.contracts import Detection, Detector, Estimator, TruthEstimator
 
 scenario = isacbench.load_scenario("street")

@@ -1,4 +1,4 @@
-"""Records of a run, one for each cell, and the results that consist of them."""
+"""Records of a run, one for each cell, and the columns of their table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import pandas as pd
 
-from isacbench.display import brief
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
 from isacbench.metrics.realisations import SPREAD_COLUMNS
@@ -18,10 +17,6 @@ from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from datetime import datetime
-
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scene import Scenario
 
 CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 
@@ -172,46 +167,6 @@ class Outcome:
         """
         record = dataclasses.replace(self.record, environment=environment, timing=timing)
         return dataclasses.replace(self, record=record)
-
-
-@dataclass(frozen=True, eq=False)
-class Results:
-    """Result of a run.
-
-    Attributes
-    ----------
-    suite : Suite
-        As it was run, overrides included.
-    records : DataFrame
-        One row for each cell, columns as in `Record`, then those of the study.
-    clouds : DataFrame
-        One row for each point: the keys of its cell, then x, y, z in m, v in m/s, power.
-    scenarios : dict of str to Scenario
-        By name, as the suite lists them.
-    draws : DataFrame
-        One row for each scatterer that a study drew: scenario, trial, x, y, z, v,
-        power, phase_rad. Empty where all scatterers are the scenarios' own.
-    environments : mapping of str to dict
-        Environments of the rows, by name.
-    started : datetime
-        With its time zone.
-    wall_time_s : float
-        Loading, echoes, estimates and scores together.
-    interrupted : bool
-        True if the run was stopped before its last cell.
-    """
-
-    suite: Suite
-    records: pd.DataFrame
-    clouds: pd.DataFrame
-    scenarios: dict[str, Scenario]
-    draws: pd.DataFrame
-    environments: Mapping[str, Any]
-    started: datetime
-    wall_time_s: float
-    interrupted: bool
-
-    __repr__ = brief
 
 
 def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
@@ -21,11 +21,9 @@ from isacbench.bench.compare.estimator_pairs import (
 from isacbench.bench.compare.matching import (
     CellChanges,
     NotComparableError,
-    RunTable,
     code_version,
     incomparable,
     pair_cells,
-    read_run,
     timed_alike,
     version_differences,
     with_partners,
@@ -42,6 +40,7 @@ from isacbench.bench.compare.verdicts import (
 )
 from isacbench.bench.compare.worst_scenes import most_changed
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.store.run import Run
 from isacbench.bench.store.score_columns import stored_columns
 from isacbench.errors import InputError
 
@@ -187,8 +186,8 @@ def verdict_counts(table: pd.DataFrame, name: Callable[[str], str] = str) -> str
 
 
 def compare(
-    base: str | Path,
-    new: str | Path | None = None,
+    base: str | Path | Run,
+    new: str | Path | Run | None = None,
     *,
     map: str | Iterable[str] = (),
     between: tuple[str, str] | None = None,
@@ -203,10 +202,10 @@ def compare(
 
     Parameters
     ----------
-    base : str or Path
-        Folder of the run to compare with, or of the only run.
-    new : str or Path, optional
-        Folder of the run to judge. Without it, `between` is needed.
+    base : str, Path or Run
+        Run to compare with, or the only run: its folder, or as `isacbench.load_run` reads it.
+    new : str, Path or Run, optional
+        The run to judge. Without it, `between` is needed.
     map : str or iterable of str
         ``OLD[param=value,...]=NEW[param=value,...]``: an estimator in `base`
         and its partner in `new`, such as ``music2d=music2d`` where its defaults have changed; all others are
@@ -248,12 +247,12 @@ def compare(
             raise InputError(
                 "only one run was given; give two runs (BASE and NEW), or one run and between=(A, B)"
             )
-        runs = read_run(Path(base)), read_run(Path(new))
+        runs = _opened(base), _opened(new)
         partners = find_pairs(*runs, _as_list(map))
         return compare_tables(*runs, asked, alpha, partners)
     if new is not None or map:
         raise InputError("between needs exactly one run, and cannot be combined with map")
-    run = read_run(Path(base))
+    run = _opened(base)
     first, second = (find_variant(run, text) for text in between)
     if first == second:
         raise InputError(
@@ -263,8 +262,8 @@ def compare(
 
 
 def compare_tables(
-    base: RunTable,
-    new: RunTable,
+    base: Run,
+    new: Run,
     tolerances: Iterable[Tolerance] = (),
     alpha: float = DEFAULT_ALPHA,
     partners: Mapping[Variant, Variant] = MappingProxyType({}),
@@ -291,7 +290,7 @@ def compare_tables(
 
     Parameters
     ----------
-    base, new : RunTable
+    base, new : Run
     tolerances : iterable of Tolerance
         In addition to 5 % of the deviation, or instead.
     alpha : float
@@ -321,7 +320,7 @@ def compare_tables(
     asked = merge_tolerances(tolerances)
     if any(tolerance.metric == "ratio" for tolerance in asked):
         base, new = (
-            replace(run, records=run.records.assign(ratio=with_ratios(run)["ratio"])) for run in (base, new)
+            run.changed(rows=run.rows.assign(ratio=with_ratios(run)["ratio"])) for run in (base, new)
         )
     better = _directions(base, new, asked)
     variants = tuple(dict.fromkeys([*variants_of(base), *variants_of(new)]))
@@ -355,8 +354,8 @@ def compare_tables(
     return Comparison(
         base=base.label,
         new=new.label,
-        base_version=code_version(base),
-        new_version=code_version(new),
+        base_version=code_version(base.manifest),
+        new_version=code_version(new.manifest),
         between=between,
         variants=variants,
         alpha=alpha,
@@ -371,15 +370,19 @@ def compare_tables(
     )
 
 
+def _opened(run: str | Path | Run) -> Run:
+    return (run if isinstance(run, Run) else Run.open(Path(run))).require_finished()
+
+
 def _as_list(texts: str | Iterable[str]) -> list[str]:
     """Texts, of which one alone is allowed in the place of many."""
     return [texts] if isinstance(texts, str) else list(texts)
 
 
-def _directions(base: RunTable, new: RunTable, asked: Sequence[Tolerance]) -> dict[str, str]:
+def _directions(base: Run, new: Run, asked: Sequence[Tolerance]) -> dict[str, str]:
     """Better direction of every score asked for, which both runs must have."""
     columns, others = (
-        run.records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"]) for run in (base, new)
+        run.rows.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"]) for run in (base, new)
     )
     in_both = [name for name in columns if name in others]
     described = {**stored_columns(new.manifest), **stored_columns(base.manifest)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from isacbench.bench.compare.matching import RunTable
+    from isacbench.bench.store.run import Run
 
 MAX_LISTED = 10
 """Variants that a message lists."""
@@ -58,41 +57,17 @@ def parse_map(text: str) -> tuple[str, str]:
     )
 
 
-def variants_of(run: RunTable) -> list[Variant]:
-    """List the variants of estimators that a run holds, in the order of its rows.
-
-    Parameters
-    ----------
-    run : RunTable
-
-    Returns
-    -------
-    list of (str, str)
-    """
-    return list(run.records[KEYS].drop_duplicates().itertuples(index=False, name=None))
+def variants_of(run: Run) -> list[Variant]:
+    """List the variants of estimators that a run holds, in the order of its rows."""
+    return list(run.rows[KEYS].drop_duplicates().itertuples(index=False, name=None))
 
 
-def find_variant(run: RunTable, text: str) -> Variant:
+def find_variant(run: Run, text: str) -> Variant:
     """Find the one variant of a run that a specification fits.
 
     A variant fits if its name is the specification's and its stored parameters
     have every value that is given. A detector given by its name alone fits
-    with any parameters. Of several that fit, one whose label in tables it is is meant.
-
-    Parameters
-    ----------
-    run : RunTable
-    text : str
-        As `isacbench.specifications.parse_spec` takes it.
-
-    Returns
-    -------
-    estimator, params : str
-
-    Raises
-    ------
-    InputError
-        If the text is broken, or fits none or several of the variants.
+    with any parameters. Of several that fit, the one with that label in tables is meant.
     """
     name, asked = parse_spec(text)
     variants = variants_of(run)
@@ -117,25 +92,8 @@ def find_variant(run: RunTable, text: str) -> Variant:
     )
 
 
-def find_pairs(base: RunTable, new: RunTable, maps: Iterable[str]) -> dict[Variant, Variant]:
-    """Find the pairs of variants that maps stand for.
-
-    Parameters
-    ----------
-    base, new : RunTable
-    maps : iterable of str
-        A variant of the base and one of the new run each, as `parse_map` takes them.
-
-    Returns
-    -------
-    dict of (str, str) to (str, str)
-        Variant of the new run for each one of the base that is named.
-
-    Raises
-    ------
-    InputError
-        If a text fits none or several of the variants, or a variant is paired twice.
-    """
+def find_pairs(base: Run, new: Run, maps: Iterable[str]) -> dict[Variant, Variant]:
+    """Find the pairs of a variant of the base and one of the new run that maps stand for."""
     pairs: dict[Variant, Variant] = {}
     for old_text, new_text in map(parse_map, maps):
         old, partner = find_variant(base, old_text), find_variant(new, new_text)
@@ -146,47 +104,24 @@ def find_pairs(base: RunTable, new: RunTable, maps: Iterable[str]) -> dict[Varia
     return pairs
 
 
-def restrict(run: RunTable, variant: Variant) -> RunTable:
-    """Take the rows of one variant.
-
-    Parameters
-    ----------
-    run : RunTable
-    variant : (str, str)
-
-    Returns
-    -------
-    RunTable
-    """
-    return dataclasses.replace(run, records=run.records[_is_of(run.records, [variant])])
+def restrict(run: Run, variant: Variant) -> Run:
+    """Take the rows of one variant."""
+    return run.take(_is_of(run.rows, [variant]))
 
 
-def pair_variants(
-    base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]
-) -> tuple[RunTable, RunTable, list[str]]:
+def pair_variants(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tuple[Run, Run, list[str]]:
     """Give rows of the new run the name and parameters of their partners in the base.
 
-    Parameters
-    ----------
-    base, new : RunTable
-    partners : mapping of (str, str) to (str, str)
-        Variant of the new run for variants of the base; all others are
-        partners of their equals.
-
-    Returns
-    -------
-    base, new : RunTable
-        Without variants whose equal in the other run has another partner.
-    notes : list of str
-        Names of those that were left out.
+    All others are partners of their equals. Variants whose equal in the other run has another partner are
+    left out, with a note.
     """
     news = set(partners.values())
     left_base, notes = _without(base, news - set(partners), new.label)
     left_new, more = _without(new, set(partners) - news, base.label)
-    records = left_new.records.astype(dict.fromkeys(KEYS, object))
+    rows = left_new.rows.astype(dict.fromkeys(KEYS, object))
     for variant, partner in partners.items():
-        records.loc[_is_of(left_new.records, [partner]), KEYS] = variant
-    return left_base, dataclasses.replace(new, records=records), notes + more
+        rows.loc[_is_of(left_new.rows, [partner]), KEYS] = variant
+    return left_base, left_new.changed(rows=rows), notes + more
 
 
 def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list[str]:
@@ -245,12 +180,12 @@ def _listed(variants: Sequence[Variant], asked: Collection[str]) -> str:
     return f"{', '.join(spell_apart(variants, asked)[:MAX_LISTED])}{more}"
 
 
-def _is_of(records: pd.DataFrame, variants: Collection[Variant]) -> NDArray[np.bool_]:
+def _is_of(rows: pd.DataFrame, variants: Collection[Variant]) -> NDArray[np.bool_]:
     """Mark the rows of some variants."""
-    return pd.MultiIndex.from_frame(records[KEYS]).isin(list(variants))
+    return pd.MultiIndex.from_frame(rows[KEYS]).isin(list(variants))
 
 
-def _without(run: RunTable, variants: Collection[Variant], other: str) -> tuple[RunTable, list[str]]:
+def _without(run: Run, variants: Collection[Variant], other: str) -> tuple[Run, list[str]]:
     """Leave variants out as far as a run holds them, and say so."""
     present = variants_of(run)
     notes = [
@@ -258,4 +193,4 @@ def _without(run: RunTable, variants: Collection[Variant], other: str) -> tuple[
         for variant, spelt in zip(present, spell_apart(present), strict=True)
         if variant in variants
     ]
-    return dataclasses.replace(run, records=run.records[~_is_of(run.records, variants)]), notes
+    return run.take(~_is_of(run.rows, variants)), notes

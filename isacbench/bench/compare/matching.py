@@ -8,56 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS, require_sound_records
+from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.resume import differing_versions
-from isacbench.bench.store.run_store import (
-    JOURNAL,
-    MANIFEST,
-    RECORDS,
-    read_manifest,
-    read_table,
-    require_described_scenarios,
-)
 from isacbench.bench.store.score_columns import spell_metric, stored_metrics
-from isacbench.errors import AccessError, InputError
-from isacbench.files.checked_files import is_there
+from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from isacbench.bench.store.run import Run
     from isacbench.charts import Variant
 
 CURVE = ["scenario", "estimator", "params"]
 CELL = CLOUD_KEYS
-COLUMNS = [*CLOUD_KEYS, "status", "reason", "environment", "scenario_content", "timing"]
 MEASURED = {
     "the suite": ("suite", "name"),
     "the kind of suite": ("suite", "kind"),
     "the seed": ("seed", ""),
 }
 """Parts of the manifest (section and key) that must be equal for two runs to be comparable."""
-
-SECTIONS = ["suite", "seed", "scenarios", "environments"]
-
-
-@dataclass(frozen=True, eq=False)
-class RunTable:
-    """Rows and manifest of a run.
-
-    Attributes
-    ----------
-    label : str
-        Name of the run in messages: its folder.
-    records : DataFrame
-        One row for each cell.
-    manifest : mapping of str to Any
-        As read from JSON.
-    """
-
-    label: str
-    records: pd.DataFrame
-    manifest: Mapping[str, Any]
 
 
 class NotComparableError(ValueError):
@@ -105,80 +73,16 @@ class CellChanges:
     added: pd.DataFrame
 
 
-def read_run(folder: Path) -> RunTable:
-    """Read what a comparison needs from the folder of a run: ``results.parquet`` and ``manifest.json``.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    RunTable
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold them, or they lack what a comparison needs.
-    """
-    manifest = read_manifest(folder)
-    if is_there(folder / JOURNAL):
-        raise InputError(f"{folder}: the run is not finished; resume it with the same isacbench run command")
-    if not is_there(folder / RECORDS):
-        raise InputError(
-            f"{folder}: not the folder of a run, {RECORDS} missing; give one that isacbench run wrote"
-        )
-    try:
-        records = read_table(folder / RECORDS)
-        require_sound_records(records)
-    except AccessError:
-        raise
-    except ValueError as error:
-        raise InputError(f"{folder}: damaged run: {error}") from error
-    _require(folder / MANIFEST, SECTIONS, manifest)
-    _require(folder / RECORDS, COLUMNS, records.columns)
-    _require(folder / MANIFEST, records["environment"].unique(), manifest["environments"])
-    try:
-        require_described_scenarios(records, manifest)
-    except ValueError as error:
-        raise InputError(f"{folder}: damaged run: {error}") from error
-    repeated = records.duplicated(CLOUD_KEYS)
-    if repeated.any():
-        raise InputError(
-            f"{folder / RECORDS}: {repeated.sum()} cells have more than one row; each cell must have one"
-        )
-    return RunTable(str(folder), records, manifest)
-
-
-def code_version(run: RunTable) -> str:
-    """Version of the code that made a run, with its commit where it is known.
-
-    Parameters
-    ----------
-    run : RunTable
-
-    Returns
-    -------
-    str
-    """
-    version, git = str(run.manifest.get("isacbench", "unknown version")), run.manifest.get("git")
+def code_version(manifest: Mapping[str, Any]) -> str:
+    """Version of the code that made a run, with its commit where it is known."""
+    version, git = str(manifest.get("isacbench", "unknown version")), manifest.get("git")
     if not git or not git.get("commit"):
         return version
     return f"{version} ({git['commit'][:10]}{', changed' if git.get('dirty') else ''})"
 
 
-def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
-    """Find every reason why two runs cannot be compared; different code is not a reason.
-
-    Parameters
-    ----------
-    base, new : RunTable
-
-    Returns
-    -------
-    tuple of str
-        In words; empty where they can be compared.
-    """
+def incomparable(base: Run, new: Run) -> tuple[str, ...]:
+    """Find every reason why two runs cannot be compared, in words; different code is not a reason."""
     reasons = []
     for what, (section, key) in MEASURED.items():
         old, other = (run.manifest[section].get(key) if key else run.manifest[section] for run in (base, new))
@@ -197,29 +101,16 @@ def incomparable(base: RunTable, new: RunTable) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def pair_cells(
-    base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]
-) -> tuple[pd.DataFrame, CellChanges]:
+def pair_cells(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tuple[pd.DataFrame, CellChanges]:
     """Pair the cells of two runs by scenario, estimator, parameters, SNR and trial.
 
-    Parameters
-    ----------
-    base, new : RunTable
-    partners : mapping of (str, str) to (str, str)
-        Variants of the base, each with the variant of the new run that
-        `isacbench.bench.compare.estimator_pairs.pair_variants` has renamed to it.
-
-    Returns
-    -------
-    pairs : DataFrame
-        A row for each cell that both runs scored: the columns of `CELL`, and
-        all others twice, ending in ``_base`` and in ``_new``.
-    changes : CellChanges
-        All other cells.
+    `partners` are variants of the base, each with the variant of the new run that
+    `isacbench.bench.compare.estimator_pairs.pair_variants` has renamed to it. The pairs have a row for each
+    cell that both runs scored: the columns of `CELL`, and all others twice, ending in ``_base`` and ``_new``.
     """
     # Categorical columns of two runs have different categories: merge them as text.
     text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
-    before, after = (run.records.astype(text).copy() for run in (base, new))  # each in one piece
+    before, after = (run.rows.astype(text).copy() for run in (base, new))  # each in one piece
     cells = pd.merge(
         before,
         after,
@@ -244,37 +135,16 @@ def pair_cells(
 
 
 def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
-    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns ``estimator`` and ``params``.
-    partners : mapping of (str, str) to (str, str)
-
-    Returns
-    -------
-    DataFrame
-    """
+    """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner."""
     variants = zip(table["estimator"], table["params"], strict=True)
     named = [partners.get(variant, variant) for variant in variants]
     return table.assign(new_estimator=[name for name, _ in named], new_params=[params for _, params in named])
 
 
-def version_differences(base: RunTable, new: RunTable, partners: Mapping[Variant, Variant]) -> list[str]:
-    """Say in one line how the versions of the code differ for estimators that both runs have.
+def version_differences(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> list[str]:
+    """Say in one line, if at all, how the versions of the code differ for estimators that both runs have.
 
-    Parameters
-    ----------
-    base, new : RunTable
-    partners : mapping of (str, str) to (str, str)
-        As `pair_cells` takes them. Paired estimators with different names have
-        different code in any case: its versions are left out for them.
-
-    Returns
-    -------
-    list of str
-        One line, or none where the versions are equal.
+    Paired estimators with different names have different code in any case: its versions are left out.
     """
     before, after = _versions(base), _versions(new)
     told: set[str] = set()
@@ -292,9 +162,9 @@ def _without_own_code(versions: Mapping[str, Any]) -> dict[str, Any]:
     return {**versions, "plugins": {}, "isacbench": release}
 
 
-def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:
+def _versions(run: Run) -> dict[tuple[str, str], dict[str, Any]]:
     """Versions that made the first cell of each estimator, by name and parameters."""
-    first = run.records.drop_duplicates(["estimator", "params"])
+    first = run.rows.drop_duplicates(["estimator", "params"])
     return {
         (estimator, params): run.manifest["environments"][name].get("versions", {})
         for estimator, params, name in zip(
@@ -303,31 +173,8 @@ def _versions(run: RunTable) -> dict[tuple[str, str], dict[str, Any]]:
     }
 
 
-def timed_alike(
-    pairs: pd.DataFrame, metric: str, base: RunTable, new: RunTable
-) -> tuple[pd.DataFrame, list[str]]:
-    """Select the pairs whose run times can be compared: both timed alone, on equal machines.
-
-    Parameters
-    ----------
-    pairs : DataFrame
-        As `pair_cells` returns it.
-    metric : str
-        Column of the run times.
-    base, new : RunTable
-
-    Returns
-    -------
-    alike : DataFrame
-        Rows of these pairs.
-    notes : list of str
-        Reasons why others are left out.
-
-    Raises
-    ------
-    InputError
-        If the manifest of a run does not describe a machine.
-    """
+def timed_alike(pairs: pd.DataFrame, metric: str, base: Run, new: Run) -> tuple[pd.DataFrame, list[str]]:
+    """Select the pairs whose times can be compared, timed alone on equal machines; say what is left out."""
     timed = pairs["timing_base"].astype(bool) & pairs["timing_new"].astype(bool)
     before = pairs["environment_base"].map(_machines(base))
     after = pairs["environment_new"].map(_machines(new))
@@ -344,7 +191,7 @@ def timed_alike(
     return alike, [told] if reasons else []
 
 
-def _machines(run: RunTable) -> dict[str, str]:
+def _machines(run: Run) -> dict[str, str]:
     """Processor and number of cores of each environment, in words."""
     try:
         found = {name: one["machine"] for name, one in run.manifest["environments"].items()}
@@ -356,10 +203,10 @@ def _machines(run: RunTable) -> dict[str, str]:
         ) from error
 
 
-def _contents(run: RunTable) -> dict[str, set[str]]:
+def _contents(run: Run) -> dict[str, set[str]]:
     """Digests of each scenario's content, from the manifest and from the rows."""
     found = {name: {described.get("content")} for name, described in run.manifest["scenarios"].items()}
-    rows = run.records[["scenario", "scenario_content"]].drop_duplicates().dropna()
+    rows = run.rows[["scenario", "scenario_content"]].drop_duplicates().dropna()
     for name, content in zip(rows["scenario"], rows["scenario_content"], strict=True):
         found.setdefault(name, set()).add(content)
     return found
@@ -370,9 +217,3 @@ def _told(cells: pd.DataFrame, end: str, partners: Mapping[Variant, Variant]) ->
     told = cells[[*CELL, f"status_{end}", f"reason_{end}"]]
     told = told.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
     return with_partners(told, partners)
-
-
-def _require(where: Path, wanted: Any, present: Any) -> None:
-    missing = [str(name) for name in wanted if name not in present]
-    if missing:
-        raise InputError(f"{where}: {', '.join(missing)} missing; run it again with this version")

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.compare.estimator_pairs import find_variant
-from isacbench.bench.compare.matching import code_version, read_run
+from isacbench.bench.compare.matching import code_version
 from isacbench.bench.compare.ranks import RankSets, rank_sets
 from isacbench.bench.compare.scene_scores import (
     SCENE_KINDS,
@@ -32,6 +32,7 @@ from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import without_rounding
 from isacbench.bench.compare.worst_scenes import worst_scenes
 from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.store.run import Run
 from isacbench.bench.store.score_columns import stored_columns
 from isacbench.charts import variants_in
 from isacbench.errors import InputError
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from isacbench.bench.compare.matching import RunTable
     from isacbench.bench.compare.scene_scores import SceneScores
     from isacbench.charts import Variant
 
@@ -150,7 +150,7 @@ def rank_text(low: float, high: float) -> str:
 
 
 def rank(
-    folder: str | Path, metric: str | None = None, estimators: str | Sequence[str] | None = None
+    run: str | Path | Run, metric: str | None = None, estimators: str | Sequence[str] | None = None
 ) -> Ranking:
     """Rank the estimators of a run over its scenes, as ``isacbench rank`` does. Nothing is written.
 
@@ -158,8 +158,8 @@ def rank(
 
     Parameters
     ----------
-    folder : str or Path
-        Folder of a run, merged ones included.
+    run : str, Path or Run
+        Folder of a run, merged ones included, or a run as `isacbench.load_run` reads it.
     metric : str, optional
         Column of the rows with a better direction, or
         ``ratio``, the Hausdorff sum over that of the oracle. By default the ratio; of a run without
@@ -191,8 +191,9 @@ def rank(
     Traceback (most recent call last):
     isacbench.errors.InputError: ...: a ranking needs two estimators or more that are no references; ...
     """
+    opened = run if isinstance(run, Run) else Run.open(Path(run))
     chosen = [estimators] if isinstance(estimators, str) else estimators
-    return rank_table(read_run(Path(folder)), metric, chosen)
+    return rank_table(opened.require_finished(), metric, chosen)
 
 
 def default_metric(records: pd.DataFrame) -> str:
@@ -211,12 +212,12 @@ def default_metric(records: pd.DataFrame) -> str:
     return "ratio" if records["ratio"].notna().any() else "hausdorff_sum_m"
 
 
-def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
+def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
     """Rank the estimators of a run that was read.
 
     Parameters
     ----------
-    run : RunTable
+    run : Run
     metric : str, optional
     estimators : sequence of str, optional
 
@@ -229,11 +230,10 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
     InputError
         As `rank` raises it.
     """
-    kind = run.manifest["suite"].get("kind", "imaging")
-    if kind not in SCENE_KINDS:
+    if run.kind not in SCENE_KINDS:
         raise InputError(
-            f"{run.label}: the scenarios of a suite of kind {kind!r} are no scenes to rank over; allowed are "
-            f"runs of the kinds {', '.join(SCENE_KINDS)}"
+            f"{run.label}: the scenarios of a suite of kind {run.kind!r} are no scenes to rank over; allowed "
+            f"are runs of the kinds {', '.join(SCENE_KINDS)}"
         )
     records = with_ratios(run)
     if metric is None:
@@ -290,7 +290,7 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
     rank_rows = rank_rows.astype({"rank_low": "Int64", "rank_high": "Int64"})
     return Ranking(
         run=run.label,
-        version=code_version(run),
+        version=code_version(run.manifest),
         metric=metric,
         better=better,
         labels=labels,
@@ -303,7 +303,7 @@ def rank_table(run: RunTable, metric: str | None = None, estimators: Sequence[st
     )
 
 
-def _require_scenes(run: RunTable, scored: SceneScores, metric: str) -> None:
+def _require_scenes(run: Run, scored: SceneScores, metric: str) -> None:
     n_scenes = len(scored.scenes)
     if not n_scenes:
         left_out = "".join(f"; {note}" for note in scored.notes)

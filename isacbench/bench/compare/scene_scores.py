@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from typing import Any
 
-    from isacbench.bench.compare.matching import RunTable
+    from isacbench.bench.store.run import Run
     from isacbench.charts import Variant
 
 MIN_FAMILY_SCENES = 20
@@ -54,21 +54,12 @@ class SceneScores(NamedTuple):
     notes: list[str]
 
 
-def with_ratios(run: RunTable) -> pd.DataFrame:
-    """Add the column ``ratio``.
+def with_ratios(run: Run) -> pd.DataFrame:
+    """Add the column ``ratio``, that of `isacbench.bench.kinds.ratios.hausdorff_ratios`.
 
     Counts of lone scatterers become NaN in scenes of other families.
-
-    Parameters
-    ----------
-    run : RunTable
-
-    Returns
-    -------
-    DataFrame
-        ``ratio`` is that of `isacbench.bench.kinds.ratios.hausdorff_ratios`.
     """
-    records, families = run.records, scene_families(run.manifest)
+    records, families = run.rows, scene_families(run.manifest)
     if "n_resolvable" in records:
         # Measured where scatterers are lone; elsewhere 0 stands for nothing.
         is_lone = records["scenario"].astype(object).map(families).isin(POINT_FAMILIES)
@@ -78,17 +69,7 @@ def with_ratios(run: RunTable) -> pd.DataFrame:
 
 
 def scene_families(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Look up the family of every scenario of a run.
-
-    Parameters
-    ----------
-    manifest : mapping of str to Any
-
-    Returns
-    -------
-    dict of str to str
-        Empty texts for scenarios that no family made.
-    """
+    """Look up the family of every scenario of a run, an empty text where none made it."""
     return {name: str(told.get("family", "")) for name, told in manifest["scenarios"].items()}
 
 

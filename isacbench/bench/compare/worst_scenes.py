@@ -10,7 +10,7 @@ import pandas as pd
 
 from isacbench.bench.compare.scene_scores import SCENE_CELL, VARIANT, scene_families
 from isacbench.bench.compare.verdicts import ROUNDING
-from isacbench.bench.store.run_store import scenario_texts
+from isacbench.bench.store.manifest import scenario_texts
 from isacbench.charts import rows_of, variants_in
 from isacbench.specifications import parse_spec
 

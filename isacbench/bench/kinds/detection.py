@@ -176,7 +176,8 @@ class DetectionKind(Kind):
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
         found = []
-        for scenario, part in self.summary(rows).groupby("scenario", sort=False):
+        for key, part in self.summary(rows).groupby("scenario", sort=False):
+            scenario = str(key)
             columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
             if scenario in MAPS:
                 part = part[part["pfa"] == reference_rate(part["pfa"])]

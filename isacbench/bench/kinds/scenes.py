@@ -264,7 +264,7 @@ class Scene(ABC):
         Returns
         -------
         DataFrame
-            One row a scatterer, columns as in `isacbench.bench.cells.record.Results.draws`.
+            One row a scatterer, columns as in `isacbench.bench.store.run.Run.draws`.
         """
         return pd.DataFrame(columns=DRAW_COLUMNS)
 
@@ -424,7 +424,7 @@ class ImagedScene(Scene):
         Returns
         -------
         DataFrame
-            One row a scatterer, columns as in `isacbench.bench.cells.record.Results.draws`.
+            One row a scatterer, columns as in `isacbench.bench.store.run.Run.draws`.
         """
         if not self.is_drawn:
             return super().draws(n_trials)

@@ -5,42 +5,35 @@ Rows of references are the exception: their scores are means over realisations, 
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import time
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from datetime import datetime
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.cells.record import N_STORED, stored_points
+from isacbench.bench.cells.record import N_STORED
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.kinds.scenes import ImagedScene
-from isacbench.bench.store import run_store
-from isacbench.bench.store.rows import Rows
+from isacbench.bench.store.manifest import describe_session, read_manifest
+from isacbench.bench.store.run import Run, rows_by_trial
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
-from isacbench.bench.store.stored_run import ObservedScenes, rows_by_trial
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
-from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.registry import get_estimator
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from isacbench.bench.cells.record import Results
-    from isacbench.model.scene import Scenario
+    from isacbench.bench.kinds.scenes import ImagedScene
     from isacbench.plugins.contracts import ReferenceEstimator
     from isacbench.plugins.scoring import Metrics
 
@@ -50,7 +43,6 @@ class Change(NamedTuple):
 
     Attributes
     ----------
-    column : str
     n_rows : int
         Rows whose value has changed.
     largest : float
@@ -70,24 +62,10 @@ class Change(NamedTuple):
         return f"{self.column}: {'; '.join([*filled, *moved])}"
 
 
-@dataclass(frozen=True, eq=False)
-class Rescored:
-    """Result of rescoring.
+class Rescored(NamedTuple):
+    """The run as it is now, how many rows were scored again and how many differ, and the columns that do."""
 
-    Attributes
-    ----------
-    kind : str
-        Kind of the suite.
-    records : DataFrame
-        All rows, as they are now.
-    n_scored, n_changed : int
-        Rows that were scored again, and rows whose values have changed.
-    changes : list of Change
-        Columns that have changed.
-    """
-
-    kind: str
-    records: pd.DataFrame
+    run: Run
     n_scored: int
     n_changed: int
     changes: list[Change]
@@ -96,115 +74,74 @@ class Rescored:
 def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
     """Score every stored cloud of a run again, and replace the old scores.
 
-    The realisations of references are made again from the stored scenario; the
-    stored cloud stays. It computes anew the scores of all metrics of the run, those that its kind of suite
-    has by now included, and the columns that the studies ``efficiency`` and ``resolution`` derive from a
-    cloud. What needs more than the cloud stays as it is: times, and cells that detectors tested.
-    Failed rows stay, too.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of a run that is not being written to.
-    metrics : iterable of str
-        Further metrics, as ``name[param=value,...]``; one that the run has already takes its place.
-
-    Returns
-    -------
-    Rescored
-
-    Raises
-    ------
-    InputError
-        If the folder holds no run, a damaged one, or not all of its clouds, or
-        if a reference is not installed. The folder is then unchanged.
+    The realisations of references are made again from the stored scenario; the stored cloud stays. New are
+    the scores of all metrics of the run and of `metrics`, ``name[param=value,...]``, those that its kind of
+    suite has by now included, and the columns that the studies ``efficiency`` and ``resolution`` derive from
+    a cloud. What needs more than the cloud stays: times, failed rows, and cells that detectors tested.
+    InputError if clouds are missing or a reference is not installed; the folder is then unchanged.
     """
     started, tick = datetime.now().astimezone(), time.perf_counter()
-    run_store.read_manifest(folder)  # before the lock: a folder without a run stays as it is
+    read_manifest(folder)  # before the lock: a folder without a run stays as it is
     with open_folder(folder):
-        manifest, results = run_store.read_manifest(folder), run_store.read_results(folder)
-        suite = with_metrics(results.suite, metrics)
+        run = Run.open(folder)
+        suite = with_metrics(run.suite, metrics)
         used = metrics_of(suite)
-        scored = _scored_again(folder, results, used)
-        scores = describe_scores(used, results.scenarios.values())
-        before = results.records.assign(
-            **{str(name): math.nan for name in scored if name not in results.records}
-        )
-        records = before.copy()
+        scored = _score(run, used)
+        before = run.rows.assign(**{str(name): math.nan for name in scored if name not in run.rows})
+        rows = before.copy()
         for name in scored:
-            records.loc[scored.index, name] = scored[name].astype(records[name].dtype)
-        found = _compared(results.suite.kind, before, records, len(scored))
-        run_store.write_results(dataclasses.replace(results, suite=suite, records=records), folder)
-        entry = run_store.describe_session(
-            started, time.perf_counter() - tick, False, {"rescored": len(scored)}
-        )
-        sessions = [*manifest.get("sessions", ()), entry]
-        run_store.save_manifest(
-            folder,
-            {
-                **manifest,
-                "suite": {**manifest["suite"], "metrics": suite.metrics},
-                SCORES: scores,
-                "sessions": sessions,
-            },
-        )
-        (folder / run_store.JOURNAL).unlink(missing_ok=True)
-    return found
+            rows.loc[scored.index, name] = scored[name].astype(rows[name].dtype)
+        session = describe_session(started, time.perf_counter() - tick, False, {"rescored": len(scored)})
+        manifest = {
+            **run.manifest,
+            "suite": {**run.manifest["suite"], "metrics": suite.metrics},
+            SCORES: describe_scores(used, run.scenarios.values()),
+            "sessions": [*run.manifest.get("sessions", ()), session],
+        }
+        run = run.changed(rows=rows, manifest=manifest)
+        run.save(folder)
+    differs = (before != rows) & ~(before.isna() & rows.isna())
+    changes = [_change(name, before[name], rows[name]) for name in rows.columns[differs.any().to_numpy()]]
+    return Rescored(run, len(scored), int(differs.any(axis=1).sum()), changes)
 
 
-def _scored_again(folder: Path, results: Results, metrics: Metrics) -> pd.DataFrame:
+def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
     """New scores, indexed by the position of their row."""
-    observed = ObservedScenes(folder, results.suite, results.scenarios, results.draws, results.records)
-    records, rows = results.records, Rows.of_tables(results.records, results.clouds, results.environments)
-    candidates = np.flatnonzero(~failed(records) & records["scenario"].isin(list(observed.scenes)))
-    is_incomplete = (rows.n_points != stored_points(records).to_numpy())[candidates]
-    if is_incomplete.any():
+    rows = run.rows
+    chosen = np.flatnonzero(~failed(rows) & rows["scenario"].isin(list(run.imaged_scenes)))
+    is_lost = ~run.is_whole()[chosen]
+    if is_lost.any():
         raise InputError(
-            f"{folder}: {is_incomplete.sum()} of {len(candidates)} clouds are missing or damaged; "
+            f"{run.label}: {is_lost.sum()} of {len(chosen)} clouds are missing or damaged; "
             "`isacbench run` into the folder makes them again"
         )
-    references = _references(folder, records.iloc[candidates], candidates)
-    ends = np.cumsum(rows.n_points)
-    scored: dict[int, Mapping[str, Any]] = {}
-    for (name, trial), inside in rows_by_trial(records.iloc[candidates]).items():
-        scenario = observed.scenario(name, trial)
-        for row in candidates[inside].tolist():
-            cloud = PointCloud.from_array(rows.points[ends[row] - rows.n_points[row] : ends[row]])
-            shot = MeasuredImage(scenario, None, None, records["snr_db"].iloc[row], cloud)
-            measured = _measured(observed.scenes[name], shot, kind_of(results.suite).columns)
-            reference = references.get(row)
-            pair = CloudPair.of(scenario, cloud)
-            scores = metrics.score(pair) if reference is None else _means(reference, scenario, metrics)
-            scored[row] = {**scores, **measured}
+
+    @cache
+    def reference_of(name: str, params: str) -> ReferenceEstimator:
+        return _reference(run.label, name, params)
+
+    columns, scored = kind_of(run.suite).columns, {}
+    for (name, trial), inside in rows_by_trial(rows.iloc[chosen]).items():
+        scenario = run.observed(name, trial)
+        for place in chosen[inside].tolist():
+            row, cloud = rows.iloc[place], run.cloud_array.cloud(place)
+            if pd.isna(row.get(N_STORED, math.nan)):
+                scores = metrics.score(CloudPair.of(scenario, cloud))
+            else:  # means over realisations, with their spreads
+                image = image_reference(reference_of(row["estimator"], row["params"]), scenario, metrics)
+                scores = {**image.scores, **image.spread_columns()}
+            shot = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
+            scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.
-    names = dict.fromkeys(name for found in scored.values() for name in found)
-    before = records.reindex(columns=list(names)).iloc[list(scored)]
-    kept = before.to_dict("records")
-    found = [{**old, **new} for old, new in zip(kept, scored.values(), strict=True)]
-    return pd.DataFrame(found, index=list(scored), columns=list(names))
+    names = list(dict.fromkeys(name for found in scored.values() for name in found))
+    before = rows.reindex(columns=names).iloc[list(scored)].to_dict("records")
+    found = [{**old, **new} for old, new in zip(before, scored.values(), strict=True)]
+    return pd.DataFrame(found, index=list(scored), columns=names)
 
 
-def _references(
-    folder: Path, records: pd.DataFrame, positions: NDArray[np.intp]
-) -> dict[int, ReferenceEstimator]:
-    """References by the position of their rows, which have spreads."""
-    if N_STORED not in records:
-        return {}
-    variants: dict[tuple[str, str], ReferenceEstimator] = {}
-    found = {}
-    for row, (_, record) in zip(positions.tolist(), records.iterrows(), strict=True):
-        if pd.isna(record[N_STORED]):
-            continue
-        name, params = record["estimator"], record["params"]
-        if (name, params) not in variants:
-            variants[name, params] = _reference(folder, name, params)
-        found[row] = variants[name, params]
-    return found
-
-
-def _reference(folder: Path, name: str, params: str) -> ReferenceEstimator:
+def _reference(label: str, name: str, params: str) -> ReferenceEstimator:
     """Build the reference of a row."""
-    what = f"{folder}: the scores of {name!r} are means over its realisations, which have to be made again"
+    what = f"{label}: the scores of {name!r} are means over its realisations, which have to be made again"
     try:
         plugin = get_estimator(name, **json.loads(params))
     except InputError as error:
@@ -212,12 +149,6 @@ def _reference(folder: Path, name: str, params: str) -> ReferenceEstimator:
     if not is_reference(plugin):
         raise InputError(f"{what}, but the installed estimator has no realisations")
     return plugin
-
-
-def _means(reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics) -> dict[str, Any]:
-    """Scores of a reference with their spreads."""
-    image = image_reference(reference, scenario, metrics)
-    return {**image.scores, **image.spread_columns()}
 
 
 def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:
@@ -229,14 +160,9 @@ def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any
     return {name: found.get(name, default) for name, default in columns.items() if name not in known}
 
 
-def _compared(kind: str, old: pd.DataFrame, new: pd.DataFrame, n_scored: int) -> Rescored:
-    """Compare old and new rows column by column."""
+def _change(column: str, old: pd.Series[Any], new: pd.Series[Any]) -> Change:
     differs = (old != new) & ~(old.isna() & new.isna())
-    changes = []
-    for name in new.columns[differs.any().to_numpy()]:
-        is_filled = differs[name] & old[name].isna()
-        is_moved = differs[name] & ~is_filled
-        distances = (new.loc[is_moved, name].astype(np.float64) - old.loc[is_moved, name]).abs()
-        largest = distances.fillna(math.inf).max() if is_moved.any() else 0.0
-        changes.append(Change(name, int(is_moved.sum()), float(largest), int(is_filled.sum())))
-    return Rescored(kind, new, n_scored, int(differs.any(axis=1).sum()), changes)
+    is_moved = differs & old.notna()
+    distances = (new[is_moved].astype(np.float64) - old[is_moved]).abs().fillna(math.inf)
+    largest = float(distances.max()) if is_moved.any() else 0.0
+    return Change(column, int(is_moved.sum()), largest, int((differs & old.isna()).sum()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -13,17 +13,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Results, typed
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, typed
 from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.progress import Progress, progress_shown
-from isacbench.bench.store import run_store
-from isacbench.bench.store.journal import Journal, read_journal
-from isacbench.bench.store.resume import Rerun, keep, parse_reruns
-from isacbench.bench.store.rows import Rows
-from isacbench.bench.store.run_folder import open_folder
+from isacbench.bench.store.journal import Journal
+from isacbench.bench.store.manifest import (
+    build_manifest,
+    describe_run,
+    describe_session,
+    with_sessions,
+    write_manifest,
+)
+from isacbench.bench.store.resume import Rerun, parse_reruns, rows_to_keep
+from isacbench.bench.store.run import Run, Scenes, write_truth
+from isacbench.bench.store.run_folder import JOURNAL, open_folder
 from isacbench.bench.store.score_columns import describe_scores, metrics_of, require_same_scores, row_columns
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
@@ -231,11 +237,11 @@ def run(
         for path in plugins:
             load_plugin_file(path)
         results = run_suite(wanted, None if out is None else Path(out), show, execution)
-    if results.interrupted:
+    if results.manifest["interrupted"]:
         raise KeyboardInterrupt(
-            f"after {len(results.records)} cells" + (f", written to {out}" if out is not None else "")
+            f"after {len(results.rows)} cells" + (f", written to {out}" if out is not None else "")
         )
-    return results.records
+    return results.rows
 
 
 def run_suite(
@@ -243,69 +249,51 @@ def run_suite(
     out: Path | None = None,
     progress: Progress | None = None,
     execution: Execution = HERE,
-) -> Results:
-    """Run a suite. An interrupt ends it early and keeps the rows so far.
+) -> Run:
+    """Run a suite into a folder, new or of the same run. An interrupt ends it early and keeps its rows.
 
-    Parameters
-    ----------
-    suite : Suite
-    out : Path, optional
-        Folder for the results, new or of the same run. Without it nothing is
-        kept.
-    progress : callable, optional
-        Called after each cell with the numbers of cells done and of all.
-    execution : Execution, optional
-
-    Returns
-    -------
-    Results
-
-    Raises
-    ------
-    InputError
-        If the suite names something unknown, or does not belong to the run in
-        `out`.
+    Without a folder the run is in memory alone. `progress` is called after each cell with the numbers of
+    cells done and of all. InputError if the suite names something unknown, or does not belong to the run in
+    `out`.
     """
     job = load_job(suite)
     started, tick = datetime.now().astimezone(), time.perf_counter()
     options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
     columns, plan = _columns(job), job.plan
     with open_folder(out) as folder:
-        manifest = run_store.recover_manifest(folder)
-        stored, sessions = run_store.read_rows(folder, manifest), manifest.get("sessions", [])
-        kept = _kept(folder, manifest, stored, job, execution)
+        stored = Run.recover(folder)
+        kept = _kept(stored, job, execution)
         blocks, n_kept = _blocks_left(plan, kept, execution.shard)
+        earlier = stored.manifest.get("sessions", [])
         with closing(_made(job, blocks, execution)) as outcomes:
-            unfinished = [*sessions, run_store.describe_session(started, 0.0, True, options)]
-            _begin(folder, job, kept, unfinished, is_less=len(kept) < len(stored))
+            sessions = [*earlier, describe_session(started, 0.0, True, options)]
+            manifest = build_manifest(describe_run(job), kept.environments, sessions)
+            _begin(folder, job, kept.changed(manifest=manifest), is_less=len(kept.rows) < len(stored.rows))
             has_reference = any(is_reference(one.plugin) for one in plan.entries)
             further = {
                 **columns,
                 **(TIMING_COLUMNS if execution.is_timing else {}),
                 **(REFERENCE_COLUMNS if has_reference else {}),
             }
-            with closing(Journal(folder / run_store.JOURNAL, further)) as journal:
+            with closing(Journal(folder / JOURNAL, further)) as journal:
                 n_cells = n_kept + sum(len(block.entries) for block in blocks)
                 interrupted = _work(outcomes, journal, n_kept, n_cells, progress)
-        new, _ = read_journal(folder / run_store.JOURNAL)
-        rows = Rows.joined([kept, new])
-        rows = rows.take(np.argsort(plan.positions(rows.records), kind="stable"))
-        wall_time_s = time.perf_counter() - tick
-        results = Results(
-            suite=suite,
-            records=labelled(typed(rows.records, columns)),
-            clouds=rows.clouds(),
-            scenarios=dict(job.scenarios),
-            draws=job.draws(),
-            environments=rows.used_environments(),
-            started=started,
-            wall_time_s=wall_time_s,
-            interrupted=interrupted,
+        found = Run.joined([kept, Run.of_journal(folder / JOURNAL)])
+        found = found.take(np.argsort(plan.positions(found.rows), kind="stable"))
+        clouds, wall_time_s = found.lent_clouds(), time.perf_counter() - tick
+        sessions = [*earlier, describe_session(started, wall_time_s, interrupted, options)]
+        names, known = found.rows["environment"].unique(), found.environments
+        used = {name: known[name] for name in names if name in known}
+        run = Run(
+            str(folder),
+            labelled(typed(found.rows, columns)),
+            with_sessions(manifest, used, sessions),
+            read_clouds=lambda: clouds,
+            read_scenes=lambda: Scenes(suite, job.scenarios, job.draws()),
         )
         if out is not None:
-            last = run_store.describe_session(started, wall_time_s, interrupted, options)
-            _finish(folder, job, results, [*sessions, last])
-    return results
+            run.save(folder)
+    return run
 
 
 def _columns(job: Job) -> dict[str, Any]:
@@ -314,37 +302,36 @@ def _columns(job: Job) -> dict[str, Any]:
     return row_columns(job.suite, scores["columns"])
 
 
-def _kept(folder: Path, manifest: Mapping[str, Any], stored: Rows, job: Job, execution: Execution) -> Rows:
+def _kept(stored: Run, job: Job, execution: Execution) -> Run:
     """Stored rows that the run goes on with."""
     part = None if execution.shard is None else job.plan.shard(execution.shard)
     rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
-        if len(stored):
-            require_same_scores(manifest, metrics_of(job.suite))
-        return keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
+        if len(stored.rows):
+            require_same_scores(stored.manifest, metrics_of(job.suite))
+        return rows_to_keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
     except InputError as error:
-        raise InputError(f"{folder}: {error}") from error
+        raise InputError(f"{stored.label}: {error}") from error
 
 
-def _blocks_left(plan: Plan, kept: Rows, shard: Shard | None) -> tuple[list[Block], int]:
+def _blocks_left(plan: Plan, kept: Run, shard: Shard | None) -> tuple[list[Block], int]:
     """Blocks that are still to be run, and the number of cells that are done."""
     wanted = np.ones(plan.n_cells, dtype=np.bool_) if shard is None else plan.shard(shard)
     todo = wanted.copy()
-    todo[plan.positions(kept.records)] = False
+    todo[plan.positions(kept.rows)] = False
     return plan.blocks(todo), int(np.sum(wanted & ~todo))
 
 
-def _begin(folder: Path, job: Job, kept: Rows, sessions: list[dict[str, Any]], is_less: bool) -> None:
+def _begin(folder: Path, job: Job, kept: Run, is_less: bool) -> None:
     """Write the kept rows, the scenarios and the manifest, and then remove the journal of an earlier call.
 
     Its rows are in the tables by then, so that a kill at any moment loses none.
     """
-    journal = folder / run_store.JOURNAL
-    if is_less or (journal.exists() and len(kept)):
-        records = labelled(typed(kept.records, _columns(job)))
-        run_store.write_rows(folder, records, kept.clouds())
-    run_store.write_truth(folder, job.scenarios)
-    run_store.write_manifest(folder, run_store.describe_run(job), kept.environments, sessions)
+    journal = folder / JOURNAL
+    if is_less or (journal.exists() and len(kept.rows)):
+        kept.changed(rows=labelled(typed(kept.rows, _columns(job)))).save_rows(folder)
+    write_truth(folder, job.scenarios)
+    write_manifest(folder, kept.manifest)
     journal.unlink(missing_ok=True)
 
 
@@ -373,10 +360,3 @@ def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[
     if execution.repeats is not None:
         return work_alone(job, blocks, execution.guard, execution.repeats)
     return work_guarded(job, blocks, execution.guard, execution.n_jobs)
-
-
-def _finish(folder: Path, job: Job, results: Results, sessions: list[dict[str, Any]]) -> None:
-    """Write the tables, and then remove the journal."""
-    run_store.write_results(results, folder)
-    run_store.write_manifest(folder, run_store.describe_run(job), results.environments, sessions)
-    (folder / run_store.JOURNAL).unlink()

@@ -1,13 +1,13 @@
 """Stored runs: their folder, their rows, and the origin of each row."""
 
 __all__ = [
-    "csv_table",
+    "clouds",
     "journal",
+    "manifest",
     "provenance",
     "resume",
-    "rows",
+    "run",
     "run_folder",
-    "run_store",
     "score_columns",
-    "stored_run",
+    "tables",
 ]

@@ -1,4 +1,4 @@
-"""Folder of a run: one run writes into it at a time, and each of its files is replaced as a whole."""
+"""Folder of a run: names of its files, one run writes into it at a time, each file is replaced as a whole."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from isacbench.errors import InputError
+from isacbench.errors import AccessError, InputError
 from isacbench.files.checked_files import open_own, require_utf8
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from collections.abc import Set as AbstractSet
 
-LOCK = ".lock"
-ROWS_KEPT = "; the rows so far are kept, and the same run into the same folder goes on with them"
-RUN_FILES = frozenset({LOCK, "manifest.json", "results.parquet", "journal.jsonl"})
+RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
+CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
+DRAWS, JOURNAL, LOCK = "draws.parquet", "journal.jsonl", ".lock"
+
+RUN_TABLES = frozenset({RECORDS, RECORDS_CSV, CLOUDS, TRUTH, MANIFEST, DRAWS, JOURNAL})
+"""Files of a run."""
+
+RUN_FILES = frozenset({LOCK, MANIFEST, RECORDS, JOURNAL})
 """Names by which the folder of a run is known: it has at least one of these files."""
+
+DAMAGE = (ValueError, TypeError, LookupError, OSError)
+"""Exceptions that reading a damaged file raises."""
+
+ROWS_KEPT = "; the rows so far are kept, and the same run into the same folder goes on with them"
 
 
 def default_folder(suite_name: str) -> Path:
-    """Name the folder of a run that starts now.
-
-    Parameters
-    ----------
-    suite_name : str
-
-    Returns
-    -------
-    Path
-        ``results/<suite>-<time>``.
-    """
+    """Name the folder of a run that starts now, ``results/<suite>-<time>``."""
     return Path("results") / f"{suite_name}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
@@ -45,26 +45,8 @@ def open_folder(
 ) -> Iterator[Path]:
     """Create the folder of a run or enter an existing one, and keep other runs out of it.
 
-    Parameters
-    ----------
-    folder : Path or None
-        None for a temporary one. A new folder is removed in the end if it
-        holds no file.
-    files : set of str
-        Names of which an existing folder must have one, unless it is empty.
-    what : str
-        Owner of such a folder, for messages.
-
-    Yields
-    ------
-    Path
-        The folder.
-
-    Raises
-    ------
-    InputError
-        If it cannot be created, holds something else, or another run writes
-        into it.
+    None gives a temporary one. A new folder is removed in the end if it holds no file; an existing one that
+    is not empty must hold one of `files`, as that of `what` does.
     """
     if folder is None:
         with TemporaryDirectory(prefix="isacbench-") as temporary:
@@ -118,17 +100,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def require_unlocked(folder: Path) -> None:
-    """Refuse a folder that a run is writing into. Nothing is written to find out.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    InputError
-        If there is such a run.
-    """
+    """Refuse a folder that a run is writing into. Nothing is written to find out."""
     if not (folder / LOCK).exists():
         return
     try:
@@ -142,22 +114,7 @@ def require_unlocked(folder: Path) -> None:
 def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
     """Write a file under a temporary name, and rename it once it is complete and on the disk.
 
-    Parameters
-    ----------
-    path : Path
-        The file, replaced if it exists.
-    afterwards : str
-        End of the message if it cannot be written.
-
-    Yields
-    ------
-    Path
-        The temporary name, to be written to.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
+    `afterwards` ends the message if it cannot be written.
     """
     temporary = path.with_name(f".{path.name}.part")
     try:
@@ -174,17 +131,21 @@ def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
 
 
 def cannot_be_written(path: Path, error: OSError, afterwards: str = ROWS_KEPT) -> InputError:
-    """Build the exception for a file that the system does not let us write.
-
-    Parameters
-    ----------
-    path : Path
-    error : OSError
-    afterwards : str
-        End of the message.
-
-    Returns
-    -------
-    InputError
-    """
+    """Build the exception for a file that the system does not let us write."""
     return InputError(f"{path}: cannot be written: {error.strerror or error}{afterwards}")
+
+
+@contextmanager
+def damage_told(folder: Path, part: str = "") -> Iterator[None]:
+    """Turn errors in reading a damaged folder into an `InputError` that names it."""
+    try:
+        yield
+    except AccessError:
+        raise
+    except DAMAGE as error:
+        raise InputError(f"{folder}: damaged run: {part}{damage_text(error)}") from error
+
+
+def damage_text(error: Exception) -> str:
+    """Message of an exception, preceded by its type unless it is an `InputError`."""
+    return str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from isacbench.bench.kinds.imaging import SCORE_AXES, score_charts
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, averaged_columns, summarise_scores
-from isacbench.bench.suites.suite_kinds import KINDS, kind_of
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import nearest_values
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.file_names import file_stems
@@ -54,18 +54,18 @@ def draw_chosen(run: Run, choice: FigureChoice, extension: str = "png") -> list[
     """
     if choice == FigureChoice():
         return draw_run(run, extension)
-    if not kind_of(run.suite).has_images:
+    if not KINDS[run.kind].has_images:
         allowed = ", ".join(name for name, kind in KINDS.items() if kind.has_images)
         raise InputError(
-            f"{run.folder}: figures can be chosen of runs of the kinds {allowed}; this one is of the kind "
-            f"{run.suite.kind}"
+            f"{run.label}: figures can be chosen of runs of the kinds {allowed}; this one is of the kind "
+            f"{run.kind}"
         )
     return save_figures(run.folder, _figures(run, _chosen_rows(run, choice), choice), extension)
 
 
 def _chosen_rows(run: Run, choice: FigureChoice) -> pd.DataFrame:
     """Rows of the chosen scenario; whatever else is chosen must be among them."""
-    rows, names, folder = run.rows, list(run.rows["scenario"].unique()), run.folder
+    rows, names, folder = run.rows, list(run.rows["scenario"].unique()), run.label
     if choice.scenario is not None and choice.scenario not in names:
         raise InputError(f"{folder}: {unknown_name('scenario', choice.scenario, names)}")
     if choice.scenario is not None:

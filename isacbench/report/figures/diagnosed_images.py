@@ -6,6 +6,7 @@ import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.charts import variants_in
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.file_names import file_stems
 from isacbench.model.echo import Simulator
@@ -19,15 +20,12 @@ from isacbench.report.figures.run_figures import best_variants
 from isacbench.report.figures.spectrum_figures import spectrum_charts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
-    import pandas as pd
-
-    from isacbench.bench.cells.record import Results
+    from isacbench.bench.store.run import Run
     from isacbench.bench.suites.suite import Suite
     from isacbench.charts import Variant
     from isacbench.model.observation import Observation
-    from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Diagnosis
     from isacbench.report.figures.run_figures import NamedFigure
 
@@ -52,69 +50,22 @@ class Diagnosed(NamedTuple):
 class Diagnoses:
     """Diagnoses of the images of a run at one SNR and trial.
 
-    Parameters
-    ----------
-    suite : Suite
-        Of images.
-    records : DataFrame
-        Rows of the run.
-    scenarios : mapping of str to Scenario
-    snr_db : float
-    trial : int
-
-    Warns
-    -----
-    InputWarning
-        If an estimator of the run is not installed.
+    It warns if an estimator of the run is not installed.
     """
 
-    def __init__(
-        self,
-        suite: Suite,
-        records: pd.DataFrame,
-        scenarios: Mapping[str, Scenario],
-        snr_db: float,
-        trial: int,
-    ) -> None:
-        self._records, self._scenarios = records, scenarios
-        self._snr_db, self._trial, self._seed = snr_db, trial, suite.seed
-        self._diagnosers = _diagnosers(suite)
-        self._labels = estimator_labels(zip(records["estimator"], records["params"], strict=True))
+    def __init__(self, run: Run, snr_db: float, trial: int) -> None:
+        self._run, self._snr_db, self._trial = run, snr_db, trial
+        self._diagnosers = _diagnosers(run.suite)
+        self._labels = estimator_labels(variants_in(run.rows))
         self._observed: dict[str, tuple[Observation, float]] = {}
 
     def variants(self, scenario: str) -> list[Variant]:
-        """List the estimators that show their work on a scenario: of many the 16 best.
-
-        Parameters
-        ----------
-        scenario : str
-
-        Returns
-        -------
-        list of (str, str)
-            Names and parameters.
-        """
-        own = self._records[self._records["scenario"] == scenario]
+        """List the estimators that show their work on a scenario: of many the 16 best."""
+        own = self._run.rows[self._run.rows["scenario"] == scenario]
         return best_variants(own, list(self._diagnosers))
 
     def of(self, scenario: str, variant: Variant) -> Diagnosed | None:
-        """Diagnose one image.
-
-        Parameters
-        ----------
-        scenario : str
-        variant : (str, str)
-
-        Returns
-        -------
-        Diagnosed or None
-            None if the diagnosis fails.
-
-        Warns
-        -----
-        InputWarning
-            If it does.
-        """
+        """Diagnose one image; None with a warning if that fails."""
         label = self._labels.get(variant, variant[0])
         observation, noise_power = self._observe(scenario)
         try:
@@ -127,53 +78,23 @@ class Diagnoses:
     def _observe(self, scenario: str) -> tuple[Observation, float]:
         """Observation and its noise power, made once a scenario."""
         if scenario not in self._observed:
-            simulator = Simulator(self._scenarios[scenario])
-            observation = simulator.observe(self._snr_db, self._trial, self._seed)
+            simulator = Simulator(self._run.scenarios[scenario])
+            observation = simulator.observe(self._snr_db, self._trial, self._run.suite.seed)
             self._observed[scenario] = observation, simulator.noise_power(self._snr_db)
         return self._observed[scenario]
 
 
 def warn_of_fault(label: str, error: Exception) -> None:
-    """Warn that the diagnosis of an estimator failed or cannot be shown.
-
-    Parameters
-    ----------
-    label : str
-        Of the estimator.
-    error : Exception
-
-    Warns
-    -----
-    InputWarning
-    """
+    """Warn that the diagnosis of an estimator, given by its label, failed or cannot be shown."""
     reason = f"{type(error).__name__}: {error}"
     warnings.warn(f"no map and no spectra of {label}: {reason}", InputWarning, stacklevel=3)
 
 
-def diagnosis_figures(results: Results, scenario: str, snr_db: float, trial: int) -> Iterator[NamedFigure]:
-    """Draw map and spectra of every estimator that shows its work.
-
-    Parameters
-    ----------
-    results : Results
-    scenario : str
-    snr_db : float
-    trial : int
-
-    Yields
-    ------
-    stem : str
-        Of the file.
-    figure : Figure
-
-    Warns
-    -----
-    InputWarning
-        If an estimator of the run is not installed, or its diagnosis fails.
-    """
-    diagnoses = Diagnoses(results.suite, results.records, results.scenarios, snr_db, trial)
+def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[NamedFigure]:
+    """Draw map and spectra of every estimator that shows its work, by the stems of their files."""
+    diagnoses = Diagnoses(run, snr_db, trial)
     found = [diagnoses.of(scenario, variant) for variant in diagnoses.variants(scenario)]
-    seen, scene = [one for one in found if one is not None], results.scenarios[scenario]
+    seen, scene = [one for one in found if one is not None], run.scenarios[scenario]
     stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in seen])
     for one, stem in zip(seen, stems.values(), strict=True):
         title = f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}"

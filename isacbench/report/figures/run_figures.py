@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import scene_cells
 from isacbench.bench.kinds.scores import MANY_SCENARIOS
-from isacbench.bench.suites.suite_kinds import kind_of
+from isacbench.bench.store.run import CellKey
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Axis, Chart, ChartGroup, Series, batched, nearest_values, rows_of, with_symbol
 from isacbench.errors import InputWarning
 from isacbench.files.checked_files import make_own_folder, require_picture
@@ -22,7 +24,6 @@ from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.report.drawing.chart_figures import draw_charts
 from isacbench.report.drawing.style import drawable, save, styled
 from isacbench.report.figures.cloud_figures import Image, draw_clouds, draw_comparison
@@ -67,7 +68,7 @@ def draw_run(run: Run, extension: str = "png") -> list[Path]:
 
 def run_figures(run: Run) -> Iterator[NamedFigure]:
     """Figures of a run by the stems of their files."""
-    kind = kind_of(run.suite)
+    kind = KINDS[run.kind]
     for group in kind.charts(run.rows, run.scenarios):
         yield group.stem, draw_charts(group)
     if not kind.has_images:
@@ -99,17 +100,13 @@ def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = 
 
 def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
     """F-score, precision and recall of matched points over the radius, first trials at the highest SNR."""
-    top_db, first = run.rows["snr_db"].max(), int(run.rows["trial"].min())
-    rows, points = (
-        table[(table["snr_db"] == top_db) & (table["trial"] == first)]
-        for table in (run.rows[~failed(run.rows)], run.clouds)
-    )
-    image = ["scenario", *CELL[:2]]
-    clouds: dict[Hashable, pd.DataFrame] = dict(list(points.groupby(image, observed=True, sort=False)))
+    rows = run.rows
+    top_db, first = rows["snr_db"].max(), int(rows["trial"].min())
+    is_drawn = (rows["snr_db"] == top_db) & (rows["trial"] == first) & ~failed(rows)
     curves: dict[Variant, list[Curve]] = {variant: [] for variant in lines}
-    for name, *variant in rows[image].itertuples(index=False):
-        part = clouds.get((name, *variant), points[:0])
-        pair = CloudPair.of(run.scenarios[name], PointCloud.from_array(part[POINT_COLUMNS].to_numpy()))
+    for place in np.flatnonzero(is_drawn).tolist():
+        name, *variant = rows[["scenario", "estimator", "params"]].iloc[place]
+        pair = CloudPair.of(run.scenarios[name], run.cloud_array.cloud(place))
         curves[variant[0], variant[1]].append(score_curve(pair))
     means = {variant: Curve(*np.nanmean(own, axis=0)) for variant, own in curves.items() if own}
     if not means:
@@ -128,7 +125,7 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
             for variant, mean in means.items()
         ]
         charts.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
-    n_scenes = counted(rows["scenario"].nunique(), "scene")
+    n_scenes = counted(rows.loc[is_drawn, "scenario"].nunique(), "scene")
     return [
         ChartGroup("radii", f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}", charts)
     ]
@@ -181,16 +178,12 @@ def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Var
 def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
     """Images of one trial of a scenario, by name, parameters and SNR."""
     # Numbers first: they are compared much faster than text, and leave little of it.
-    points = run.clouds[run.clouds["trial"] == trial]
-    points = points[points["scenario"] == scenario]
-    clouds: dict[Hashable, PointCloud] = {
-        key: PointCloud.from_array(part[POINT_COLUMNS].to_numpy())
-        for key, part in points.groupby(CELL, sort=False, observed=True)
-    }
-    rows = run.rows[(run.rows["trial"] == trial) & (run.rows["scenario"] == scenario)]
+    places = np.flatnonzero(run.rows["trial"] == trial)
+    places = places[run.rows["scenario"].iloc[places] == scenario]
+    rows = run.rows.iloc[places].set_index(CELL)
     return {
-        key: _image(clouds.get(key, PointCloud.empty()), record)
-        for key, record in rows.set_index(CELL).iterrows()
+        key: _image(run.cloud_array.cloud(place), row)
+        for place, (key, row) in zip(places.tolist(), rows.iterrows(), strict=True)
     }
 
 
@@ -214,17 +207,10 @@ def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigu
         if scenes.empty:
             continue
         worst = scenes.iloc[scenes["ratio"].argmax()]
-        cloud, scene = _stored_cloud(run, worst), run.scenarios[worst["scenario"]]
+        cloud = run.clouds.get(CellKey(*worst[CLOUD_KEYS]), PointCloud.empty())
+        scene = run.scenarios[worst["scenario"]]
         title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {counted(len(scenes), 'scene')}"
         note = f"{counted(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
         label = drawable(lines[variant].label)
         figure = draw_comparison(title, scene.truth, label, Image(cloud, note), scene.region, scene.radius_m)
         yield f"worst-{stem}", figure
-
-
-def _stored_cloud(run: Run, row: pd.Series[Any]) -> PointCloud:
-    """Cloud of a row."""
-    points = run.clouds
-    for name in ("trial", "snr_db", "scenario", "estimator", "params"):
-        points = points[points[name] == row[name]]
-    return PointCloud.from_array(points[POINT_COLUMNS].to_numpy())

@@ -1,3 +1,3 @@
 """Interactive pages of runs, rankings and comparisons, each in one HTML file."""
 
-__all__ = ["guarded_pages", "written_pages"]
+__all__ = ["written_pages"]

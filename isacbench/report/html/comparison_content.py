@@ -57,8 +57,8 @@ def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[s
         tables.append(kept.assign(what=what))
     rows = pd.concat(tables, ignore_index=True)
     order = np.lexsort((-rows["relative"].abs().fillna(0), rows["verdict"].map(VERDICTS.index)))
-    groups = compared_scenes(joined.table.manifest, joined.table.records["scenario"].astype(object))
-    is_shown = np.zeros(len(joined.table.records), dtype=np.bool_)
+    groups = compared_scenes(joined.table.manifest, joined.table.rows["scenario"].astype(object))
+    is_shown = np.zeros(len(joined.table.rows), dtype=np.bool_)
     found = []
     for row in json_rows(rows.iloc[order]):
         base, new = _numbers_of(row, comparison, joined)
@@ -103,7 +103,7 @@ def _numbers_of(
 def _number(joined: JoinedRuns, variant: Variant, run: int) -> int | None:
     """Number in the page of an estimator of a run, under its own name or under that with its run."""
     names = list(joined.labels)
-    for name in ((f"{variant[0]} ({joined.runs[run].name})", variant[1]), variant):
+    for name in ((f"{variant[0]} ({joined.runs[run].label})", variant[1]), variant):
         if name in joined.labels:
             return names.index(name)
     return None
@@ -113,7 +113,7 @@ def _worst_cell(
     joined: JoinedRuns, row: Mapping[Hashable, Any], scenes: list[str], base: int, new: int
 ) -> tuple[dict[str, Any] | None, NDArray[np.bool_]]:
     """Cell in which a score got worse most, and its two rows."""
-    records, names, metric = joined.table.records, list(joined.labels), str(row["metric"])
+    records, names, metric = joined.table.rows, list(joined.labels), str(row["metric"])
     is_wanted = records["scenario"].isin(scenes)
     if row.get("snr_db") is not None:
         is_wanted &= records["snr_db"] == row["snr_db"]

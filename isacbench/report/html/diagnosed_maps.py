@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
@@ -14,62 +13,43 @@ from isacbench.report.figures.diagnosed_images import Diagnoses, warn_of_fault
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB
 
 if TYPE_CHECKING:
+    from isacbench.bench.store.run import Run
     from isacbench.model.numerology import System
     from isacbench.plugins.contracts import Diagnosis, Spectrum
-    from isacbench.report.html.joined_runs import ReadRun
 
 LOWEST_DB, LOWEST_RATIO = -300.0, 0.01
 """Lowest level of a spectrum, and lowest ratio of power to noise: a page needs no weaker ones."""
 
-LONGEST_S = 1.0
-"""Time of all maps of a page: what has not begun by then is left out, and the page says so."""
+MOST_MAPS = 6
+"""Images of a page of which maps and spectra are computed; the page says how many it leaves out."""
 
 
-def diagnosed_maps(run: ReadRun) -> dict[str, Any]:
-    """Compute maps and spectra of estimators that show their work, for one second.
+def diagnosed_maps(run: Run) -> dict[str, Any]:
+    """Compute maps and spectra of estimators that show their work, of a few images of a run of images.
 
-    Every scene comes before any has a second estimator.
-
-    Parameters
-    ----------
-    run : ReadRun
-
-    Returns
-    -------
-    dict
-        ``maps``, each with its scene, estimator (label), SNR and trial, axes, power, threshold and mask, and
-        spectra; and ``left_out``, the number of those for which there was no time. Empty unless the run is
-        of images.
-
-    Warns
-    -----
-    InputWarning
-        If an estimator of the run is not installed, or its diagnosis fails or cannot be shown.
+    Every scene comes before any has a second estimator. The dictionary has ``maps``, each with its scene,
+    estimator (label), SNR and trial, axes, power, threshold and mask, and spectra; and ``left_out``, the
+    number of images beyond the first six. An estimator that is not installed, or whose diagnosis fails or
+    cannot be shown, costs its own maps with a warning.
     """
-    records, scenarios, suite = run.rows.records, run.observed.scenarios, run.observed.suite
-    if suite.kind not in SCENE_KINDS or records.empty:
+    if run.kind not in SCENE_KINDS or run.rows.empty:
         return {}
-    (snr_db,) = nearest_values(sorted(records["snr_db"].unique()), [SHOWN_SNR_DB])
-    trial = int(records["trial"].min())
-    diagnoses = Diagnoses(suite, records, scenarios, snr_db, trial)
-    names = [name for name in dict.fromkeys(records["scenario"].astype(object)) if name in scenarios]
+    (snr_db,) = nearest_values(sorted(run.rows["snr_db"].unique()), [SHOWN_SNR_DB])
+    trial = int(run.rows["trial"].min())
+    diagnoses = Diagnoses(run, snr_db, trial)
+    names = [name for name in dict.fromkeys(run.rows["scenario"].astype(object)) if name in run.scenarios]
     rounds = zip_longest(*([(name, variant) for variant in diagnoses.variants(name)] for name in names))
     wanted = [cell for cells in rounds for cell in cells if cell is not None]
-    latest, took_s = time.perf_counter() + LONGEST_S, 0.0
     found: list[dict[str, Any]] = []
-    for number, (name, variant) in enumerate(wanted):
-        begun = time.perf_counter()
-        if begun + took_s > latest:
-            return {"maps": found, "left_out": len(wanted) - number}
+    for name, variant in wanted[:MOST_MAPS]:
         one = diagnoses.of(name, variant)
         if one is not None:
             own = {"scene": name, "estimator": one.label, "snr_db": float(snr_db), "trial": trial}
             try:
-                found.append(own | _map(one.diagnosis, scenarios[name].system, one.noise_power))
+                found.append(own | _map(one.diagnosis, run.scenarios[name].system, one.noise_power))
             except Exception as error:  # a plugin may return anything
                 warn_of_fault(one.label, error)
-        took_s = time.perf_counter() - begun
-    return {"maps": found, "left_out": 0}
+    return {"maps": found, "left_out": max(len(wanted) - MOST_MAPS, 0)}
 
 
 def _map(diagnosis: Diagnosis, system: System, noise_power: float) -> dict[str, Any]:

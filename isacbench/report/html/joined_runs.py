@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
-from isacbench.bench.cells.record import DRAW_COLUMNS
-from isacbench.bench.compare.matching import RunTable, incomparable
+from isacbench.bench.compare.matching import incomparable
 from isacbench.bench.compare.scene_scores import with_ratios
 from isacbench.bench.plan.labels import estimator_labels, find_limits
-from isacbench.bench.store.rows import Rows
-from isacbench.bench.store.run_store import CLOUDS, TRUTH, read_manifest, read_scenes, read_sound_rows
-from isacbench.bench.store.stored_run import MOST_NAMED, ObservedScenes
-from isacbench.bench.suites.suite_kinds import restore_suite
+from isacbench.bench.store.run import MOST_NAMED, Run
 from isacbench.charts import variants_in
 from isacbench.errors import InputError
-from isacbench.files.checked_files import is_there
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    import pandas as pd
 
-    from isacbench.bench.kinds.scenes import ImagedScene
     from isacbench.charts import Variant
 
 RUN = "run"
@@ -39,41 +31,16 @@ SAME = ["deviation", "gospa_m", "n_estimated"]
 
 
 @dataclass(frozen=True, eq=False)
-class ReadRun:
-    """Run in its folder, with its clouds and scenes.
-
-    Attributes
-    ----------
-    name : str
-        Name in a page.
-    manifest : mapping of str to Any
-    rows : Rows
-    observed : ObservedScenes
-    """
-
-    name: str
-    manifest: Mapping[str, Any]
-    rows: Rows
-    observed: ObservedScenes
-
-    @property
-    def scenes(self) -> Mapping[str, ImagedScene]:
-        """Scenes that were imaged, by name; none where the run has rows alone."""
-        return self.observed.scenes if self.observed.scenarios else {}
-
-
-@dataclass(frozen=True, eq=False)
 class JoinedRuns:
     """Rows of one run, or of several.
 
     Attributes
     ----------
-    runs : tuple of ReadRun
-    table : RunTable
+    runs : tuple of Run
+        Labelled by their names in the page.
+    table : Run
         Rows of all runs with the column ``run``, the ratios to the oracle and the sums of Hausdorff
         distances. An estimator that several runs have is named after its run, too.
-    rows : Rows
-        The same with their clouds.
     labels : mapping of (str, str) to str
         Readable names of the estimators of the table.
     specs : mapping of (str, str) to str
@@ -82,140 +49,83 @@ class JoinedRuns:
         Estimators and rows that were left out.
     """
 
-    runs: tuple[ReadRun, ...]
-    table: RunTable
-    rows: Rows
+    runs: tuple[Run, ...]
+    table: Run
     labels: Mapping[Variant, str]
     specs: Mapping[Variant, str]
     notes: tuple[str, ...]
 
 
-def read_for_page(folder: Path, name: str | None = None) -> ReadRun:
-    """Read a run, also one that was killed, is not finished, or has rows but no clouds.
-
-    Parameters
-    ----------
-    folder : Path
-    name : str, optional
-        By default that of the folder.
-
-    Returns
-    -------
-    ReadRun
-
-    Raises
-    ------
-    InputError
-        If the folder does not hold a run, or a damaged one.
-    """
-    manifest = read_manifest(folder)
-    rows = read_sound_rows(folder, manifest, with_clouds=is_there(folder / CLOUDS))
-    if is_there(folder / TRUTH):
-        suite, scenarios, draws = read_scenes(folder, manifest)
-    else:  # a reference: rows alone
-        suite, scenarios, draws = restore_suite(manifest["suite"]), {}, pd.DataFrame(columns=DRAW_COLUMNS)
-    observed = ObservedScenes(folder, suite, scenarios, draws, rows.records)
-    return ReadRun(name or folder.resolve().name, manifest, rows, observed)
-
-
-def join_runs(runs: Sequence[ReadRun], rename_all: bool = False, only_common: bool = False) -> JoinedRuns:
-    """Put the rows of runs of the same scenes into one table.
+def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool = False) -> JoinedRuns:
+    """Put the rows of runs of the same scenes, labelled by their names in the page, into one table.
 
     An estimator that an earlier run has with the same scores is left out, and so are references of later
-    runs, which see the truth.
-
-    Parameters
-    ----------
-    runs : sequence of ReadRun
-        At least one.
-    rename_all : bool
-        Whether to keep and name after its run every estimator of several runs that is no reference.
-    only_common : bool
-        Whether to refuse runs with other scenes, and to leave out SNRs and trials that not all runs have, so
-        that means are over the same cells.
-
-    Returns
-    -------
-    JoinedRuns
-
-    Raises
-    ------
-    InputError
-        If the runs measured different things.
+    runs, which see the truth. With `rename_all` every estimator of several runs that is no reference is kept,
+    named after its run. With `only_common` runs with other scenes are refused, and SNRs and trials that not
+    all runs have are left out, so that means are over the same cells.
     """
-    tables = [RunTable(run.name, run.rows.records, run.manifest) for run in runs]
-    for table in tables[1:]:
-        reasons = incomparable(tables[0], table)
-        if only_common and not reasons:
-            reasons = _other_scenes(tables[0], table)
-        if reasons:
-            raise InputError(f"{tables[0].label} and {table.label} have no common page: {'; '.join(reasons)}")
-    common = _common_cells(tables) if only_common else None
-    notes = []
-    own = [estimator_labels(variants_in(table.records)) for table in tables]
-    kept: list[Rows] = []
+    _require_comparable(runs, only_common)
+    own = [estimator_labels(variants_in(run.rows)) for run in runs]
+    found, notes = _common(runs) if only_common else (list(runs), [])
+    kept: list[Run] = []
     labels: dict[Variant, str] = {}
     specs: dict[Variant, str] = {}
     seen: dict[Variant, pd.DataFrame] = {}
-    for number, run in enumerate(runs):
-        rows = run.rows
-        if common is not None:
-            is_common = np.array([cell in common for cell in _cells(rows.records)], dtype=np.bool_)
-            if not is_common.all():
-                n_other = counted(int((~is_common).sum()), "row")
-                notes.append(f"{n_other} of {run.name} left out: not all runs have their SNR and trial")
-            rows = rows.take(is_common)
-        records, limits = rows.records.assign(**{RUN: number}), find_limits(rows.records)
-        dropped = np.zeros(len(records), dtype=np.bool_)
-        for variant in variants_in(records):
-            label = own[number][variant]
-            of_variant = _is_of(records, variant)
-            is_shared = sum(variant in other for other in own) > 1 and variant[0] not in limits
-            if variant in seen and not (
-                is_shared and (rename_all or not _scores_equal(seen[variant], records[of_variant]))
-            ):
-                dropped |= of_variant
-                first = runs[int(seen[variant][RUN].iloc[0])].name
-                if variant[0] not in limits:
-                    notes.append(f"{label} of {run.name} has the same scores as that of {first}")
+    for number, run in enumerate(found):
+        rows, limits = run.rows.assign(**{RUN: number}), find_limits(run.rows)
+        is_kept = np.ones(len(rows), dtype=np.bool_)
+        for name, params in variants_in(run.rows):
+            variant, label = (name, params), own[number][name, params]
+            of_variant = np.asarray((run.rows["estimator"] == name) & (run.rows["params"] == params))
+            is_shared = name not in limits and sum(variant in other for other in own) > 1
+            earlier = seen.setdefault(variant, rows[of_variant])
+            is_first = earlier[RUN].iloc[0] == number
+            is_other = is_shared and (rename_all or not _scores_equal(earlier, rows[of_variant]))
+            if not is_first and not is_other:
+                is_kept &= ~of_variant
+                if name not in limits:
+                    first = runs[earlier[RUN].iloc[0]].label
+                    notes.append(f"{label} of {run.label} has the same scores as that of {first}")
                 continue
-            name, spec = variant[0], label
-            if is_shared and (rename_all or variant in seen):
-                name, label = f"{name} ({run.name})", f"{label} ({run.name})"
-            seen.setdefault(variant, records[of_variant])
-            records.loc[of_variant, "estimator"] = name
+            spec, ending = label, f" ({run.label})"
+            if is_shared and (rename_all or not is_first):
+                name, label = f"{name}{ending}", f"{label}{ending}"
+            rows.loc[of_variant, "estimator"] = name
             if label in labels.values():  # parameters of estimators that are not installed
-                label = f"{label} ({run.name})"
-            labels[name, variant[1]], specs[name, variant[1]] = label, spec
-        kept.append(replace(rows, records=records).take(~dropped))
-    joined = Rows.joined(kept)
-    if not len(joined):
+                label = f"{label}{ending}"
+            labels[name, params], specs[name, params] = label, spec
+        kept.append(run.changed(rows=rows).take(is_kept))
+    joined = Run.joined(kept).changed(manifest=_united(runs))
+    if joined.rows.empty:
         raise InputError("the runs have no common page: no SNR and trial is in all of them")
-    united = RunTable(" and ".join(table.label for table in tables), joined.records, _united(runs))
-    scored = replace(united, records=with_ratios(united))
-    return JoinedRuns(
-        tuple(runs), scored, replace(joined, records=scored.records), labels, specs, tuple(notes)
-    )
+    table = joined.changed(rows=with_ratios(joined))
+    return JoinedRuns(tuple(runs), table, labels, specs, tuple(notes))
 
 
-def _is_of(records: pd.DataFrame, variant: Variant) -> NDArray[np.bool_]:
-    return np.asarray((records["estimator"] == variant[0]) & (records["params"] == variant[1]))
+def _require_comparable(runs: Sequence[Run], only_common: bool) -> None:
+    """Refuse runs that measured different things, or other scenes."""
+    for run in runs[1:]:
+        reasons = incomparable(runs[0], run)
+        apart = sorted(set(runs[0].rows["scenario"]) ^ set(run.rows["scenario"]))
+        if only_common and not reasons and apart:
+            more = f" and {len(apart) - MOST_NAMED} more" if len(apart) > MOST_NAMED else ""
+            reasons = (f"only one of them has the scenes {', '.join(apart[:MOST_NAMED])}{more}",)
+        if reasons:
+            raise InputError(f"{runs[0].label} and {run.label} have no common page: {'; '.join(reasons)}")
 
 
-def _other_scenes(one: RunTable, other: RunTable) -> tuple[str, ...]:
-    """Name the scenes that only one of two runs has."""
-    apart = sorted(set(one.records["scenario"]) ^ set(other.records["scenario"]))
-    more = f" and {len(apart) - MOST_NAMED} more" if len(apart) > MOST_NAMED else ""
-    return (f"only one of them has the scenes {', '.join(apart[:MOST_NAMED])}{more}",) if apart else ()
-
-
-def _cells(records: pd.DataFrame) -> list[tuple[Any, ...]]:
-    return list(zip(*(records[name] for name in KEY), strict=True))
-
-
-def _common_cells(tables: Sequence[RunTable]) -> set[tuple[Any, ...]]:
-    """Scenes, SNRs and trials that all runs have."""
-    return set.intersection(*(set(_cells(table.records)) for table in tables))
+def _common(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    """Take the rows of scenes, SNRs and trials that all runs have, and say what is left out."""
+    cells = [list(zip(*(run.rows[name] for name in KEY), strict=True)) for run in runs]
+    common = set(cells[0]).intersection(*cells[1:])
+    found, notes = [], []
+    for run, own in zip(runs, cells, strict=True):
+        is_common = np.array([cell in common for cell in own], dtype=np.bool_)
+        if not is_common.all():
+            n_other = counted(int((~is_common).sum()), "row")
+            notes.append(f"{n_other} of {run.label} left out: not all runs have their SNR and trial")
+        found.append(run.take(is_common))
+    return found, notes
 
 
 def _scores_equal(one: pd.DataFrame, other: pd.DataFrame) -> bool:
@@ -226,8 +136,9 @@ def _scores_equal(one: pd.DataFrame, other: pd.DataFrame) -> bool:
     )
 
 
-def _united(runs: Sequence[ReadRun]) -> dict[str, Any]:
+def _united(runs: Sequence[Run]) -> dict[str, Any]:
     """Manifest of the first run with the scenarios of all."""
-    scenarios = {name: told for run in reversed(runs) for name, told in run.manifest["scenarios"].items()}
+    parts = [run.manifest["scenarios"] for run in reversed(runs)]
+    scenarios = {name: content for part in parts for name, content in part.items()}
     first = runs[0].manifest
     return {**first, "scenarios": {name: scenarios[name] for name in [*first["scenarios"], *scenarios]}}

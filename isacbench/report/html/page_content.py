@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from isacbench.bench.cells.record import stored_points
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.compare.matching import code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
@@ -19,7 +17,7 @@ from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
-from isacbench.bench.store.run_store import scenario_texts
+from isacbench.bench.store.manifest import scenario_texts
 from isacbench.bench.store.score_columns import stored_columns
 from isacbench.charts import ROLES, assign_lines
 from isacbench.errors import InputError
@@ -33,11 +31,13 @@ from isacbench.report.html.page_charts import page_charts
 from isacbench.report.html.page_file import numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Sequence
+    from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from isacbench.bench.compare.ranking import Ranking
+    from isacbench.bench.kinds.scenes import ImagedScene
+    from isacbench.bench.store.run import Run
     from isacbench.charts import Line
     from isacbench.model.cloud import PointCloud
     from isacbench.report.html.joined_runs import JoinedRuns
@@ -93,7 +93,7 @@ def page_content(
     InputError
         If the rows are more than a browser can hold.
     """
-    records, names = joined.table.records, list(joined.labels)
+    records, names = joined.table.rows, list(joined.labels)
     if len(records) > MOST_ROWS:
         raise InputError(
             f"{joined.table.label}: {len(records)} rows are too many for a page; allowed are {MOST_ROWS}; "
@@ -101,11 +101,12 @@ def page_content(
         )
     scenes, truths = _scenes(joined)
     has_image = _has_image(joined)
-    chosen = has_image & choose_clouds(records, joined.rows.n_points, first)
+    n_points = joined.table.cloud_array.n_points
+    chosen = has_image & choose_clouds(records, n_points, first)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
-    kept = joined.rows.take(chosen)
+    kept = joined.table.cloud_array.take(np.flatnonzero(chosen))
     for scene in scenes:
-        scene["truth"] = [[trial, len(kept) + place] for trial, place in scene["truth"]]
+        scene["truth"] = [[trial, len(kept.n_points) + place] for trial, place in scene["truth"]]
     counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
     points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
     lines = assign_lines(joined.labels, find_limits(records))
@@ -118,7 +119,7 @@ def page_content(
         "min_trials": MIN_TRIALS,
         "student": numbers(stdtrit(np.arange(1, MOST_FREEDOM), (1 + CONFIDENCE) / 2)),
         "notes": list(joined.notes),
-        "suite_kind": joined.table.manifest["suite"].get("kind", "imaging"),
+        "suite_kind": joined.table.kind,
         "scored": list(SCORED),
         "velocity_colours": list(VELOCITY_COLOURS),
         "runs": [_run(joined, index) for index in range(len(joined.runs))],
@@ -131,7 +132,7 @@ def page_content(
             "has_image": has_image.tolist(),
         },
         "counts": counts.tolist(),
-        "n_clouds_left_out": int((has_image & ~chosen & (joined.rows.n_points > 0)).sum()),
+        "n_clouds_left_out": int((has_image & ~chosen & (n_points > 0)).sum()),
         "ranks": _ranks(joined, [one["name"] for one in metrics], metric),
         "times": _times(joined),
         "charts": page_charts(joined),
@@ -165,31 +166,36 @@ def _columns(
 
 def _has_image(joined: JoinedRuns) -> NDArray[np.bool_]:
     """Tell which rows have a cloud: scored ones of estimators on scenes, whose cloud is stored."""
-    records = joined.table.records
-    imaged = {name for run in joined.runs for name in run.scenes}
-    is_stored = joined.rows.n_points == stored_points(records)
+    records = joined.table.rows
+    imaged = {name for run in joined.runs for name in _imaged(run)}
+    is_stored = joined.table.is_whole()
     return np.asarray(records["deviation"].notna() & records["scenario"].isin(imaged) & is_stored)
+
+
+def _imaged(run: Run) -> Mapping[str, ImagedScene]:
+    """Scenes that were imaged; none of a reference that was published as rows alone."""
+    return run.imaged_scenes if run.has_scenarios else {}
 
 
 def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]:
     """Scenes of the rows, and the truths of those that were imaged: one, or one a trial where trials draw."""
     found: list[dict[str, Any]] = []
     truths: list[PointCloud] = []
-    records = joined.table.records
+    records = joined.table.rows
     # A reference run has no truth in its folder; that of the other run is the same.
-    imaged = {name: run for run in reversed(joined.runs) for name in run.scenes}
+    imaged = {name: run for run in reversed(joined.runs) for name in _imaged(run)}
     for name in dict.fromkeys(records["scenario"].astype(object)):
         told = {"name": name, "family": "", "truth": []}
         if name in imaged:
             run = imaged[name]
-            scene = run.scenes[name]
+            scene = run.imaged_scenes[name]
             template, texts = scene.template, scenario_texts(run.manifest)
             trials = (
                 sorted(records.loc[records["scenario"] == name, "trial"].unique())
                 if scene.is_drawn
                 else [None]
             )
-            drawn = [template if trial is None else run.observed.scenario(name, trial) for trial in trials]
+            drawn = [template if trial is None else run.observed(name, trial) for trial in trials]
             objects = drawn[0].scatterers.objects if len(drawn) == 1 else ()
             codes, levels = pd.factorize(np.array(objects, dtype=object))
             told |= {
@@ -215,7 +221,7 @@ def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]
 
 
 def _estimator(joined: JoinedRuns, variant: tuple[str, str], line: Line) -> dict[str, Any]:
-    own = joined.table.records
+    own = joined.table.rows
     run = int(own.loc[(own["estimator"] == variant[0]) & (own["params"] == variant[1]), RUN].iloc[0])
     return {
         "label": joined.labels[variant],
@@ -247,14 +253,14 @@ def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
         if hours
         else f"{minutes:.0f} min {seconds:.0f} s",
         "seed": str(manifest.get("seed")),
-        "isacbench": code_version(replace(joined.table, manifest=manifest)),
+        "isacbench": code_version(manifest),
         "machine": f"{manifest.get('processor')}, {manifest.get('cores')} cores, {manifest.get('platform')}",
         "Python": str(manifest.get("python")),
         "BLAS": f"{manifest.get('blas')}, {manifest.get('blas_threads')} threads",
         "packages": ", ".join(f"{name} {version}" for name, version in packages.items()),
         "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "",
     }
-    return {"name": run.name, "facts": facts}
+    return {"name": run.label, "facts": facts}
 
 
 def _first_metric(records: pd.DataFrame) -> str:
@@ -264,10 +270,10 @@ def _first_metric(records: pd.DataFrame) -> str:
 
 def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
     """Columns that have a better direction and any value."""
-    records = joined.table.records
+    records = joined.table.rows
     columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
     described = stored_columns(joined.table.manifest)
-    radius_m = {scene.template.radius_m for run in joined.runs for scene in run.scenes.values()}
+    radius_m = {scene.template.radius_m for run in joined.runs for scene in _imaged(run).values()}
     radius = " or ".join(f"{one:g}" for one in sorted(radius_m))
     found = []
     for name in dict.fromkeys([*SCORE_AXES, *FURTHER_METRICS, *columns]):
@@ -336,7 +342,7 @@ def _ranking(joined: JoinedRuns, ranking: Ranking) -> dict[str, Any]:
 
 def _times(joined: JoinedRuns) -> dict[str, Any]:
     """Points of run time against error with their stages; empty where nothing was timed."""
-    records = joined.table.records
+    records = joined.table.rows
     rows = timed_rows(records)
     if rows.empty or not is_timed(records) or rows["deviation"].isna().all():
         return {}

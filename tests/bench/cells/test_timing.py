@@ -2,7 +2,6 @@
 
 import gc
 import json
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,15 +11,15 @@ import pytest
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
 from isacbench.bench.cells.timing import Trial, repeat
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import read_run
 from isacbench.bench.compare.tolerance import parse_tolerance
-from isacbench.bench.kinds.detection import DetectionSuite
-from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run, run_suite
-from isacbench.bench.store.run_store import read_manifest, read_results
+from isacbench.bench.store.manifest import read_manifest
+from isacbench.bench.store.run import Run
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock, stage
@@ -352,7 +351,7 @@ def n_made(suite, folder, **options):
     calls = []
     execution = Execution(**options)
     results = run_suite(suite, folder, lambda *done: calls.append(done), execution)
-    return results.records, len(calls)
+    return results.rows, len(calls)
 
 
 def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_says_so(suite, ordinary):
@@ -374,9 +373,9 @@ def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_sa
 def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(suite, tmp_path):
     timed = tmp_path / "timed"
     timed_run(suite, out=timed)
-    before = read_results(timed).records
+    before = Run.open(timed).rows
     assert rescore(timed).n_changed == 0
-    pd.testing.assert_frame_equal(read_results(timed).records, before)
+    pd.testing.assert_frame_equal(Run.open(timed).rows, before)
     records, n = n_made(suite.replace(trials=4), timed)
     assert n == len(records) - len(before)
     assert (records["timing"] == (records["trial"] < 3)).all()
@@ -390,7 +389,7 @@ def test_a_timed_shard_is_merged_with_its_times_which_stay_where_another_part_ha
     shard = tmp_path / "shard"
     part = timed_run(suite, out=shard, shard="1/2")
     for n, folders in enumerate(([shard, ordinary], [ordinary, shard])):
-        mixed = merge(folders, tmp_path / f"mixed{n}").records
+        mixed = merge(folders, tmp_path / f"mixed{n}").run.rows
         assert len(mixed) == 6
         assert (mixed["timing"] == mixed["trial"].isin(part["trial"])).all()
         of_shard = mixed.loc[mixed["timing"], ["time_estimate_s", *STAGE_COLUMNS]]
@@ -399,8 +398,8 @@ def test_a_timed_shard_is_merged_with_its_times_which_stay_where_another_part_ha
 
 def test_the_times_of_two_timed_runs_are_compared_stage_by_stage(moody_suite, tmp_path):
     timed_run(moody_suite, trials=10, out=tmp_path / "run")
-    base = read_run(tmp_path / "run")
-    twice, untimed = replace(base, records=base.records.copy()), base.records.drop(columns="time_detection_s")
+    base = Run.open(tmp_path / "run").require_finished()
+    twice, untimed = base.changed(rows=base.rows.copy()), base.rows.drop(columns="time_detection_s")
     names = ["time_estimate_s", "time_detection_s"]
     asked = [parse_tolerance(f"{name}=10%") for name in names]
     same = compare_tables(base, base, asked)
@@ -409,11 +408,11 @@ def test_the_times_of_two_timed_runs_are_compared_stage_by_stage(moody_suite, tm
     assert (times["change"] == 0).all()
     assert not same.notes
     assert same.n_lost_scores == 0
-    twice.records[names] *= 2
+    twice.rows[names] *= 2
     slower = compare_tables(base, twice, asked)
     assert slower.curves.set_index("metric")["verdict"][names].tolist() == ["regression"] * 2
     assert slower.is_regression
     with pytest.raises(InputError, match="no better direction"):
         compare_tables(base, base, [parse_tolerance("time_spread_s=10%")])
     with pytest.raises(InputError, match="unknown score 'time_detection_s'"):
-        compare_tables(base, replace(base, records=untimed), asked)
+        compare_tables(base, base.changed(rows=untimed), asked)

@@ -8,9 +8,10 @@ from scipy.stats import binom, wilcoxon
 
 from isacbench import compare
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import NotComparableError, RunTable, code_version
+from isacbench.bench.compare.matching import NotComparableError, code_version
 from isacbench.bench.compare.tolerance import Tolerance, parse_tolerance
 from isacbench.bench.compare.verdicts import share_level
+from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_tables import comparison_summary
 
@@ -25,8 +26,8 @@ def two_runs(made_run, remembered):
         made = str(options)
         if made not in remembered:
             remembered[made] = made_run(**options)
-        base, new = (RunTable(name, *copy.deepcopy(remembered[made])) for name in ("base", "new"))
-        change(new.records)
+        base, new = (Run(name, *copy.deepcopy(remembered[made])) for name in ("base", "new"))
+        change(new.rows)
         return base, new
 
     return make
@@ -135,7 +136,7 @@ def test_p_values_are_those_of_signed_ranks_corrected_by_hand(two_runs):
     base, new = two_runs(change, trials=16)
     found = compare_tables(base, new)
     pivot = [
-        run.records.pivot_table(index="trial", columns=["estimator", "snr_db"], values="deviation")
+        run.rows.pivot_table(index="trial", columns=["estimator", "snr_db"], values="deviation")
         for run in (base, new)
     ]
     differences = pivot[1] - pivot[0]
@@ -210,7 +211,7 @@ def test_new_failures_are_a_regression_repaired_ones_are_told(two_runs):
     assert found.is_regression
     failures = found.cells.new_failures[["status", "reason"]].to_numpy().tolist()
     assert sorted(failures) == [[status, "ValueError: no"] for status in statuses]
-    assert found.cells.n_paired == len(base.records) - 2
+    assert found.cells.n_paired == len(base.rows) - 2
     back = compare_tables(new, base)
     assert not back.is_regression
     assert sorted(back.cells.repaired["status"]) == statuses
@@ -222,15 +223,15 @@ def test_nothing_detected_is_delivered_and_what_failed_in_both_is_left_out(two_r
         records.loc[1, "status"] = "error"
 
     base, new = two_runs(change)
-    base.records.loc[1, "status"] = "timeout"
+    base.rows.loc[1, "status"] = "timeout"
     found = compare_tables(base, new)
     assert not found.is_regression
-    assert (found.cells.n_failed_both, found.cells.n_paired) == (1, len(base.records) - 1)
+    assert (found.cells.n_failed_both, found.cells.n_paired) == (1, len(base.rows) - 1)
 
 
 def test_a_missing_cell_is_a_regression_an_added_one_is_told(two_runs):
     base, new = two_runs()
-    shorter = RunTable("new", new.records.iloc[:-2], new.manifest)
+    shorter = Run("new", new.rows.iloc[:-2], new.manifest)
     found = compare_tables(base, shorter)
     assert found.is_regression
     assert len(found.cells.missing) == 2
@@ -241,12 +242,12 @@ def test_a_missing_cell_is_a_regression_an_added_one_is_told(two_runs):
 
 def test_rows_in_another_order_or_as_categories_are_paired_alike(two_runs):
     base, new = two_runs(scaled(1.1, spread=0.05))
-    shuffled = new.records.sample(frac=1, random_state=0)
+    shuffled = new.rows.sample(frac=1, random_state=0)
     texts = ["scenario", "estimator", "params", "status", "reason", "environment", "scenario_content"]
     categories = shuffled.astype(dict.fromkeys(texts, "category"))
     found, expected = (
         compare_tables(base, run).points.sort_values([*KEYS, "snr_db"], ignore_index=True)
-        for run in (RunTable("new", categories, new.manifest), new)
+        for run in (Run("new", categories, new.manifest), new)
     )
     pd.testing.assert_frame_equal(found, expected.astype({"params": object}), check_dtype=False)
 
@@ -256,12 +257,12 @@ def test_points_without_scores_by_design_are_left_out(two_runs):
         records.loc[records["estimator"] == "fft4d", "deviation"] = np.nan
 
     base, new = two_runs(change)
-    change(base.records)
+    change(base.rows)
     found = compare_tables(base, new)
     assert set(found.curves["estimator"]) == {"music2d"}
     assert not found.notes
     for run in (base, new):
-        run.records["deviation"] = np.nan
+        run.rows["deviation"] = np.nan
     empty = compare_tables(base, new)
     assert len(empty.curves) == len(empty.points) == 0
     assert empty.notes == ("deviation: no cell of both sides has one, nothing compared",)
@@ -292,9 +293,9 @@ def test_higher_is_better_where_the_metric_says_so(two_runs):
 
 def test_shares_of_yes_and_no_are_compared_and_a_score_of_zero_may_not_grow_by_any_per_cent(two_runs):
     base, new = two_runs(trials=20)
-    is_fft4d = new.records["estimator"] == "fft4d"
-    base.records["resolved"], base.records["velocity_nmse"] = True, 0.0
-    new.records["resolved"], new.records["velocity_nmse"] = is_fft4d, np.where(is_fft4d, 0.0, 1e-3)
+    is_fft4d = new.rows["estimator"] == "fft4d"
+    base.rows["resolved"], base.rows["velocity_nmse"] = True, 0.0
+    new.rows["resolved"], new.rows["velocity_nmse"] = is_fft4d, np.where(is_fft4d, 0.0, 1e-3)
     tolerances = [Tolerance("resolved", 0.1, is_relative=False), parse_tolerance("velocity_nmse=50%")]
     found = compare_tables(base, new, tolerances)
     for metric in ("resolved", "velocity_nmse"):
@@ -308,16 +309,16 @@ def test_run_time_is_compared_between_timed_rows_of_equal_machines_and_else_told
 
     base, new = two_runs(slower, trials=12)
     time = [parse_tolerance("time_estimate_s=10%")]
-    base.records["timing"] = True
+    base.rows["timing"] = True
     found = compare_tables(base, new, time)
     assert not found.is_regression
     assert found.notes[0] == (
         "time_estimate_s: 0 of 72 paired cells compared; 72 were not timed "
         "(alone, serially, one BLAS thread) on both sides"
     )
-    new.records["timing"] = True
+    new.rows["timing"] = True
     new.manifest["environments"] = {"e2": new.manifest["environments"]["e1"]}
-    new.records["environment"] = pd.Categorical(["e2"] * len(new.records))
+    new.rows["environment"] = pd.Categorical(["e2"] * len(new.rows))
     found = compare_tables(base, new, time)
     assert found.is_regression
     assert not found.notes
@@ -338,7 +339,7 @@ def test_differing_code_is_what_comparing_is_for_and_is_told(two_runs):
     assert found.new_version == "0.1.0 (fedcba9876, changed)"
     assert found.notes == ("made by other versions: numpy 2.0 instead of 1.0",)
     new.manifest["git"] = None
-    assert code_version(new) == "0.1.0"
+    assert code_version(new.manifest) == "0.1.0"
 
 
 def test_everything_that_forbids_a_comparison_is_told_at_once(two_runs):
@@ -364,7 +365,7 @@ def test_everything_that_forbids_a_comparison_is_told_at_once(two_runs):
 
 def test_a_scene_whose_rows_have_another_content_forbids_a_comparison(two_runs):
     base, new = two_runs()
-    new.records.loc[3, "scenario_content"] = "edited"
+    new.rows.loc[3, "scenario_content"] = "edited"
     with pytest.raises(NotComparableError, match="scenario street has another content"):
         compare_tables(base, new)
 
@@ -441,8 +442,8 @@ def test_a_variant_whose_equal_is_paired_with_another_is_neither_missing_nor_add
 
 def test_cells_of_a_pair_that_one_side_lacks_are_told_under_both_names(two_runs):
     base, new = two_runs()
-    first = new.records.index[new.records["estimator"] == "music2d"][0]
-    shorter = RunTable("new", new.records.drop(index=first), new.manifest)
+    first = new.rows.index[new.rows["estimator"] == "music2d"][0]
+    shorter = Run("new", new.rows.drop(index=first), new.manifest)
     partners = {("fft4d", "{}"): ("music2d", "{}")}
     (cell,) = compare_tables(base, shorter, partners=partners).cells.missing.to_dict("records")
     assert (cell["estimator"], cell["new_estimator"]) == ("fft4d", "music2d")
@@ -475,9 +476,9 @@ def test_a_name_that_stands_for_several_variants_of_a_run_asks_for_its_parameter
 def test_two_estimators_of_a_run_are_compared_as_two_runs_are(retuned, two_runs):
     found = compare(retuned[1], between=("fft4d", "music2d[m=2]"))
     base, new = two_runs(scaled(1.2), trials=12)
-    of_one = RunTable("a", base.records[base.records["estimator"] == "fft4d"], base.manifest)
-    other = new.records[new.records["estimator"] == "music2d"].assign(estimator="fft4d")
-    expected = compare_tables(of_one, RunTable("b", other, new.manifest))
+    of_one = Run("a", base.rows[base.rows["estimator"] == "fft4d"], base.manifest)
+    other = new.rows[new.rows["estimator"] == "music2d"].assign(estimator="fft4d")
+    expected = compare_tables(of_one, Run("b", other, new.manifest))
     pd.testing.assert_frame_equal(found.curves[NUMBERS], expected.curves[NUMBERS])
     pd.testing.assert_frame_equal(found.points[NUMBERS], expected.points[NUMBERS])
     assert found.is_regression
@@ -504,7 +505,7 @@ def test_code_of_estimators_with_different_names_is_no_other_version(made_run):
         ("e2", {"numpy": "2.1", "plugins": {"b": {"version": "2"}}, "isacbench": {"digest": "b"}}),
     ):
         manifest["environments"][name] = {"machine": machine, "versions": versions}
-    run = RunTable("run", records, manifest)
+    run = Run("run", records, manifest)
     found = compare_tables(run, run, partners={("fft4d", "{}"): ("music2d", "{}")}, is_between=True)
     assert found.notes == ("made by other versions: numpy 2.1 instead of 2.0",)
 
@@ -530,7 +531,7 @@ def test_of_unchanged_code_no_more_regressions_are_reported_than_alpha_says(made
         # Heavy tails, and trials that share noise over SNRs.
         trial_noise = rng.standard_t(3, (2, trials))[:, records["trial"]]
         noise = trial_noise + 0.5 * rng.standard_t(3, (2, len(records)))
-        base, new = (RunTable("run", records.assign(deviation=20 + part), manifest) for part in noise)
+        base, new = (Run("run", records.assign(deviation=20 + part), manifest) for part in noise)
         n_false += compare_tables(base, new, exact, alpha=0.1).is_regression
     assert n_false <= binom.ppf(0.999, 400, 0.1)
     assert n_false >= 4  # a test that never rejects would prove nothing

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
-from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_estimator
@@ -29,7 +29,7 @@ def run(made_run):
     number = records["estimator"].astype(int)
     records["estimator"] = [STORED[index][0] for index in number]
     records["params"] = [json.dumps(STORED[index][1], sort_keys=True) for index in number]
-    return RunTable("results/mine", records, manifest)
+    return Run("results/mine", records, manifest)
 
 
 @pytest.mark.parametrize(
@@ -107,6 +107,6 @@ def test_of_several_that_fit_the_one_with_that_label_is_meant(made_run):
     records, manifest = made_run(estimators=["0", "1"], trials=1)
     stored = [canonical_params(build_estimator(text)) for text in ("music2d", "music2d[search=root]")]
     records["params"] = [stored[int(name)] for name in records["estimator"]]
-    run = RunTable("r", records.assign(estimator="music2d"), manifest)
+    run = Run("r", records.assign(estimator="music2d"), manifest)
     assert find_variant(run, "music2d") == ("music2d", stored[0])
     assert find_variant(run, "music2d[search=root]") == ("music2d", stored[1])

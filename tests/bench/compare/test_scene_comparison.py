@@ -1,7 +1,6 @@
 """Comparisons over scenes: the scene is the unit, with six of them or more."""
 
 import copy
-import dataclasses
 import json
 
 import numpy as np
@@ -9,10 +8,10 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import RunTable
 from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.statistics import bootstrap_changes, signed_rank_test
 from isacbench.bench.compare.tolerance import Tolerance
+from isacbench.bench.store.run import Run
 from isacbench.report.comparisons.ci_files import comparison_junit, comparison_markdown
 from isacbench.report.comparisons.comparison_charts import comparison_charts
 from isacbench.report.comparisons.comparison_tables import (
@@ -32,9 +31,9 @@ def two_runs(scenes_run):
 
     def make(change=lambda records: None, **options):
         base = scenes_run(estimators=PAIR, **options)
-        records = base.records.copy()
+        records = base.rows.copy()
         change(records)
-        return base, RunTable("new", records, copy.deepcopy(base.manifest))
+        return base, Run("new", records, copy.deepcopy(base.manifest))
 
     return make
 
@@ -65,7 +64,7 @@ def test_tests_and_intervals_are_those_of_the_means_of_scenes(two_runs):
     found = compare_tables(base, new)
     (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
     before, after = (
-        run.records[run.records["estimator"] == "music2d"].groupby("scenario")["deviation"].mean().to_numpy()
+        run.rows[run.rows["estimator"] == "music2d"].groupby("scenario")["deviation"].mean().to_numpy()
         for run in (base, new)
     )
     assert row["change"] == pytest.approx((after - before).mean())
@@ -80,9 +79,7 @@ def test_tests_and_intervals_are_those_of_the_means_of_scenes(two_runs):
 def test_more_trials_of_the_same_scenes_show_no_more(two_runs):
     base, new = two_runs(worse(1.05), town=8)
     many = [
-        dataclasses.replace(
-            run, records=pd.concat([run.records.assign(trial=k) for k in range(4)], ignore_index=True)
-        )
+        run.changed(rows=pd.concat([run.rows.assign(trial=k) for k in range(4)], ignore_index=True))
         for run in (base, new)
     ]
     once, again = compare_tables(base, new), compare_tables(*many)
@@ -195,15 +192,15 @@ def test_two_estimators_that_are_equal_on_average_are_seldom_told_apart_however_
     n_runs, alpha, n_false, n_held = 20, 0.1, 0, 0
     run = scenes_run(town=12, trials=5, estimators=PAIR, snr_db=(10,))
     partners = {("fft4d", "{}"): ("music2d", "{}")}
-    names = run.records["scenario"].unique()
+    names = run.rows["scenario"].unique()
     for seed in range(n_runs):
         rng = np.random.default_rng(seed)
-        records = run.records.copy()
+        records = run.rows.copy()
         effects = pd.Series(rng.standard_t(4, len(names)), index=names)
         records["deviation"] = 10 + rng.normal(0, 0.1, len(records))
         of_second = records["estimator"] == "music2d"
         records.loc[of_second, "deviation"] += records["scenario"].map(effects)[of_second]
-        made = dataclasses.replace(run, records=records)
+        made = run.changed(rows=records)
         exact = [Tolerance("deviation", 0.0, is_relative=False)]
         found = compare_tables(made, made, exact, alpha, partners, is_between=True)
         (row,) = found.curves.to_dict("records")

@@ -4,22 +4,22 @@ import sys
 from pkgutil import resolve_name
 
 import pytest
-from isacbench.bench.suites.kind import Kind, Tables
 
 from isacbench.bench.compare.comparison import compare
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.store.run import Run
 from isacbench.bench.statistics import summarise
-from isacbench.bench.store.run_store import read_results
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.suites.kind import Kind, Tables
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS, load_suite
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.run_tables import tables_of, write_run_tables
-from isacbench.report.table_texts import Grid
+from isacbench.report.tables.run_tables import Grid
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 KEY = ["scenario", "estimator", "params"]
 
@@ -54,7 +54,7 @@ def count_grids(records):
 
 def count_figures(results):
     figure = new_figure(3, 3)
-    figure.subplots().plot(results.records["n_counted"])
+    figure.subplots().plot(results.rows["n_counted"])
     yield "counts", figure
 
 
@@ -82,22 +82,22 @@ def suite(plugins, tiny, tmp_path, monkeypatch):
 
 
 def test_a_new_kind_is_run_stored_tabulated_and_drawn(suite, tmp_path):
-    records = run_suite(suite, tmp_path / "run").records
+    records = run_suite(suite, tmp_path / "run").rows
     assert records["n_counted"].tolist() == [7, 7]
-    stored = read_results(tmp_path / "run")
+    stored = Run.open(tmp_path / "run")
     assert stored.suite == suite
-    (grid,) = tables_of(stored.records, "count")
+    (grid,) = grids_of(stored.rows, "count")
     assert grid.rows == [["blob", "14"]]
-    names = [path.name for path in write_run_tables(tmp_path / "run", stored.records, "count")]
+    names = [path.name for path in write_run_tables(stored)[0]]
     assert names == ["summary.csv", "summary.md"]
-    assert [path.name for path in draw_run(tmp_path / "run")] == ["counts.png"]
+    assert [path.name for path in draw_run(stored)] == ["counts.png"]
 
 
 def test_parts_of_a_new_kind_are_merged_scored_again_and_compared_in_its_direction(suite, tmp_path):
     suite, merged, less = suite.replace(trials=8), tmp_path / "merged", tmp_path / "less"
     for k in (1, 2):
         run_suite(suite, tmp_path / f"part{k}", execution=Execution(shard=Shard(k, 2)))
-    assert merge([tmp_path / "part1", tmp_path / "part2"], merged).records["n_counted"].tolist() == [7] * 8
+    assert merge([tmp_path / "part1", tmp_path / "part2"], merged).run.rows["n_counted"].tolist() == [7] * 8
     assert rescore(merged).changes == []
     run_suite(suite.replace(offset=0), less)
     assert compare(merged, less, tolerances="n_counted=5%").is_regression

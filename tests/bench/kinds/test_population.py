@@ -108,7 +108,7 @@ def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_
         snr_db=[20.0],
         trials=1,
     )
-    seen, broken = run_suite(suite, tmp_path / "run").records.to_dict("records")
+    seen, broken = run_suite(suite, tmp_path / "run").rows.to_dict("records")
     assert [seen[name] for name in ("n_resolvable", "n_resolved", "n_false")] == [3, 3, 0]
     assert [broken[name] for name in ("family", "frame", "coherent_phase")] == ["sparse", "panel", True]
     assert rescore(tmp_path / "run").changes == []

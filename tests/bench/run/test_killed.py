@@ -17,7 +17,7 @@ import pytest
 
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.store.run_store import read_results
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
@@ -37,9 +37,9 @@ import numpy as np
 from isacbench.model.cloud import PointCloud
 
 if os.environ.get("DRAW_NOTHING"):
-    name = "isacbench.report.html.guarded_pages"
-    pages = sys.modules[name] = ModuleType(name)
-    pages.draw_run_and_page = lambda *_: []
+    for name, draw in (("figures.run_figures", "draw_run"), ("html.written_pages", "write_run_page")):
+        pictures = sys.modules[f"isacbench.report.{name}"] = ModuleType(name)
+        setattr(pictures, draw, lambda run: [])
 
 if os.environ.get("DIE_AT_STEP"):
     steps, replace = iter(range(100)), Path.replace
@@ -129,7 +129,7 @@ def rows_in(folder):
 
 def table(folder):
     records = pd.read_csv(folder / "results.csv", dtype=str).drop(columns=TIMES)
-    return records.to_csv(), read_results(folder).clouds.to_csv()
+    return records.to_csv(), Run.open(folder).clouds.to_csv()
 
 
 @pytest.fixture
@@ -186,7 +186,7 @@ def test_a_killed_run_leaves_its_rows_no_process_and_no_lock(start, finish, tmp_
     process.wait()
     wait_until(lambda: not running(marker))
     n_rows = rows_in(folder)
-    assert len(read_results(folder).records) == n_rows
+    assert len(Run.open(folder).rows) == n_rows
     assert finish(folder) == undisturbed
 
 
@@ -238,7 +238,7 @@ def test_an_interrupt_writes_the_rows_so_far(
     wait_until(lambda: not running(marker))
     assert not (folder / "journal.jsonl").exists()
     assert json.loads((folder / "manifest.json").read_text())["interrupted"] is True
-    records = read_results(folder).records
+    records = Run.open(folder).rows
     assert 4 <= len(records) < 30
     assert set(records["status"]) == {"ok"}
     assert (folder / "summary.md").exists()

@@ -6,14 +6,14 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
+from isacbench.bench.plan.job import load_job
+from isacbench.bench.run.merging import merge
+from isacbench.bench.run.runner import run
+from isacbench.bench.store.manifest import describe_run, read_manifest, restore_plan
+from isacbench.bench.store.run import Run
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.population import PopulationSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.manifest_plan import outline, restore_plan
-from isacbench.bench.run.merging import merge
-from isacbench.bench.run.runner import run
-from isacbench.bench.store.run_store import read_manifest, read_results
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import entries
@@ -102,19 +102,20 @@ def test_all_shards_together_are_the_undisturbed_run_and_need_no_plugin(
     shards = [tmp_path / f"shard{k}" for k in (2, 1)]
     for folder in shards:
         run(studied, out=folder, shard=f"{folder.name[-1]}/2")
-    plan = load_job(studied).plan
+    job = load_job(studied)
+    scenes = describe_run(job)["scenes"]
     forget_plugins(monkeypatch)
     merged = merge(shards, tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
-    assert (len(merged.records), merged.gaps) == (merged.n_cells, [])
+    assert (len(merged.run.rows), merged.gaps) == (merged.n_cells, [])
     columns = pd.read_csv(tmp_path / "merged" / "results.csv").columns
     assert columns.equals(pd.read_csv(tmp_path / "whole" / "results.csv").columns)
     # The outline of a plan places rows as the plan does.
     manifest = read_manifest(tmp_path / "whole")
     again = restore_plan(manifest)
-    assert manifest["scenes"] == outline(plan)
-    records = read_results(tmp_path / "whole").records
-    for one in (plan, again):
+    assert manifest["scenes"] == scenes
+    records = Run.open(tmp_path / "whole").rows
+    for one in (job.plan, again):
         np.testing.assert_array_equal(one.positions(records), np.arange(again.n_cells))
 
 
@@ -122,7 +123,7 @@ def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_
     for k in (1, 3):
         put_run(suite, tmp_path / str(k), f"{k}/3")
     merged = merge([tmp_path / "1", tmp_path / "3"], tmp_path / "merged")
-    assert (len(merged.records), merged.n_cells) == (8, 12)
+    assert (len(merged.run.rows), merged.n_cells) == (8, 12)
     assert [(gap.scenario, gap.estimator, gap.n_cells, gap.trials) for gap in merged.gaps] == [
         ("tiny", "blob", 2, (1,)),
         ("tiny", "seer", 2, (1,)),
@@ -130,19 +131,6 @@ def test_what_is_missing_is_told_and_a_further_run_makes_it(suite, put_run, tmp_
     done = run(suite, out=tmp_path / "merged")
     put_run(suite, tmp_path / "whole")
     assert len(done) == 12
-    assert files(tmp_path / "merged") == files(tmp_path / "whole")
-
-
-def test_runs_of_one_suite_are_united_and_the_whole_suite_completes_them(suite, put_run, tmp_path):
-    put_run(suite.replace(estimators=["blob[n=[4,5]]"], snr_db=[5], trials=2), tmp_path / "1")
-    put_run(suite.replace(estimators=["blob[n=[5,6]]", "seer"], snr_db=[0], trials=1), tmp_path / "2")
-    merged = merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    whole = read_results(tmp_path / "merged").suite
-    assert merged.n_cells - len(merged.records) == sum(gap.n_cells for gap in merged.gaps) == 9
-    assert whole.estimators == ("blob[n=4]", "blob[n=5]", "blob[n=6]", "seer")
-    assert (whole.trials, whole.snr_db) == (2, (0, 5))
-    put_run(whole, tmp_path / "whole")
-    run(whole, out=tmp_path / "merged")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
 
 
@@ -167,7 +155,7 @@ def test_a_third_party_adds_its_estimator_to_a_population_and_nobody_else_needs_
     forget_plugins(monkeypatch)
     merged = merge([tmp_path / "ours", tmp_path / "theirs"], tmp_path / "merged")
     assert merged.gaps == []
-    assert read_results(tmp_path / "merged").suite.estimators == ("blob", "seer", "blob[n=7]")
+    assert Run.open(tmp_path / "merged").suite.estimators == ("blob", "seer", "blob[n=7]")
     assert files(tmp_path / "merged") == files(tmp_path / "whole")
     keys = ("estimators", "scenes", "suite")
     both = [read_manifest(tmp_path / name) for name in ("merged", "whole")]
@@ -177,31 +165,19 @@ def test_a_third_party_adds_its_estimator_to_a_population_and_nobody_else_needs_
         merge([tmp_path / "ours", tmp_path / "theirs"], tmp_path / "refused")
 
 
-def test_ranges_of_generated_scenes_are_united_scene_by_scene(suite, put_run, tmp_path):
-    scenes = ["sparse[seed=0:1,scatterers=2]"]
-    one = suite.replace(scenarios=scenes, estimators=["blob"], snr_db=[0], trials=1)
-    two = one.replace(scenarios=["sparse[seed=2,scatterers=2]"], snr_db=[10])
-    put_run(one, tmp_path / "1", "1/2")
-    put_run(two, tmp_path / "2")
-    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    whole = read_results(tmp_path / "merged").suite
-    assert whole.scenarios == tuple(f"sparse[seed={seed},scatterers=2]" for seed in range(3))
-    assert whole.snr_db == (0, 10)
-
-
 def test_the_manifest_has_the_sessions_of_all_parts_and_their_environments(suite, halves, tmp_path):
     merged = merge(halves, tmp_path / "merged")
     assert merged.gaps == []
-    assert read_results(tmp_path / "merged").suite == suite
+    assert Run.open(tmp_path / "merged").suite == suite
     manifest = read_manifest(tmp_path / "merged")
     assert [session.get("shard") for session in manifest["sessions"]] == ["1/2", "2/2", None]
     assert manifest["sessions"][-1]["merged"] == [str(folder) for folder in halves]
-    assert set(manifest["environments"]) == set(merged.records["environment"])
+    assert set(manifest["environments"]) == set(merged.run.rows["environment"])
     assert not manifest["interrupted"]
     assert manifest["seed"] == 1
     # Equal rows of a cell count once.
     again = merge([tmp_path / "merged", halves[0]], tmp_path / "again")
-    assert len(again.records) == again.n_cells == 12
+    assert len(again.run.rows) == again.n_cells == 12
 
 
 def test_rows_and_clouds_that_disagree_about_a_cell_are_refused_with_its_name(suite, put_run, tmp_path):
@@ -230,7 +206,11 @@ def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, t
             r"1 and \S+2: seed differs \(1, 2\); only parts of one suite",
         ),
         (lambda it: it["suite"].update(name="other"), r"suite differs \(test, other\)"),
-        (lambda it: it["suite"].update(snr_db=None, snr_gain_db=[3.0]), "be united: only some have snr"),
+        (
+            lambda it: it["suite"].update(snr_db=None, snr_gain_db=[3.0]),
+            r"1 and \S+2: snr_gain_db differs \(none, \(3.0,\)\); only parts .* estimators alone",
+        ),
+        (lambda it: it["suite"].update(trials=4), r"trials differs \(3, 4\)"),
         (lambda it: it["scenarios"]["tiny"].update(content="other"), "content of scenario 'tiny'"),
         (
             lambda it: it["scores"]["metrics"]["paper"].update(version=0),
@@ -257,7 +237,7 @@ def test_other_versions_are_refused_unless_they_may_be_mixed(suite, halves, tmp_
     ):
         merge(halves, tmp_path / "merged")
     merged = merge(halves, tmp_path / "merged", mix_versions=True)
-    assert merged.records["environment"].nunique() == 2
+    assert merged.run.rows["environment"].nunique() == 2
     assert merged.gaps == []
 
 

@@ -9,17 +9,15 @@ from isacbench.bench.cells import scored_images
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.compare.tolerance import direction
-from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.store.run_store import read_results
-from isacbench.bench.store.stored_run import load_run
+from isacbench.bench.store.run import Run, load_run
+from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.scoring import Metrics, score
 from tests.conftest import hide_estimators
 from tests.score_tables import METRICS
@@ -71,7 +69,7 @@ def folder(suite, run_once):
 @pytest.fixture
 def first(folder):
     """Rows of this run."""
-    return read_results(folder).records
+    return Run.open(folder).rows
 
 
 def is_of_reference(records):
@@ -85,7 +83,7 @@ def test_rows_are_means_over_the_realisations_with_their_spreads(first, close):
         reference = isacbench.get_estimator(name, **params)
         clouds = reference.realisations(scenario, scenario.truth)
         expected = pd.DataFrame([score(scenario.truth, cloud, **given) for cloud in clouds])
-        rows = first[(first["estimator"] == name) & (first["params"] == canonical_params(reference))]
+        rows = first[(first["estimator"] == name) & (first["params"].str.contains("cell") == bool(params))]
         # Every SNR and trial has the same scores.
         assert len(rows) == 4
         scores = ["n_stored", *METRICS["paper"], *SPREAD_COLUMNS.values()]
@@ -120,7 +118,7 @@ def test_a_reference_is_scored_once_for_all_snrs_and_trials_of_a_scenario(suite,
 
     monkeypatch.setattr(scored_images, "score_realisations", counted)
     scored_images._imaged.cache_clear()
-    records = run_suite(suite).records
+    records = run_suite(suite).rows
     assert is_of_reference(records).sum() == 12
     assert len(calls) == len(REFERENCES)
 
@@ -152,8 +150,7 @@ def test_the_stored_cloud_is_that_of_the_estimate_and_processes_give_the_same_ro
     observation = isacbench.observe(scenario, 0.0)
     oracle, chance = isacbench.get_estimator("oracle"), isacbench.get_estimator("chance")
     for reference in (oracle, chance):
-        params = canonical_params(reference)
-        cloud = stored.cloud(estimator=reference.name, params=params, snr_db=0.0, trial=1)
+        cloud = stored.cloud(estimator=reference.name, params="{}", snr_db=0.0, trial=1)
         expected = reference.estimate(observation, scenario.truth)
         np.testing.assert_array_equal(cloud.to_array(), expected.to_array())
     from_csv = pd.read_csv(tmp_path / "run" / "results.csv")
@@ -173,8 +170,8 @@ def test_a_stored_cloud_that_lost_points_is_noticed_and_made_again(suite, first,
 
 
 def test_runs_with_and_without_references_are_merged(suite, folder, tmp_path):
-    run(suite, estimators=["seer"], snr_db=[0], trials=1, out=tmp_path / "without")
-    records = merge([tmp_path / "without", folder], tmp_path / "both").records
+    run(suite, estimators=["seer"], out=tmp_path / "without")
+    records = merge([tmp_path / "without", folder], tmp_path / "both").run.rows
     assert set(records["estimator"]) == {"seer", "blob", "oracle", "chance", "trouble"}
     assert records["deviation_spread"].notna().tolist() == is_of_reference(records).tolist()
 
@@ -187,7 +184,7 @@ def test_rows_of_references_are_scored_again_from_their_realisations(first, fold
     scored_images._imaged.cache_clear()
     rescored = rescore(folder)
     assert rescored.n_changed == (first["status"] == "ok").sum()
-    pd.testing.assert_frame_equal(rescored.records, first)
+    pd.testing.assert_frame_equal(rescored.run.rows, first)
 
 
 @pytest.mark.parametrize("gone", ["all", "chance"])

@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.store.run_store import read_manifest
+from isacbench.bench.store.manifest import read_manifest
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -102,8 +102,8 @@ def test_an_estimator_runs_on_one_thread_and_the_threads_come_back(suite, monkey
 def test_an_interrupt_keeps_and_writes_the_rows_so_far_and_reaches_a_caller_of_run(suite, tmp_path):
     out, suite = tmp_path / "run", suite.replace(estimators=["seer", "trouble[kind=interrupt]"])
     results = run_suite(suite, out=out)
-    assert results.interrupted
-    assert len(results.records) == 1
+    assert results.manifest["interrupted"]
+    assert len(results.rows) == 1
     assert json.loads((out / "manifest.json").read_text())["interrupted"] is True
     assert (out / "results.parquet").is_file()
     with pytest.raises(KeyboardInterrupt, match=r"after 1 cells, written to .*run"):
@@ -112,9 +112,9 @@ def test_an_interrupt_keeps_and_writes_the_rows_so_far_and_reaches_a_caller_of_r
 
 def test_an_interrupt_before_the_first_row_still_yields_a_readable_table(suite, records):
     results = run_suite(suite.replace(estimators=["trouble[kind=interrupt]"]))
-    assert results.interrupted
-    assert results.records.columns.equals(records.columns)
-    assert len(results.records) == len(results.clouds) == 0
+    assert results.manifest["interrupted"]
+    assert results.rows.columns.equals(records.columns)
+    assert len(results.rows) == len(results.clouds) == 0
 
 
 @pytest.mark.parametrize(

@@ -77,20 +77,20 @@ def test_a_row_comes_back_bit_for_bit_also_from_numpy(folder, values, whole, wor
     entries = {**values, **whole, **words}
     extras = {name: entries.pop(name) for name in ("rate", "hits", "label")}
     extras |= {"hits": np.int64(extras["hits"]), "resolved": np.bool_(resolved)}
-    rows, n_torn = read_journal(written(folder / "row", made(cloud, extras, **entries)))
+    rows, clouds, _, n_torn = read_journal(written(folder / "row", made(cloud, extras, **entries)))
     assert n_torn == 0
-    row = rows.records.iloc[0]
+    row = rows.iloc[0]
     assert row[[*whole, *words]].to_dict() == {**whole, **words}
     assert row["resolved"] == resolved
     assert [bits(row[name]) for name in values] == [bits(value) for value in values.values()]
-    assert rows.points.tobytes() == np.array(cloud, dtype="<f8").tobytes()
-    assert rows.n_points.tolist() == [len(cloud)]
+    assert clouds.points.tobytes() == np.array(cloud, dtype="<f8").tobytes()
+    assert clouds.n_points.tolist() == [len(cloud)]
 
 
 def test_a_row_without_values_of_the_study_gets_its_own(folder):
-    rows, _ = read_journal(written(folder / "defaults", made()))
-    assert sorted(rows.records.columns) == sorted([*COLUMNS, *COLUMNS_OF_STUDY])
-    assert rows.records.loc[0, ["hits", "resolved", "label"]].tolist() == [0, False, ""]
+    rows = read_journal(written(folder / "defaults", made())).rows
+    assert sorted(rows.columns) == sorted([*COLUMNS, *COLUMNS_OF_STUDY])
+    assert rows.loc[0, ["hits", "resolved", "label"]].tolist() == [0, False, ""]
 
 
 def test_environments_are_kept_once_by_name(folder):
@@ -101,23 +101,12 @@ def test_environments_are_kept_once_by_name(folder):
         made(environment=there, trial=3).__class__(made(trial=3).outcome.made_by("there"), there),
     )
     assert path.read_bytes().count(b'"environment":"here","is"') == 1
-    assert read_journal(path)[0].environments == {"here": here, "there": there}
-
-
-def test_entries_of_several_calls_may_have_other_columns(folder):
-    """An older isacbench appended to a journal, behind an empty line."""
-    first = written(folder / "first", made(trial=0), columns={"hits": 1}).read_bytes()
-    second = written(folder / "second", made(trial=1, scenario="other"), columns={"rate": 0.5}).read_bytes()
-    rows, n_torn = read_bytes(folder, first + b"\n" + second)
-    assert n_torn == 0
-    assert rows.records[["trial", "scenario"]].values.tolist() == [[0, "tiny"], [1, "other"]]
-    assert rows.records["hits"].tolist()[0] == 1
-    assert rows.records["rate"].tolist()[1] == 0.5
+    assert read_journal(path).environments == {"here": here, "there": there}
 
 
 def test_an_empty_journal_has_no_rows(folder):
-    rows, n_torn = read_journal(written(folder / "empty"))
-    assert len(rows) == n_torn == 0
+    rows, clouds, _, n_torn = read_journal(written(folder / "empty"))
+    assert len(rows) == len(clouds.n_points) == n_torn == 0
 
 
 TRIALS = 3
@@ -131,7 +120,7 @@ def content(folder):
 
 @pytest.fixture(scope="module")
 def whole(folder, content):
-    return read_bytes(folder, content)[0]
+    return read_bytes(folder, content)
 
 
 def read_bytes(folder, content):
@@ -143,12 +132,12 @@ def read_bytes(folder, content):
 @given(data=st.data())
 def test_a_cut_keeps_every_row_before_it(folder, content, data):
     place = data.draw(st.integers(0, len(content)))
-    rows, n_torn = read_bytes(folder, content[:place])
+    rows, clouds, _, n_torn = read_bytes(folder, content[:place])
     ends = [n for n, byte in enumerate(content) if byte == 10]  # without its newline, a line is whole
-    n_rows = sum(end <= place for end in ends[3:])  # behind columns, environment, and what rows share
-    assert rows.records.get("trial", np.empty(0)).tolist() == list(range(n_rows))
+    n_rows = sum(end <= place for end in ends[2:])  # behind columns and environment
+    assert rows.get("trial", np.empty(0)).tolist() == list(range(n_rows))
     assert n_torn == (place > 0 and content[place - 1] != 10 and place not in ends)
-    assert rows.n_points.tolist() == list(range(n_rows))
+    assert clouds.n_points.tolist() == list(range(n_rows))
 
 
 @given(data=st.data())
@@ -156,14 +145,14 @@ def test_a_bit_that_flips_never_yields_a_row_that_was_not_written(folder, conten
     place, bit = data.draw(st.integers(0, len(content) - 1)), data.draw(st.integers(0, 7))
     flipped = bytearray(content)
     flipped[place] ^= 1 << bit
-    rows, n_torn = read_bytes(folder, bytes(flipped))
-    kept = rows.records.get("trial", np.empty(0)).tolist()
+    rows, clouds, _, n_torn = read_bytes(folder, bytes(flipped))
+    kept = rows.get("trial", np.empty(0)).tolist()
     assert set(kept) <= set(range(TRIALS))
     assert len(kept) == len(set(kept))
     if kept:
-        expected = whole.take(np.array(kept, dtype=np.int64))
-        assert rows.records.to_csv() == expected.records.to_csv()
-        assert rows.points.tobytes() == expected.points.tobytes()
+        assert rows.to_csv() == whole.rows.iloc[kept].reset_index(drop=True).to_csv()
+        expected = whole.clouds.take(np.array(kept, dtype=np.int64))
+        assert clouds.points.tobytes() == expected.points.tobytes()
     assert n_torn or kept == list(range(TRIALS))
 
 
@@ -171,7 +160,7 @@ def test_a_journal_that_exists_is_not_overwritten(folder):
     path = written(folder / "exists", made())
     with pytest.raises(InputError, match=r"exists: cannot be written: File exists"):
         Journal(path, {})
-    assert len(read_journal(path)[0]) == 1
+    assert len(read_journal(path).rows) == 1
 
 
 def test_a_folder_that_cannot_be_written_into_is_told(tmp_path):

@@ -56,7 +56,7 @@ def test_the_code_that_rows_follow_from_holds_what_makes_them_and_not_what_shows
         "isacbench.model.echo",
     }
     assert makers <= found.keys()
-    for part in ("report", "cli", "checking", "bench.compare", "bench.run", "bench.store.run_store"):
+    for part in ("report", "cli", "checking", "bench.compare", "bench.run", "bench.store.manifest"):
         assert not [name for name in found if f"{name}.".startswith(f"isacbench.{part}.")], part
 
 

@@ -1,4 +1,5 @@
 import json
+import math
 import os
 import shutil
 
@@ -6,13 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import isacbench
 from isacbench import load_run
-from isacbench.bench.compare.matching import read_run
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run import Run
+from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
-from isacbench.bench.run.runner import run_suite
-from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
-from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo
@@ -35,26 +36,32 @@ def written(plugins, tiny, tmp_path, shelf, remembered):
 
 def test_a_run_is_read_back_as_it_was_written(written):
     results, folder = written
-    again = read_results(folder)
-    pd.testing.assert_frame_equal(again.records, results.records)
-    pd.testing.assert_frame_equal(again.clouds, results.clouds)
+    again = Run.open(folder)
+    pd.testing.assert_frame_equal(again.rows, results.rows)
+    np.testing.assert_array_equal(again.cloud_array.points, results.cloud_array.points)
     assert again.suite == results.suite
-    assert not again.interrupted
+    assert not again.manifest["interrupted"]
+    assert again.manifest == results.manifest
     for name, scenario in results.scenarios.items():
         np.testing.assert_array_equal(
             observe_echo(again.scenarios[name], 0).cells, observe_echo(scenario, 0).cells
         )
     table = pd.read_csv(folder / "results.csv", keep_default_na=False, na_values={"deviation": [""]})
-    assert table.columns.tolist() == results.records.columns.tolist()
-    assert table["estimator"].tolist() == results.records["estimator"].tolist()
-    np.testing.assert_allclose(table["deviation"], results.records["deviation"], rtol=1e-12)
+    assert table.columns.tolist() == results.rows.columns.tolist()
+    assert table["estimator"].tolist() == results.rows["estimator"].tolist()
+    np.testing.assert_allclose(table["deviation"], results.rows["deviation"], rtol=1e-12)
 
 
-def test_a_run_without_a_column_is_refused_by_its_name(written):
+def test_a_run_from_before_a_column_was_added_is_read_with_what_stands_for_before(written, monkeypatch):
     results, folder = written
-    results.records.drop(columns="recall").to_parquet(folder / "results.parquet", index=False)
+    older = results.rows.drop(columns="recall")
+    older.to_parquet(folder / "results.parquet", index=False)
     with pytest.raises(InputError, match="no column recall"):
-        read_results(folder)
+        Run.open(folder)
+    monkeypatch.setattr("isacbench.bench.cells.record.ADDED", {"recall": math.nan})
+    records = Run.open(folder).rows
+    assert records["recall"].isna().all()
+    pd.testing.assert_frame_equal(records[older.columns], older)
 
 
 def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugins, room_file, tmp_path):
@@ -69,12 +76,12 @@ def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugin
         trials=2,
     )
     results = run_suite(suite, out=tmp_path / "run")
-    again = read_results(tmp_path / "run")
+    again = Run.open(tmp_path / "run")
     assert again.suite == suite
-    pd.testing.assert_frame_equal(again.records, results.records)
+    pd.testing.assert_frame_equal(again.rows, results.rows)
     pd.testing.assert_frame_equal(again.draws, results.draws)
     assert len(again.draws) == 2 * 2
-    assert again.records["resolved"].dtype == bool
+    assert again.rows["resolved"].dtype == bool
     assert list(again.scenarios) == ["room"]
     # Each trial has the truth that it drew.
     stored = load_run(tmp_path / "run")
@@ -172,7 +179,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
 def test_an_empty_manifest_is_damage(written):
     (written[1] / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="damaged run"):
-        read_results(written[1])
+        Run.open(written[1])
 
 
 def test_the_default_folder_is_named_after_suite_and_time():
@@ -186,7 +193,7 @@ def test_what_the_system_does_not_let_us_read_is_not_called_damaged(written, mon
 
     _, folder = written
     monkeypatch.setattr(pd, "read_parquet", refuse)
-    for read in (load_run, read_run):
+    for read in (load_run, isacbench.rank):
         with pytest.raises(InputError, match=r"results\.parquet: cannot be read: ") as told:
             read(folder)
         assert "damaged" not in str(told.value)
@@ -201,6 +208,6 @@ def test_odd_names_of_folders_are_refused_in_a_line_and_no_sound_run_is_called_d
         run_suite(results.suite, out=tmp_path / name)
     if len(name) < 100:
         shutil.copytree(folder, tmp_path / name)
-        for read in (load_run, read_run):
+        for read in (load_run, isacbench.rank):
             with pytest.raises(InputError, match="its name is not UTF-8; rename it"):
                 read(tmp_path / name)

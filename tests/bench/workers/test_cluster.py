@@ -178,8 +178,8 @@ def lanes_left(cluster):
 def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     cluster, suite, write_plugin, tiny, tmp_path, monkeypatch
 ):
-    pages = SimpleNamespace(draw_run_and_page=lambda *_: [])
-    monkeypatch.setitem(sys.modules, "isacbench.report.html.guarded_pages", pages)
+    report = SimpleNamespace(write_report=lambda *_: ([], []))
+    monkeypatch.setitem(sys.modules, "isacbench.report.run_report", report)
     plugin = write_plugin("slow.py", SLOW)
     names = ("blob", "crash", "environment", "seer")
     estimators = [word for name in names for word in ("-e", name)]
@@ -215,7 +215,7 @@ def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cl
                 busy.extend(client.processing()[address])
             victim.kill()
 
-    records = run_suite(slow, progress=kill, execution=Execution(dask=cluster.address)).records
+    records = run_suite(slow, progress=kill, execution=Execution(dask=cluster.address)).rows
     assert busy
     assert victim.wait() == -signal.SIGKILL
     pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(slow)))
@@ -255,11 +255,11 @@ def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster
 
     out, execution = tmp_path / "run", Execution(dask=cluster.address)
     results = run_suite(slow, out, interrupt, execution)
-    assert results.interrupted
-    assert len(results.records) == 5
+    assert results.manifest["interrupted"]
+    assert len(results.rows) == 5
     assert not lanes_left(cluster)
     again = run_suite(slow.replace(trials=1), tmp_path / "other", execution=execution)
-    assert not again.interrupted
+    assert not again.manifest["interrupted"]
 
 
 @pytest.mark.slow
@@ -279,7 +279,7 @@ def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, 
     done = []
     rest = run_suite(slow, tmp_path / "run", lambda *counts: done.append(counts))
     assert 4 <= 32 - len(done) < 32
-    pd.testing.assert_frame_equal(apart_from_times(rest.records), apart_from_times(run(slow)))
+    pd.testing.assert_frame_equal(apart_from_times(rest.rows), apart_from_times(run(slow)))
 
 
 def test_a_scheduler_without_workers_is_told(suite, monkeypatch):

@@ -115,7 +115,7 @@ def of_kind(records, kind):
 
 def assert_others_are_those_of_a_run_without(suite, records):
     alone = suite.replace(estimators=[text for text in suite.estimators if "wreck" not in text])
-    pd.testing.assert_frame_equal(others(records), others(run_suite(alone).records))
+    pd.testing.assert_frame_equal(others(records), others(run_suite(alone).rows))
 
 
 def assert_failures(records, kinds):
@@ -137,7 +137,7 @@ def assert_failures(records, kinds):
 )
 def test_every_way_to_fail_costs_one_row_and_leaves_the_others_as_they_were(suite, kinds):
     wrecked = suite(kinds)
-    records = guarded(wrecked).records
+    records = guarded(wrecked).rows
     assert len(records) == len(wrecked.estimators)
     assert_failures(records, kinds)
     assert_others_are_those_of_a_run_without(wrecked, records)
@@ -145,7 +145,7 @@ def test_every_way_to_fail_costs_one_row_and_leaves_the_others_as_they_were(suit
 
 def test_what_is_strange_but_no_failure_leaves_the_others_as_they_were(suite, capfd):
     wrecked = suite(STRANGE)
-    records = guarded(wrecked).records
+    records = guarded(wrecked).rows
     assert set(records["status"]) == {"ok"}
     assert_others_are_those_of_a_run_without(wrecked, records)
 
@@ -153,7 +153,7 @@ def test_what_is_strange_but_no_failure_leaves_the_others_as_they_were(suite, ca
 def test_without_a_guard_what_can_be_caught_leaves_the_others_as_they_were(suite):
     wrecked = suite(HARMLESS_UNGUARDED)
     before = Path.cwd(), dict(os.environ)
-    records = run_suite(wrecked).records
+    records = run_suite(wrecked).rows
     assert_failures(records, set(HARMLESS_UNGUARDED) & set(FAILURES))
     assert_others_are_those_of_a_run_without(wrecked, records)
     assert (Path.cwd(), dict(os.environ)) == before
@@ -161,7 +161,7 @@ def test_without_a_guard_what_can_be_caught_leaves_the_others_as_they_were(suite
 
 def test_a_cell_that_never_ends_is_stopped_and_the_rest_goes_on(suite):
     wrecked = suite(["loop"])
-    records = guarded(wrecked, timeout_s=2).records
+    records = guarded(wrecked, timeout_s=2).rows
     assert of_kind(records, "loop")[["status", "reason"]].values.tolist() == [["timeout", "more than 2 s"]]
     assert (of_kind(records, "loop")["time_estimate_s"] >= 2).all()
     assert_others_are_those_of_a_run_without(wrecked, records)
@@ -171,7 +171,7 @@ def test_a_cell_that_never_ends_is_stopped_and_the_rest_goes_on(suite):
 @pytest.mark.parametrize("kind", ["loop_in_c", "freeze"])
 def test_neither_ignored_signals_nor_a_halt_keep_a_cell_alive(suite, kind):
     wrecked = suite([kind])
-    records = guarded(wrecked, timeout_s=3).records
+    records = guarded(wrecked, timeout_s=3).rows
     assert set(of_kind(records, kind)["status"]) == {"timeout"}
     assert_others_are_those_of_a_run_without(wrecked, records)
 
@@ -200,7 +200,7 @@ def test_the_number_of_processes_changes_nothing(suite):
     wrecked = suite(["raise_", "exit7", "unlock", "disturb"], trials=3, snr_db=[-10, 0, 10])
     one, two, many = (guarded(wrecked, n_jobs=n) for n in (1, 2, 5))
     for other in (two, many):
-        pd.testing.assert_frame_equal(one.records.drop(columns=TIMES), other.records.drop(columns=TIMES))
+        pd.testing.assert_frame_equal(one.rows.drop(columns=TIMES), other.rows.drop(columns=TIMES))
         pd.testing.assert_frame_equal(one.clouds, other.clouds)
 
 
@@ -312,7 +312,7 @@ def test_a_run_without_a_cell_left_starts_nothing(suite):
 
 
 def test_a_process_that_dies_of_an_earlier_cell_costs_the_present_one_nothing(suite):
-    records = guarded(suite(["later", "nap"])).records
+    records = guarded(suite(["later", "nap"])).rows
     assert set(records["status"]) == {"ok"}
     assert len(records) == 8
 

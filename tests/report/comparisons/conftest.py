@@ -5,8 +5,8 @@ import copy
 import pytest
 
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import RunTable
 from isacbench.bench.compare.tolerance import parse_tolerance
+from isacbench.bench.store.run import Run
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def compared(made_run):
         records, manifest = made_run(**{"estimators": ("blob", "nomp4d"), **options})
         changed = records.copy()
         change(changed)
-        base, new = RunTable("base", records, manifest), RunTable("new", changed, copy.deepcopy(manifest))
+        base, new = Run("base", records, manifest), Run("new", changed, copy.deepcopy(manifest))
         if is_between:
             return compare_tables(new, new, partners={("blob", "{}"): ("nomp4d", "{}")}, is_between=True)
         return compare_tables(base, new, map(parse_tolerance, tolerances))

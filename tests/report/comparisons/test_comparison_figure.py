@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import RunTable
+from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_charts import (
     comparison_charts,
@@ -145,7 +145,7 @@ def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
 
 def test_a_panel_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_names_them(made_run):
     records, manifest = made_run(trials=12, estimators=("blob", "nomp4d"))
-    run = RunTable("run", records, manifest)
+    run = Run("run", records, manifest)
     partners = {("blob", "{}"): ("nomp4d", "{}")}
     (axes,) = comparison_charts(compare_tables(run, run, partners=partners), "deviation").axes
     assert axes.get_title().startswith("street, blob\n→ nomp4d\nwhole curve: regression (+")

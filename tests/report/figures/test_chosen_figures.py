@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.contracts import Diagnoser
@@ -95,7 +96,7 @@ def names_of(paths):
 
 def test_a_score_is_drawn_for_the_chosen_scenario_in_the_chosen_format(run_of):
     folder = run_of("blob", "seer", scenarios=2)
-    paths = draw_chosen(folder, FigureChoice(scenario="tiny1", metric="gospa_m"), "svg")
+    paths = draw_chosen(Run.open(folder), FigureChoice(scenario="tiny1", metric="gospa_m"), "svg")
     assert names_of(paths) == ["gospa_m-tiny1.svg"]
     assert paths[0].read_text().startswith("<?xml")
 
@@ -103,12 +104,12 @@ def test_a_score_is_drawn_for_the_chosen_scenario_in_the_chosen_format(run_of):
 def test_an_snr_and_a_trial_draw_clouds_maps_and_spectra(run_of, quick_figures):
     folder = run_of("blob", "shower")
     assert isinstance(get_estimator("shower"), Diagnoser)
-    assert names_of(draw_chosen(folder, FigureChoice(snr_db=10.0, trial=1))) == [
+    assert names_of(draw_chosen(Run.open(folder), FigureChoice(snr_db=10.0, trial=1))) == [
         "clouds-tiny-10dB-trial1.png",
         "rdm-tiny-shower-10dB-trial1.png",
         "spectrum-tiny-shower-10dB-trial1.png",
     ]
-    assert names_of(draw_chosen(folder, FigureChoice(scenario="tiny"))) == [
+    assert names_of(draw_chosen(Run.open(folder), FigureChoice(scenario="tiny"))) == [
         "curves-tiny.png",
         "clouds-tiny-trial0.png",
     ]
@@ -116,7 +117,7 @@ def test_an_snr_and_a_trial_draw_clouds_maps_and_spectra(run_of, quick_figures):
 
 def test_without_a_choice_all_figures_of_all_scenarios_are_drawn_in_the_format(run_of, quick_figures):
     folder = run_of("blob", scenarios=2)
-    names = names_of(draw_chosen(folder, FigureChoice(), "pdf"))
+    names = names_of(draw_chosen(Run.open(folder), FigureChoice(), "pdf"))
     assert names == [
         "deviation.pdf",
         "curves-tiny.pdf",
@@ -125,14 +126,14 @@ def test_without_a_choice_all_figures_of_all_scenarios_are_drawn_in_the_format(r
         "clouds-tiny.pdf",
         "clouds-tiny1.pdf",
     ]
-    names = names_of(draw_chosen(folder, FigureChoice(metric="recall"), "pdf"))
+    names = names_of(draw_chosen(Run.open(folder), FigureChoice(metric="recall"), "pdf"))
     assert names == ["recall-tiny.pdf", "recall-tiny1.pdf"]
 
 
 def test_a_diagnosis_that_fails_costs_its_own_figures_alone(run_of, quick_figures):
     folder = run_of("shower[fails=true]", "shower", "shower[detects=false]")
     with pytest.warns(InputWarning, match=r"shower\[fails=true\]: ZeroDivisionError: no luck"):
-        names = names_of(draw_chosen(folder, FigureChoice(snr_db=0.0)))
+        names = names_of(draw_chosen(Run.open(folder), FigureChoice(snr_db=0.0)))
     assert [name for name in names if name.startswith(("rdm", "spectrum"))] == [
         "rdm-tiny-shower-0dB-trial0.png",
         "spectrum-tiny-shower-0dB-trial0.png",
@@ -143,10 +144,9 @@ def test_a_diagnosis_that_fails_costs_its_own_figures_alone(run_of, quick_figure
 def test_of_very_many_estimators_the_best_show_their_work(run_of, quick_figures, monkeypatch):
     monkeypatch.setattr(run_figures, "MOST_CLOUDS", 1)
     folder = run_of("blob", "shower[detects=false]", "shower")
-    stored = run_figures.read_results(folder)
-    stored.records.loc[stored.records["params"].str.contains('"detects":true'), "deviation"] = 0.0
-    monkeypatch.setattr(chosen_figures, "read_results", lambda _: stored)
-    names = names_of(draw_chosen(folder, FigureChoice(trial=1)))
+    run = Run.open(folder)
+    run.rows.loc[run.rows["params"].str.contains('"detects":true'), "deviation"] = 0.0
+    names = names_of(draw_chosen(run, FigureChoice(trial=1)))
     assert [name for name in names if name.startswith("rdm")] == [
         "rdm-tiny-shower-detects-true-10dB-trial1.png"
     ]
@@ -161,6 +161,6 @@ def test_what_a_run_has_not_and_no_format_are_refused_with_what_is_allowed(run_o
         (FigureChoice(metric="gopsa_m"), "did you mean 'gospa_m'"),
     ):
         with pytest.raises(InputError, match=message):
-            draw_chosen(folder, choice)
+            draw_chosen(Run.open(folder), choice)
     with pytest.raises(InputError, match=r"\.png, \.pdf or \.svg"):
-        draw_chosen(folder, FigureChoice(metric="deviation"), "gif")
+        draw_chosen(Run.open(folder), FigureChoice(metric="deviation"), "gif")

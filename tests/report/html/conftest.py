@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -43,8 +44,6 @@ velocity_mps = 0.0
 """
 
 SHOWING = '''
-import os
-import time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -78,10 +77,6 @@ class Showing:
         return PointCloud.empty()
 
     def diagnose(self, observation):
-        if self.deed == "exit":
-            os._exit(3)
-        if self.deed == "hang":
-            time.sleep(60)
         if self.deed == "raise":
             raise ZeroDivisionError("no luck")
         if self.deed == "none":
@@ -113,11 +108,18 @@ def yard(tmp_path_factory):
     return write
 
 
-@pytest.fixture
-def showing():
+@contextmanager
+def known():
     """Know the estimators trouble and showing."""
     with isolated_plugins():
         register_plugin(PluginFile("showing.py", SHOWING))
+        yield
+
+
+@pytest.fixture
+def showing():
+    """Know these estimators in a test."""
+    with known():
         yield
 
 
@@ -163,8 +165,7 @@ def runs(yard, tmp_path_factory):
     def make(name):
         folder = root / name
         if not folder.exists():
-            with isolated_plugins():
-                register_plugin(PluginFile("showing.py", SHOWING))
+            with known():
                 run_suite(suites[name], folder, execution=Execution(repeats=1 if "timed" in name else None))
         return folder
 

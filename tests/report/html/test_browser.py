@@ -10,11 +10,9 @@ import pytest
 from matplotlib.image import imread
 
 from isacbench.bench.compare.comparison import compare
+from isacbench.bench.store.run import Run, load_run
 from isacbench.bench.kinds.scores import average_scenarios, summarise_scores
-from isacbench.bench.store.stored_run import load_run
 from isacbench.metrics.geometry import CloudPair
-from isacbench.report.html.diagnosed_maps import diagnosed_maps
-from isacbench.report.html.joined_runs import read_for_page
 from isacbench.report.html.written_pages import (
     write_comparison_page,
     write_leaderboard,
@@ -24,6 +22,8 @@ from isacbench.report.html.written_pages import (
 from tests.conftest import slow_but
 
 pytestmark = pytest.mark.first
+
+from tests.report.html.conftest import known
 
 READY = "body[data-ready]"
 NO_AXE = "no axe: pip install axe-playwright-python"
@@ -42,14 +42,16 @@ def pages(runs, tmp_path_factory):
         if name not in made:
             if name == "comparison":
                 between = compare(runs("images"), between=("music2d", "fft4d"))
-                made[name] = write_comparison_page(between, runs("images"))
+                made[name] = write_comparison_page(between, [Run.open(runs("images"))])
             elif name == "leaderboard":
-                made[name] = write_leaderboard([runs("images"), runs("other")], folder / "board.html")
+                made[name] = write_leaderboard(
+                    [Run.open(runs(one)) for one in ("images", "other")], folder / "board.html"
+                )
             elif name == "scenes":
-                made[name] = write_rank_page(runs(name))
+                made[name] = write_rank_page(Run.open(runs(name)))
             else:
-                maps = None if name == "hostile" else diagnosed_maps(read_for_page(runs(name)))
-                made[name] = write_run_page(runs(name), maps)
+                with known():
+                    made[name] = write_run_page(Run.open(runs(name)))
         return made[name]
 
     return make

@@ -13,9 +13,9 @@ import pytest
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.compare.ranking import rank
-from isacbench.bench.store.run_store import read_results
+from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
-from isacbench.report.html.joined_runs import join_runs, read_for_page
+from isacbench.report.html.joined_runs import join_runs
 from isacbench.report.html.written_pages import (
     write_comparison_page,
     write_leaderboard,
@@ -29,6 +29,17 @@ pytestmark = pytest.mark.first
 def content_of(path):
     packed = re.search(r'id="content">([^<]*)<', path.read_text(encoding="utf-8"))[1]
     return json.loads(zlib.decompress(base64.b64decode(packed), 31))
+
+
+def board(folders, path):
+    """Write a leaderboard of stored runs."""
+    return write_leaderboard([Run.open(folder) for folder in folders], path)
+
+
+def page_of_comparison(*folders, **options):
+    """Compare stored runs, and write the page."""
+    runs = [Run.open(folder) for folder in folders]
+    return write_comparison_page(compare(*runs, **options), runs)
 
 
 def rewrite(path, change):
@@ -52,7 +63,7 @@ def worsened(estimator):
 @pytest.fixture(scope="module")
 def page(runs):
     """Path of the page of the run of images."""
-    return write_run_page(runs("images"))
+    return write_run_page(Run.open(runs("images")))
 
 
 def test_a_page_forbids_every_request_and_every_script_but_its_two(page):
@@ -72,7 +83,7 @@ def test_a_page_forbids_every_request_and_every_script_but_its_two(page):
 
 
 def test_rows_of_a_page_are_those_of_the_run_and_one_scene_has_no_ranks(runs, page):
-    content, records = content_of(page), read_results(runs("images")).records
+    content, records = content_of(page), Run.open(runs("images")).rows
     rows = content["rows"]
     names = [content["estimators"][one]["name"] for one in rows["estimator"]]
     assert names == list(records["estimator"])
@@ -92,14 +103,14 @@ def test_a_run_of_an_older_version_has_a_page_without_objects_and_keeps_all_digi
     rewrite(folder / "truth.parquet", lambda table: table.drop(columns="objects"))
     for name in ("results.parquet", "clouds.parquet"):
         rewrite(folder / name, lambda table: table.assign(snr_db=table["snr_db"] + 1 / 3))
-    content = content_of(write_run_page(folder))
+    content = content_of(write_run_page(Run.open(folder)))
     assert content["scenes"][0]["objects"] == {"codes": [], "levels": []}
     assert set(content["rows"]["snr_db"]) == {-10 + 1 / 3, 10 + 1 / 3}
     assert all(content["rows"]["has_image"])
 
 
 def test_a_page_of_a_ranking_has_its_rank_sets(runs):
-    found = content_of(write_rank_page(runs("scenes"), "gospa_m"))
+    found = content_of(write_rank_page(Run.open(runs("scenes")), "gospa_m"))
     wanted = rank(runs("scenes"), "gospa_m").ranks
     listed = found["ranks"]["gospa_m"]["ranks"]
     assert found["metric"] == "gospa_m"
@@ -108,7 +119,7 @@ def test_a_page_of_a_ranking_has_its_rank_sets(runs):
 
 def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_needed(runs, tmp_path):
     ours, same = runs("images"), shutil.copytree(runs("images"), tmp_path / "same")
-    path = write_leaderboard([ours, same, runs("other")], tmp_path / "board.html")
+    path = board([ours, same, runs("other")], tmp_path / "board.html")
     content = content_of(path)
     assert [one["label"] for one in content["estimators"]] == ["fft4d", "music2d", "oracle", "esprit2d"]
     assert content["notes"][:2] == [
@@ -116,7 +127,7 @@ def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_
         "music2d of same has the same scores as that of images",
     ]
     rewrite(same / "results.parquet", worsened("fft4d"))
-    content = content_of(write_leaderboard([ours, same], tmp_path / "board.html"))
+    content = content_of(board([ours, same], tmp_path / "board.html"))
     assert [one["label"] for one in content["estimators"]] == ["fft4d", "music2d", "oracle", "fft4d (same)"]
     assert [one["spec"] for one in content["estimators"]][-1] == "fft4d"
     assert [one["run"] for one in content["estimators"]] == [0, 0, 0, 1]
@@ -125,7 +136,7 @@ def test_a_leaderboard_has_every_estimator_once_under_the_name_of_its_run_where_
 def test_a_leaderboard_is_over_the_cells_that_all_runs_have(runs, tmp_path):
     fewer = shutil.copytree(runs("other"), tmp_path / "fewer")
     rewrite(fewer / "results.parquet", lambda table: table[table["trial"] < 4])
-    content = content_of(write_leaderboard([runs("images"), fewer], tmp_path / "board.html"))
+    content = content_of(board([runs("images"), fewer], tmp_path / "board.html"))
     assert set(content["rows"]["trial"]) == set(range(4))
     assert "36 rows of images left out: not all runs have their SNR and trial" in content["notes"]
 
@@ -138,24 +149,24 @@ def test_an_estimator_without_common_cells_is_no_part_of_a_leaderboard(runs, tmp
     rewrite(
         late / "results.parquet", lambda table: table[(table["estimator"] != "fft4d") & (table["trial"] > 4)]
     )
-    content = content_of(write_leaderboard([early, late], tmp_path / "board.html"))
+    content = content_of(board([early, late], tmp_path / "board.html"))
     assert [one["label"] for one in content["estimators"]] == ["music2d", "oracle"]
     rewrite(early / "results.parquet", lambda table: table[table["trial"] < 2])
     with pytest.raises(InputError, match="no SNR and trial is in all of them"):
-        write_leaderboard([early, late], tmp_path / "board.html")
+        board([early, late], tmp_path / "board.html")
 
 
 def test_runs_of_other_scenes_have_no_common_page(runs, tmp_path):
     with pytest.raises(InputError, match="have no common page: only one of them has the scenes yard, yard0"):
-        write_leaderboard([runs("images"), runs("scenes")], tmp_path / "board.html")
+        board([runs("images"), runs("scenes")], tmp_path / "board.html")
     with pytest.raises(InputError, match="given twice"):
-        write_leaderboard([runs("images"), runs("images")], tmp_path / "board.html")
+        board([runs("images"), runs("images")], tmp_path / "board.html")
 
 
 def test_a_comparison_shows_the_worst_verdict_first_with_both_images_where_it_is_worst(runs, tmp_path):
     worse = shutil.copytree(runs("images"), tmp_path / "worse")
     rewrite(worse / "results.parquet", worsened("music2d"))
-    found = content_of(write_comparison_page(compare(runs("images"), worse), worse))
+    found = content_of(page_of_comparison(runs("images"), worse))
     first, compared = found["comparison"]["rows"][0], found["comparison"]
     assert compared["is_regression"]
     assert first["verdict"] == "regression"
@@ -168,7 +179,7 @@ def test_a_comparison_shows_the_worst_verdict_first_with_both_images_where_it_is
 
 def test_a_comparison_of_two_estimators_of_one_run_has_a_page_of_its_own(runs):
     folder = runs("images")
-    path = write_comparison_page(compare(folder, between=("fft4d", "music2d")), folder)
+    path = page_of_comparison(folder, between=("fft4d", "music2d"))
     assert path.name == "between.html"
     content = content_of(path)
     row = content["comparison"]["rows"][0]
@@ -179,7 +190,7 @@ def test_a_reference_without_clouds_is_compared_with_the_truth_of_the_other_run(
     bare = shutil.copytree(runs("images"), tmp_path / "bare")
     for name in ("clouds.parquet", "truth.parquet"):
         (bare / name).unlink()
-    content = content_of(write_comparison_page(compare(bare, runs("images")), tmp_path))
+    content = content_of(page_of_comparison(bare, runs("images")))
     has_image = np.array(content["rows"]["has_image"])
     of_run = np.array([content["estimators"][one]["run"] for one in content["rows"]["estimator"]])
     assert not has_image[of_run == 0].any()
@@ -188,9 +199,9 @@ def test_a_reference_without_clouds_is_compared_with_the_truth_of_the_other_run(
 
 
 def test_every_kind_of_run_has_a_page_with_its_own_charts(runs):
-    link = content_of(write_run_page(runs("link")))
+    link = content_of(write_run_page(Run.open(runs("link"))))
     assert [chart["y"]["title"] for chart in link["charts"]] == ["bit error rate", "imaging deviation"]
-    detection = content_of(write_run_page(runs("detection")))
+    detection = content_of(write_run_page(Run.open(runs("detection"))))
     rates = next(chart for chart in detection["charts"] if chart["y"]["title"] == "false-alarm rate")
     assert rates["line"] == 1e-3
     assert [series["label"] for series in rates["series"]] == ["ca", "os"]
@@ -199,20 +210,20 @@ def test_every_kind_of_run_has_a_page_with_its_own_charts(runs):
         for s in rates["series"]
         for y, low, high in zip(s["y"], s["low"], s["high"], strict=True)
     )
-    timed = content_of(write_run_page(runs("timed-once")))
+    timed = content_of(write_run_page(Run.open(runs("timed-once"))))
     assert {point["label"] for point in timed["times"]["points"]} == {"fft4d", "oracle"}
     assert timed["times"]["stages"]
 
 
-def test_names_of_a_run_do_not_reach_the_markup_of_its_page(runs):
-    text = write_run_page(runs("hostile")).read_text(encoding="utf-8")
+def test_names_of_a_run_do_not_reach_the_markup_of_its_page(runs, showing):
+    text = write_run_page(Run.open(runs("hostile"))).read_text(encoding="utf-8")
     assert "alert" not in text.split("<script>")[0]
     content = content_of(runs("hostile") / "report.html")
     assert content["scenes"][0]["name"].startswith("<script>alert")
 
 
 def test_joined_rows_keep_their_clouds(runs):
-    one = read_for_page(runs("images"))
+    one = Run.open(runs("images"))
     joined = join_runs([one])
-    np.testing.assert_array_equal(joined.rows.points, one.rows.points)
-    assert (joined.table.records["ratio"] > 0).all()
+    np.testing.assert_array_equal(joined.table.cloud_array.points, one.cloud_array.points)
+    assert (joined.table.rows["ratio"] > 0).all()

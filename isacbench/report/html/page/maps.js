@@ -8,7 +8,7 @@ const buildMaps = (root) => {
     h(
       "p",
       { class: "note" },
-      `Computed anew when this page was made, at ${own[0].snr_db} dB, trial ${own[0].trial}.${data.maps.left_out ? ` There was no time for ${counted(data.maps.left_out, "further image")}; isacbench report DIR --scenario SCENARIO --snr DB draws one.` : ""}`,
+      `Computed anew when this page was made, at ${own[0].snr_db} dB, trial ${own[0].trial}.${data.maps.left_out ? ` It leaves out ${counted(data.maps.left_out, "further image")}; isacbench report DIR --scenario SCENARIO --snr DB draws one.` : ""}`,
     ),
   );
   const figures = ["Power", "Threshold", "Power where detected"].map(

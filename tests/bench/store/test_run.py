@@ -9,7 +9,7 @@ import pytest
 from isacbench import load_run
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.store.stored_run import CellKey
+from isacbench.bench.store.run import CellKey, Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.plugins.scoring import score
@@ -39,14 +39,14 @@ def copied(written, tmp_path):
 def test_rows_and_manifest_are_those_of_the_run(written):
     results, folder = written
     stored = load_run(str(folder))
-    pd.testing.assert_frame_equal(stored.rows, results.records)
+    pd.testing.assert_frame_equal(stored.rows, results.rows)
     assert stored.manifest["suite"]["name"] == "test"
 
 
 def test_a_run_is_told_by_what_became_of_its_cells(copied, monkeypatch):
     monkeypatch.chdir(copied.parent)
     title, facts = repr(load_run("mine")).split("\n", maxsplit=1)
-    assert title == "StoredRun of 'test': 16 rows in 'mine'"
+    assert title == "Run of 'test': 16 rows in 'mine'"
     assert facts.startswith("  status 8 ok, 4 no_detection, 4 error; scenarios tiny; ")
     assert "estimators seer, blob, trouble in 4 variants;\n  SNR 0 to 10 dB; trials 2; started " in facts
 
@@ -142,7 +142,7 @@ def test_a_scenario_is_found_by_its_name_as_well(written):
 
 def test_a_run_that_was_ended_early_is_read_from_its_journal(plugins, tiny, tmp_path, monkeypatch):
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["seer"], snr_db=[0], trials=2)
-    monkeypatch.setattr("isacbench.bench.run.runner._finish", lambda *_: None)
+    monkeypatch.setattr(Run, "save", lambda *_: None)
     run_suite(suite, out=tmp_path / "killed")
     stored = load_run(tmp_path / "killed")
     assert not (stored.folder / "results.parquet").exists()

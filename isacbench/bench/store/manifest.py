@@ -1,0 +1,160 @@
+"""The manifest of a run: what was run, by which calls, in which environments, and its plan."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import isacbench
+from isacbench.bench.kinds.scenes import Entry
+from isacbench.bench.plan.run_plan import Plan
+from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
+from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
+from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
+from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
+from isacbench.errors import InputError
+from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_inside, require_utf8
+from isacbench.files.escaping import visible
+from isacbench.model.scenes.scene_families import spelled_scenarios
+from isacbench.plugins.plugin_versions import plugin_version
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from datetime import datetime
+
+    from isacbench.bench.plan.job import Job
+    from isacbench.bench.store.provenance import Environment
+
+RUN_KEYS = ("seed", "suite", SCORES, "estimators", "scenarios", "scenes")
+"""Keys of a manifest that describe the content of the run, not the calls that worked on it."""
+
+CALL = ("argv", "started", "wall_time_s", "interrupted")
+"""Facts of the last call that a manifest has beside the list of all calls."""
+
+ENTRIES = "contestants"
+"""Key of a scene's entries in a manifest, as version 0.1 wrote it."""
+
+
+def describe_session(
+    started: datetime, wall_time_s: float, interrupted: bool, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Describe a call that worked on a run, with its options in terms of JSON."""
+    return {
+        "argv": [visible(one) for one in (Path(sys.argv[0]).name, *sys.argv[1:])],
+        "started": started.isoformat(timespec="seconds"),
+        "wall_time_s": round(wall_time_s, 3),
+        "interrupted": interrupted,
+        **options,
+    }
+
+
+def describe_run(job: Job) -> dict[str, Any]:
+    """Describe the content of a run: the values of `RUN_KEYS`."""
+    suite, plan = job.suite, job.plan
+    index = {(one.name, one.params): number for number, one in enumerate(plan.entries)}
+    return {
+        "seed": suite.seed,
+        "suite": suite.model_dump(),
+        SCORES: describe_scores(metrics_of(suite), job.scenarios.values()),
+        "estimators": [
+            {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
+            for one in plan.entries
+        ],
+        "scenarios": {
+            name: {**describe_scenario(scenario), "content": scenario_digest(scenario)}
+            for name, scenario in job.scenarios.items()
+        },
+        "scenes": [
+            {
+                "name": scene.name,
+                "content": scene.content,
+                "snr_db": list(scene.snr_db),
+                ENTRIES: [index[one.name, one.params] for one in scene.entries],
+            }
+            for scene in plan.scenes
+        ],
+    }
+
+
+def build_manifest(
+    run: Mapping[str, Any], environments: Mapping[str, Environment], sessions: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Build the manifest of a run, as it will be read.
+
+    `run` has the values of `RUN_KEYS`, `environments` are by the names in the column ``environment``, and the
+    last of `sessions` is the call that works on the run now.
+    """
+    manifest = {
+        "isacbench": isacbench.__version__,
+        "git": git_state(),
+        **dict.fromkeys(CALL),
+        **run,
+        "environments": {},
+        "sessions": [],
+        "python": platform.python_version(),
+        "packages": package_versions(),
+        **machine(),
+        "blas_threads": 1,
+        "blas": blas_libraries(),
+    }
+    read: dict[str, Any] = json.loads(json.dumps(with_sessions(manifest, environments, sessions)))
+    return read
+
+
+def with_sessions(
+    manifest: Mapping[str, Any], environments: Mapping[str, Environment], sessions: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Put environments and calls into a manifest, in place of those that it has."""
+    last = {key: sessions[-1][key] for key in CALL}
+    return {**manifest, **last, "environments": dict(environments), "sessions": sessions}
+
+
+def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Write a manifest, in place of an older one."""
+    with replacing(folder / MANIFEST) as path:
+        text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
+        # A file name that is not UTF-8 contains surrogates, which JSON escapes in the same way as Python.
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a run. InputError if there is none, or it is damaged."""
+    path = folder / MANIFEST
+    require_utf8(folder)
+    if not is_there(path):
+        raise InputError(
+            f"{folder}: not the folder of a run, {MANIFEST} missing; give one that isacbench run wrote"
+        )
+    require_inside(path, folder)
+    with damage_told(folder, f"{MANIFEST}: "):
+        return dict(json.loads(read_text(path, MANIFEST_BYTES)))
+
+
+def scenario_texts(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Look up how the suite of a run spells each scenario: a name, a generated scene or a path."""
+    names, texts = list(manifest["scenarios"]), spelled_scenarios(manifest["suite"]["scenarios"])
+    if len(names) != len(texts):
+        raise InputError(
+            f"{MANIFEST}: {len(names)} scenarios are described, but the suite lists {len(texts)}"
+        )
+    return dict(zip(names, texts, strict=True))
+
+
+def restore_plan(manifest: Mapping[str, Any]) -> Plan:
+    """Build the plan of a run from its manifest.
+
+    Its scenes have name, content, SNRs and entries without plugins: enough to find the places of rows, and
+    not to observe.
+    """
+    entries = [
+        Entry(entry["name"], canonical_json(entry["params"]), None) for entry in manifest["estimators"]
+    ]
+    scenes: list[Any] = [
+        SimpleNamespace(**{**scene, "entries": [entries[index] for index in scene[ENTRIES]]})
+        for scene in manifest["scenes"]
+    ]
+    return Plan(scenes, manifest["suite"]["trials"])

@@ -1,0 +1,610 @@
+"""A run: its rows, its clouds by the key of their cell, its scenarios, and the manifest that describes it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.cells.record import (
+    CLOUD_KEYS,
+    COLUMNS,
+    DRAW_COLUMNS,
+    require_sound_records,
+    stored_points,
+    typed,
+)
+from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.kinds.scenes import ImagedScene
+from isacbench.bench.plan.labels import labelled
+from isacbench.bench.store.clouds import CloudArray
+from isacbench.bench.store.journal import read_journal
+from isacbench.bench.store.manifest import read_manifest, write_manifest
+from isacbench.bench.store.run_folder import (
+    CLOUDS,
+    DAMAGE,
+    DRAWS,
+    JOURNAL,
+    MANIFEST,
+    RECORDS,
+    RECORDS_CSV,
+    TRUTH,
+    damage_text,
+    damage_told,
+    replacing,
+)
+from isacbench.bench.store.score_columns import row_columns, stored_columns
+from isacbench.bench.store.tables import read_table, without_formulas, write_csv_table, write_table
+from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
+from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
+from isacbench.display import Description, Displayed, span
+from isacbench.errors import AccessError, InputError, InputWarning, unknown_name
+from isacbench.files.checked_files import is_there
+from isacbench.files.escaping import counted, quoted, shortened
+from isacbench.model.cloud import PointCloud
+from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.scene import Scatterers, warned_before
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.bench.store.provenance import Environment
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scene import Scenario
+
+T = TypeVar("T")
+
+MOST_NAMED = 6
+"""Values of a column that a message or a ``repr`` lists."""
+
+MOST_OF_A_PATH = 60
+MOST_OF_A_VALUE = 40
+
+NO_IMAGE = (
+    "the row is the test of a detector on a map or of a receiver; only rows of estimators have an image"
+)
+
+PLUGIN_KEYS = ("estimators", "detectors")
+"""Keys of a suite that name plugins, on which no scene depends."""
+
+MEASURED = ("suite", "seed", "scenarios", "environments")
+"""Parts of a manifest without which a run cannot be compared."""
+
+
+class CellKey(NamedTuple):
+    """Key of a row and of its cloud.
+
+    Attributes
+    ----------
+    params : str
+        The estimator's parameters as canonical JSON.
+    """
+
+    scenario: str
+    estimator: str
+    params: str
+    snr_db: float
+    trial: int
+
+    def __str__(self) -> str:
+        return f"{self.estimator} on {self.scenario} at {self.snr_db:g} dB, trial {self.trial}"
+
+
+Row = pd.Series | pd.DataFrame | Mapping[str, Any] | tuple[Any, ...]
+"""A row of `Run.rows` in any form that pandas gives, or a `CellKey`."""
+
+
+class Scenes(NamedTuple):
+    """Suite of a run, its scenarios by name, and the scatterers that its trials drew, a row each."""
+
+    suite: Suite
+    scenarios: Mapping[str, Scenario]
+    draws: pd.DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Displayed):
+    """Run in its folder, as `load_run` reads it, or in memory. Clouds and scenarios are read at first use.
+
+    Attributes
+    ----------
+    label : str
+        Name in messages: its folder.
+    rows : DataFrame
+        One row a cell, all columns.
+    manifest : mapping of str to Any
+        Content of ``manifest.json``: suite, seed, versions, machine.
+    is_finished : bool
+        False if it was killed, so that its folder has a journal.
+    has_scenarios : bool
+        False of a run that was published as rows alone.
+    read_clouds, read_scenes : callable
+        Called at most once.
+    """
+
+    label: str
+    rows: pd.DataFrame
+    manifest: Mapping[str, Any]
+    is_finished: bool = True
+    has_scenarios: bool = True
+    read_clouds: Callable[[], CloudArray] | None = None
+    read_scenes: Callable[[], Scenes] | None = None
+
+    @classmethod
+    def open(cls, folder: Path) -> Run:
+        """Read a run, also one that was killed. InputError if there is none, or it is damaged.
+
+        Damaged lines of a journal are left out with a warning.
+        """
+        manifest = read_manifest(folder)
+        if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
+            raise InputError(f"{folder}: has no rows, {RECORDS} is missing; isacbench run into it makes them")
+        with damage_told(folder):
+            stored = _stored(folder, manifest, is_strict=True)
+            if (is_older := stored.rows.duplicated(CLOUD_KEYS, keep="last").to_numpy()).any():
+                stored = stored.take(~is_older)
+            columns = row_columns(restore_suite(manifest["suite"]), stored_columns(manifest))
+            rows = labelled(typed(stored.rows, columns))
+            require_sound_records(rows)
+            _require_described_scenarios(rows, manifest)
+        return stored.changed(rows=rows)
+
+    @classmethod
+    def recover(cls, folder: Path) -> Run:
+        """Read what is left of a run that is to go on; what is damaged or missing is left out with a warning.
+
+        If a cell has several rows, the last one counts.
+        """
+        return _stored(folder, _attempt(lambda _: read_manifest(folder), folder / MANIFEST) or {})
+
+    @classmethod
+    def of_journal(cls, path: Path) -> Run:
+        """Read the rows of a journal; damaged lines are left out with a warning."""
+        rows, clouds, environments, n_torn = read_journal(path)
+        if n_torn:
+            _warn_of_damage(path, f"{n_torn} lines")
+        return cls(str(path.parent), rows, {"environments": environments}, read_clouds=lambda: clouds)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Run]) -> Run:
+        """Rows of several runs, one after the other, with their clouds and environments."""
+        tables = [part.rows for part in parts if len(part.rows)]
+        return cls(
+            " and ".join(part.label for part in parts),
+            pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS),
+            {"environments": {name: one for part in parts for name, one in part.environments.items()}},
+            read_clouds=lambda: CloudArray.joined([part.lent_clouds() for part in parts]),
+        )
+
+    @property
+    def folder(self) -> Path:
+        """Folder in which it is stored."""
+        return Path(self.label)
+
+    @property
+    def kind(self) -> str:
+        """Kind of its suite."""
+        return str(self.manifest["suite"].get("kind", "imaging"))
+
+    @property
+    def environments(self) -> Mapping[str, Environment]:
+        """Environments by the names that the rows have."""
+        found: Mapping[str, Environment] = self.manifest.get("environments", {})
+        return found
+
+    @cached_property
+    def cloud_array(self) -> CloudArray:
+        """Clouds in the order of the rows, empty where there is none."""
+        return self.lent_clouds()
+
+    def lent_clouds(self) -> CloudArray:
+        """The same for a run that is made of this one, which keeps no copy of its own for that."""
+        if "cloud_array" in vars(self):
+            return self.cloud_array
+        return CloudArray.empty(len(self.rows)) if self.read_clouds is None else self.read_clouds()
+
+    @cached_property
+    def scenes(self) -> Scenes:
+        """Suite, scenarios and draws, read together."""
+        return _read_scenes(self.folder, self.manifest) if self.read_scenes is None else self.read_scenes()
+
+    @cached_property
+    def suite(self) -> Suite:
+        """The suite as it was run, overrides included."""
+        with damage_told(self.folder):
+            return restore_suite(self.manifest["suite"])
+
+    @property
+    def scenarios(self) -> Mapping[str, Scenario]:
+        """Scenarios by name, as the suite lists them."""
+        return self.scenes.scenarios
+
+    @property
+    def draws(self) -> pd.DataFrame:
+        """One row for each scatterer that a trial drew: scenario, trial, x, y, z, v, power, phase_rad."""
+        return self.scenes.draws
+
+    @cached_property
+    def imaged_scenes(self) -> Mapping[str, ImagedScene]:
+        """Scenes that were imaged, by name; no synthetic maps and no users of a link."""
+        suite = self.scenes.suite
+        bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
+        scenes = kind_of(suite).scenes(suite.model_copy(update=bare), self.scenarios)
+        return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
+
+    def changed(self, **changes: Any) -> Run:
+        """Replace attributes: rows by others of the same cells, the label, the manifest."""
+        known = {"read_clouds": self.lent_clouds, "read_scenes": lambda: self.scenes}
+        return replace(self, **known | changes)
+
+    def take(self, picked: NDArray[np.int64] | NDArray[np.bool_]) -> Run:
+        """Select rows by a mask, or by their positions in the wanted order."""
+        places: NDArray[Any] = np.flatnonzero(picked) if picked.dtype == np.bool_ else picked
+        rows = self.rows.iloc[places].reset_index(drop=True)
+        return self.changed(rows=rows, read_clouds=lambda: self.lent_clouds().take(places))
+
+    def require_finished(self) -> Run:
+        """Return the run, or refuse one that was killed, or of which it is not known what it measured."""
+        if not self.is_finished:
+            raise InputError(
+                f"{self.label}: the run is not finished; resume it with the same isacbench run command"
+            )
+        names = self.rows["environment"].unique()
+        for wanted, present in ((MEASURED, self.manifest), (names, self.environments)):
+            if missing := [str(name) for name in wanted if name not in present]:
+                raise InputError(
+                    f"{self.folder / MANIFEST}: {', '.join(missing)} missing; run it again with this version"
+                )
+        return self
+
+    def is_whole(self) -> NDArray[np.bool_]:
+        """Tell of which rows the cloud has all its points."""
+        found: NDArray[np.bool_] = self.cloud_array.n_points == stored_points(self.rows).to_numpy()
+        return found
+
+    def save(self, folder: Path) -> None:
+        """Write tables and manifest into an existing folder, and then remove the journal."""
+        write_truth(folder, self.scenarios)
+        if len(self.draws):
+            write_table(self.draws, folder / DRAWS)
+        self.save_rows(folder)
+        with replacing(folder / RECORDS_CSV) as path:
+            write_csv_table(without_formulas(self.rows), path)
+        write_manifest(folder, self.manifest)
+        (folder / JOURNAL).unlink(missing_ok=True)
+
+    def save_rows(self, folder: Path) -> None:
+        """Write rows and clouds, in place of older ones."""
+        write_table(self.cloud_array.table(self.rows), folder / CLOUDS)
+        write_table(self.rows, folder / RECORDS)
+
+    @cached_property
+    def clouds(self) -> Mapping[CellKey, PointCloud]:
+        """Clouds of all cells that were imaged, by `CellKey` or an equal tuple, in the order of the rows."""
+        return _Clouds(self)
+
+    def cloud(
+        self,
+        row: Row | None = None,
+        /,
+        *,
+        scenario: str | None = None,
+        estimator: str | None = None,
+        params: str | None = None,
+        snr_db: float | None = None,
+        trial: int | None = None,
+    ) -> PointCloud:
+        """Return the cloud that was estimated in one cell.
+
+        Parameters
+        ----------
+        row : Series, named tuple, mapping, DataFrame of one row, or CellKey, optional
+            Row of `rows`, as ``loc``, ``iterrows`` and ``itertuples`` return it.
+        scenario, estimator, params, snr_db, trial : optional
+            Key, instead of a row. A part of it is enough if only one row has
+            these values.
+
+        Returns
+        -------
+        PointCloud
+            Empty if nothing was detected.
+
+        Raises
+        ------
+        InputError
+            If no row or several rows match, or if the cell has no cloud: it
+            failed, or its row is the test of a detector or of a receiver.
+        """
+        columns = (scenario, estimator, params, snr_db, trial)
+        given = {name: value for name, value in zip(CLOUD_KEYS, columns, strict=True) if value is not None}
+        wanted = given if row is None else {**_key_columns(row), **given}
+        if len(wanted) == len(CLOUD_KEYS) and (cloud := self.clouds.get(CellKey(**wanted))) is not None:
+            return cloud
+        record = self.rows.iloc[self._position(wanted)]
+        key = CellKey(*record[CLOUD_KEYS])
+        if key not in self.clouds:
+            raise InputError(f"{self.label}: {key} has no cloud: {_reason(record)}")
+        return self.clouds[key]
+
+    def scenario(self, row: Row | str) -> Scenario:
+        """Return the scenario that was observed in a row, with its true scatterers.
+
+        Parameters
+        ----------
+        row : row of `rows` as `cloud` takes it, or str
+            If trials draw scatterers, a row has those of its trial. A text is
+            the name of a scenario of the suite.
+
+        Returns
+        -------
+        Scenario
+            The cloud of the row was scored against its `truth`, in its `region`.
+
+        Raises
+        ------
+        InputError
+            If the name is unknown, or the row is the test of a detector or of
+            a receiver, for which no scenario is observed.
+        """
+        if isinstance(row, str):
+            if row not in self.scenarios:
+                raise InputError(f"{self.label}: {unknown_name('scenario', row, self.scenarios)}")
+            return self.scenarios[row]
+        record = self.rows.iloc[self._position(_key_columns(row))]
+        key = CellKey(*record[CLOUD_KEYS])
+        if key.scenario not in self.imaged_scenes:
+            raise InputError(f"{self.label}: {key} has no scenario: {NO_IMAGE}")
+        return self.observed(key.scenario, key.trial)
+
+    def truth(self, row: Row | str) -> PointCloud:
+        """Return the true scatterers of `scenario` as a cloud."""
+        return self.scenario(row).truth
+
+    def observed(self, name: str, trial: int) -> Scenario:
+        """Restore the scenario that a trial of an imaged scene observed, from stored draws or drawn again."""
+        scene, drawn = self.imaged_scenes[name], self._drawn.get((name, trial))
+        if not scene.is_drawn:
+            return scene.template
+        if drawn is None:
+            stored = self.rows.loc[self.rows["scenario"] == name, "scenario_content"]
+            if (stored != scene.content).any():
+                raise InputError(
+                    f"{self.label}: the scatterers of {name}, trial {trial} are not stored, and this "
+                    "isacbench would draw others; use the version of isacbench that made the run"
+                )
+            return scene.drawn(trial)
+        points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
+        scatterers = Scatterers(
+            xyz=points[:, :3],
+            velocity=points[:, 3],
+            amplitude=np.sqrt(points[:, 4]),
+            phase_rad=self.draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
+        )
+        with warned_before():
+            return replace(scene.template, scatterers=scatterers)
+
+    @cached_property
+    def _drawn(self) -> Mapping[Any, NDArray[np.intp]]:
+        return rows_by_trial(self.draws)
+
+    def _position(self, wanted: Mapping[str, Any]) -> int:
+        """Position in the table of the one row that has some values in its key."""
+        is_equal = self.rows[list(wanted)] == list(wanted.values())
+        found = np.flatnonzero(is_equal.all(axis=1))
+        if found.size != 1:
+            given = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
+            rows = self.rows.iloc[found] if found.size else self.rows
+            values = "; ".join(f"{name} {_listed(rows[name].unique())}" for name in CLOUD_KEYS)
+            whose = "these rows" if found.size else "the rows of the run"
+            raise InputError(
+                f"{self.label}: {found.size} rows have {given}; give a key that only one row has. "
+                f"The values of {whose} are {values}"
+            )
+        return int(found[0])
+
+    def _description(self) -> Description:
+        rows, suite = self.rows, self.manifest["suite"]
+        names = rows["estimator"].unique()
+        n_variants = len(rows[["estimator", "params"]].drop_duplicates())
+        statuses = rows.groupby("status", sort=False).size()
+        return Description(
+            f"Run of {quoted(suite.get('name'))}: {counted(len(rows), 'row')} in "
+            f"{quoted(shortened(self.label, MOST_OF_A_PATH))}",
+            {
+                "status": ", ".join(f"{number} {status}" for status, number in statuses.items()),
+                "scenarios": _listed(rows["scenario"].unique()),
+                "estimators": _listed(names)
+                + (f" in {n_variants} variants" if n_variants > len(names) else ""),
+                "SNR": span(rows["snr_db"], "dB"),
+                "trials": str(rows["trial"].nunique()),
+                "started": str(self.manifest.get("started")),
+            },
+        )
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a run from its folder, also one that was killed.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder that `isacbench run`, or `isacbench.run` with `out`, wrote.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold a run, or a damaged one.
+
+    Warns
+    -----
+    InputWarning
+        If lines of the journal of a run that was killed are damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from isacbench import run, score
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     records = run("quick", estimators=["fft4d"], snr_db=[10], trials=1, out=folder)
+    ...     stored = load_run(folder)
+    ...     row = stored.rows.iloc[0]
+    ...     scenario, cloud = stored.scenario(row), stored.cloud(row)
+    >>> scores = score(scenario.truth, cloud, region=scenario.region)
+    >>> bool(scores["deviation"] == row["deviation"])
+    True
+    """
+    return Run.open(Path(folder))
+
+
+def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
+    """Write the scatterers of the scenarios of a run."""
+    tables = [truth_table(scenario) for scenario in scenarios.values()]
+    write_table(pd.concat(tables, ignore_index=True), folder / TRUTH)
+
+
+def rows_by_trial(table: pd.DataFrame) -> dict[Any, NDArray[np.intp]]:
+    """Positions of the rows of a table by scene and trial."""
+    groups = table.groupby(["scenario", "trial"], sort=False).indices
+    return {key: np.asarray(rows) for key, rows in groups.items()}
+
+
+class _Clouds(Mapping[CellKey, PointCloud]):
+    """Clouds of rows, each built when it is asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._array = run.cloud_array
+        places = np.flatnonzero(run.rows["deviation"].notna() & run.is_whole())
+        keys = run.rows[CLOUD_KEYS].iloc[places].itertuples(index=False)
+        self._places = dict(zip(map(CellKey._make, keys), places.tolist(), strict=True))
+
+    def __getitem__(self, key: CellKey) -> PointCloud:
+        return self._array.cloud(self._places[key])
+
+    def __iter__(self) -> Iterator[CellKey]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __repr__(self) -> str:
+        return f"Clouds of {counted(len(self), 'cell')}, by scenario, estimator, params, snr_db and trial"
+
+
+def _stored(folder: Path, manifest: Mapping[str, Any], is_strict: bool = False) -> Run:
+    """All rows of a folder as they are, of which the last one of a cell counts."""
+    rows = _attempt(_read_rows, folder / RECORDS, is_strict)
+    parts = []
+    if rows is not None:
+        read = partial(_read_clouds, folder, rows, is_strict)
+        parts.append(Run(str(folder), rows, manifest, read_clouds=read))
+    is_finished = not is_there(folder / JOURNAL)
+    if not is_finished:
+        parts.append(Run.of_journal(folder / JOURNAL))
+    run = Run.joined(parts)
+    return replace(
+        run,
+        label=str(folder),
+        manifest={**manifest, **run.manifest},
+        is_finished=is_finished,
+        has_scenarios=is_there(folder / TRUTH),
+    )
+
+
+def _read_rows(path: Path) -> pd.DataFrame:
+    rows = read_table(path)
+    if missing := [name for name in COLUMNS if name not in rows]:
+        raise ValueError(f"{path.name} has no column {missing[0]}")
+    if rows.duplicated(CLOUD_KEYS).any():
+        raise ValueError(f"{path.name} has several rows of a cell")
+    return rows
+
+
+def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> CloudArray:
+    with damage_told(folder):
+        table = _attempt(read_table, folder / CLOUDS, is_strict)
+        return CloudArray.empty(len(rows)) if table is None else CloudArray.of_table(rows, table)
+
+
+def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:
+    with damage_told(folder):
+        truth = read_table(folder / TRUTH)
+        scenarios = {
+            name: restore_scenario(name, described, truth[truth["scenario"] == name])
+            for name, described in manifest["scenarios"].items()
+        }
+        draws = _attempt(read_table, folder / DRAWS, is_strict=True)
+        if draws is None:
+            draws = pd.DataFrame(columns=DRAW_COLUMNS)
+        return Scenes(restore_suite(manifest["suite"]), scenarios, draws)
+
+
+def _require_described_scenarios(rows: pd.DataFrame, manifest: Mapping[str, Any]) -> None:
+    """Refuse rows of scenarios that the manifest does not describe."""
+    # Studies that derive scenes from a scenario name it in the column template, empty for a link's user.
+    names = rows["template" if "template" in rows else "scenario"].dropna().unique()
+    described = manifest["scenarios"]
+    missing = set(names) - {"", *described, *manifest["suite"].get("maps", ())}
+    if missing:
+        raise InputError(
+            f"its rows name the scenarios {quoted(sorted(missing))}, which its manifest does not describe; "
+            f"allowed are {quoted(sorted(described))}"
+        )
+
+
+def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> T | None:
+    """Read a file. None if it is missing; if it is damaged, raise (`is_strict`) or warn and return None."""
+    if not is_there(path):
+        return None
+    try:
+        return read(path)
+    except DAMAGE as error:
+        if is_strict or isinstance(error, AccessError):
+            raise
+        _warn_of_damage(path, damage_text(error))
+        return None
+
+
+def _warn_of_damage(path: Path, what: str) -> None:
+    warnings.warn(
+        f"{path}: damaged, its cells are left out and run again ({what})", InputWarning, stacklevel=2
+    )
+
+
+def _reason(record: pd.Series[Any]) -> str:
+    """Reason for which a row has no cloud."""
+    if record["status"] not in SCORED:
+        return f"its status is {record['status']}, {record['reason']}; allowed are {' and '.join(SCORED)}"
+    if pd.isna(record["deviation"]):
+        return NO_IMAGE
+    return "it is missing or damaged; `isacbench run` into the folder makes it again"
+
+
+def _key_columns(row: Row) -> dict[str, Any]:
+    """Key of a row in any of its forms."""
+    if isinstance(row, pd.DataFrame) and len(row) == 1:
+        row = row.iloc[0]
+    if isinstance(row, tuple):
+        row = getattr(row, "_asdict", lambda: dict(zip(CLOUD_KEYS, row, strict=False)))()
+    if not isinstance(row, (pd.Series, Mapping)) or any(name not in row for name in CLOUD_KEYS):
+        raise InputError(
+            f"expected one row of the run's table, or a tuple or mapping of {', '.join(CLOUD_KEYS)}; "
+            f"got a {type(row).__name__}"
+        )
+    return {name: row[name] for name in CLOUD_KEYS}
+
+
+def _listed(values: Any) -> str:
+    """List values, the first ones of many."""
+    shown = [shortened(str(value), MOST_OF_A_VALUE) for value in values]
+    more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
+    return ", ".join(shown[:MOST_NAMED]) + more

@@ -1,0 +1,83 @@
+"""Tables of a run as files: parquet with a digest of what it holds, and CSV that is safe in a spreadsheet."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import pandas as pd
+import pyarrow as pa
+from pyarrow import csv
+
+from isacbench.bench.store.run_folder import replacing
+from isacbench.bench.suites.scenario_digest import digest
+from isacbench.errors import AccessError
+from isacbench.files.checked_files import require_file, require_inside
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DIGEST = "digest"
+"""Attribute of a table's file that holds the digest of its content."""
+
+FORMULA = r"^[=+\-@\t\r]"
+"""First character of a text that a spreadsheet evaluates as a formula."""
+
+GUARD = "'"
+"""Mark by which spreadsheets know that a text follows."""
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Read a table. ValueError if it is not as it was written, InputError if it is no file of its folder."""
+    require_inside(path, path.parent)
+    require_file(path)
+    try:
+        with path.open("rb") as file:
+            table = pd.read_parquet(file, page_checksum_verification=True)
+    except Exception as error:  # Arrow raises many types for a damaged file, without a number of the system
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) is not None:
+            raise AccessError(f"{path}: cannot be read: {error}") from error
+        raise ValueError(f"{path.name}: {type(error).__name__}: {error}") from error
+    # The checksums of pages do not cover the description of the table.
+    if DIGEST in table.attrs and table.attrs[DIGEST] != _table_digest(table):
+        raise ValueError(f"{path.name}: its content does not match its digest")
+    table.attrs = {}
+    return table
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table with its digest, in place of an older one."""
+    signed = table.copy(deep=False)
+    signed.attrs = {DIGEST: _table_digest(table)}
+    with replacing(path) as temporary:
+        signed.to_parquet(temporary, index=False, write_page_checksum=True)
+
+
+def write_csv_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV: text in quotes, missing values empty, numbers with all their digits.
+
+    Each column has one type, else pyarrow raises ArrowInvalid or ArrowTypeError.
+    """
+    csv.write_csv(pa.Table.from_pandas(table, preserve_index=False), path)
+
+
+def without_formulas(table: pd.DataFrame) -> pd.DataFrame:
+    """Put an apostrophe before text that a spreadsheet would evaluate as a formula.
+
+    Examples
+    --------
+    >>> without_formulas(pd.DataFrame({"scenario": ["street", "=1+1"]}))["scenario"].tolist()
+    ['street', "'=1+1"]
+    """
+    guarded = {}
+    for name in table.columns:
+        if pd.api.types.infer_dtype(table[name], skipna=True) == "string":
+            is_formula = table[name].str.match(FORMULA, na=False)
+            guarded[name] = table[name].mask(is_formula, GUARD + table[name])
+    return table.assign(**guarded)
+
+
+def _table_digest(table: pd.DataFrame) -> str:
+    """Digest of the names and values of a table."""
+    rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
+    return digest([list(table.columns), len(table), hashlib.sha256(rows.tobytes()).hexdigest()])
