@@ -13,6 +13,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from isacbench.report.tables.run_tables import rich_table
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.compare.matching import NotComparableError
@@ -24,8 +26,6 @@ from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from .files import ANY, Trap, content
 

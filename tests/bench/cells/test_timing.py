@@ -12,14 +12,14 @@ from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMN
 from isacbench.bench.cells.timing import Trial, repeat
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.tolerance import parse_tolerance
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run, run_suite
 from isacbench.bench.store.manifest import read_manifest
 from isacbench.bench.store.run import Run
-from isacbench.bench.kinds.detection import DetectionSuite
-from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock, stage

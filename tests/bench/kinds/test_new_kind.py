@@ -4,22 +4,22 @@ import sys
 from pkgutil import resolve_name
 
 import pytest
+from isacbench.bench.suites.kind import Kind, Tables
+from isacbench.report.tables.run_tables import Grid
+from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import Execution, run_suite
-from isacbench.bench.store.run import Run
 from isacbench.bench.statistics import summarise
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.suites.kind import Kind, Tables
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS, load_suite
 from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures.run_figures import draw_run
-from isacbench.report.tables.run_tables import Grid
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 KEY = ["scenario", "estimator", "params"]
 

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.kinds import lone_targets
 from isacbench.bench.kinds.population import (
     ALL,
     PopulationSuite,
@@ -14,7 +15,6 @@ from isacbench.bench.kinds.population import (
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.statistics import mean_band, median_interval
-from isacbench.bench.studies import lone_targets
 from isacbench.model.scenes.scenario import load_scenario
 
 

@@ -6,14 +6,14 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.population import PopulationSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.job import load_job
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.manifest import describe_run, read_manifest, restore_plan
 from isacbench.bench.store.run import Run
-from isacbench.bench.kinds.detection import DetectionSuite
-from isacbench.bench.kinds.population import PopulationSuite
-from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import entries

@@ -9,15 +9,16 @@ from isacbench.bench.cells import scored_images
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
 from isacbench.bench.cells.scored_images import image_reference
 from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.run import Run, load_run
-from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.scoring import Metrics, score
 from tests.conftest import hide_estimators
 from tests.score_tables import METRICS
@@ -83,7 +84,7 @@ def test_rows_are_means_over_the_realisations_with_their_spreads(first, close):
         reference = isacbench.get_estimator(name, **params)
         clouds = reference.realisations(scenario, scenario.truth)
         expected = pd.DataFrame([score(scenario.truth, cloud, **given) for cloud in clouds])
-        rows = first[(first["estimator"] == name) & (first["params"].str.contains("cell") == bool(params))]
+        rows = first[(first["estimator"] == name) & (first["params"] == canonical_params(reference))]
         # Every SNR and trial has the same scores.
         assert len(rows) == 4
         scores = ["n_stored", *METRICS["paper"], *SPREAD_COLUMNS.values()]
@@ -150,7 +151,8 @@ def test_the_stored_cloud_is_that_of_the_estimate_and_processes_give_the_same_ro
     observation = isacbench.observe(scenario, 0.0)
     oracle, chance = isacbench.get_estimator("oracle"), isacbench.get_estimator("chance")
     for reference in (oracle, chance):
-        cloud = stored.cloud(estimator=reference.name, params="{}", snr_db=0.0, trial=1)
+        params = canonical_params(reference)
+        cloud = stored.cloud(estimator=reference.name, params=params, snr_db=0.0, trial=1)
         expected = reference.estimate(observation, scenario.truth)
         np.testing.assert_array_equal(cloud.to_array(), expected.to_array())
     from_csv = pd.read_csv(tmp_path / "run" / "results.csv")

@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
+from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.run.rescoring import Change, rescore
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.manifest import read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
@@ -149,7 +149,7 @@ def test_draws_that_are_not_kept_are_drawn_again_and_refused_if_they_would_be_ot
     (drawn / "draws.parquet").unlink()
     assert rescore(drawn).n_changed == 0
     assert {**before, **tables(drawn)} == before
-    monkeypatch.setattr("isacbench.bench.studies.efficiency_study.MARGIN_CELLS", 0.75)
+    monkeypatch.setattr("isacbench.bench.kinds.efficiency.MARGIN_CELLS", 0.75)
     (drawn / "draws.parquet").unlink(missing_ok=True)
     with pytest.raises(
         InputError, match="room, trial 0 are not stored, and this isacbench would draw others"
@@ -158,7 +158,7 @@ def test_draws_that_are_not_kept_are_drawn_again_and_refused_if_they_would_be_ot
 
 
 def test_kept_draws_count_even_if_they_would_be_drawn_otherwise_now(drawn, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.studies.efficiency_study.MARGIN_CELLS", 0.75)
+    monkeypatch.setattr("isacbench.bench.kinds.efficiency.MARGIN_CELLS", 0.75)
     assert rescore(drawn).n_changed == 0
 
 

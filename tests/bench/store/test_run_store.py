@@ -1,5 +1,4 @@
 import json
-import math
 import os
 import shutil
 
@@ -9,11 +8,11 @@ import pytest
 
 import isacbench
 from isacbench import load_run
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import default_folder, open_folder, replacing
-from isacbench.bench.kinds.detection import DetectionSuite
-from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo
@@ -52,16 +51,11 @@ def test_a_run_is_read_back_as_it_was_written(written):
     np.testing.assert_allclose(table["deviation"], results.rows["deviation"], rtol=1e-12)
 
 
-def test_a_run_from_before_a_column_was_added_is_read_with_what_stands_for_before(written, monkeypatch):
+def test_a_run_without_a_column_is_refused(written):
     results, folder = written
-    older = results.rows.drop(columns="recall")
-    older.to_parquet(folder / "results.parquet", index=False)
+    results.rows.drop(columns="recall").to_parquet(folder / "results.parquet", index=False)
     with pytest.raises(InputError, match="no column recall"):
         Run.open(folder)
-    monkeypatch.setattr("isacbench.bench.cells.record.ADDED", {"recall": math.nan})
-    records = Run.open(folder).rows
-    assert records["recall"].isna().all()
-    pd.testing.assert_frame_equal(records[older.columns], older)
 
 
 def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugins, room_file, tmp_path):

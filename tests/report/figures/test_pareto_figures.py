@@ -1,12 +1,12 @@
 import numpy as np
 import pandas as pd
+from isacbench.bench.store.run_store import read_results
 from isacbench.report.figures.pareto_figures import DOMINATED_ALPHA, draw_pareto, draw_stages, shown_snrs
 from matplotlib.colors import same_color
 from matplotlib.text import Text
 
 from isacbench.bench.run.runner import run
 from isacbench.bench.run_times import summarise_points
-from isacbench.bench.store.run_store import read_results
 from isacbench.bench.suites.suite import Suite
 from isacbench.report.drawing.style import new_figure, styled
 from isacbench.report.figures import run_figures

@@ -10,8 +10,8 @@ import pytest
 from matplotlib.image import imread
 
 from isacbench.bench.compare.comparison import compare
-from isacbench.bench.store.run import Run, load_run
 from isacbench.bench.kinds.scores import average_scenarios, summarise_scores
+from isacbench.bench.store.run import Run, load_run
 from isacbench.metrics.geometry import CloudPair
 from isacbench.report.html.written_pages import (
     write_comparison_page,
