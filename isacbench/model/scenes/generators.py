@@ -24,7 +24,7 @@ from isacbench.model.scenes.placement import MOST_TRIES, Draws, Ground
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from isacbench.model.scenes.scene_families import (
+    from isacbench.model.scenes.family_parameters import (
         CrowdParameters,
         DensityParameters,
         FamilyParameters,
