@@ -42,13 +42,8 @@ class EstimatorSubject(PluginSubject):
 
         Parameters
         ----------
-        shot : Shot
         plugin : Estimator, optional
             Estimator to ask instead of the one under check.
-
-        Returns
-        -------
-        Imaging
         """
         return Imaging(plugin or self.plugin, shot)
 

@@ -33,14 +33,11 @@ class Family:
 
     Attributes
     ----------
-    name : str
     version : int
         Counted up when a seed gives other scenes than before.
-    description : str
     draw : str
         Function from `FamilyParameters` and a key of its uniforms to the content of a scenario
         file, as ``module:function``.
-    parameters : type of FamilyParameters
     """
 
     name: str
@@ -107,13 +104,7 @@ FAMILIES: dict[str, Family] = {
 
 @dataclass(frozen=True)
 class FamilySpec:
-    """A scene of a family.
-
-    Attributes
-    ----------
-    family : Family
-    parameters : FamilyParameters
-    """
+    """A scene of a family."""
 
     family: Family
     parameters: FamilyParameters
@@ -128,10 +119,6 @@ class FamilySpec:
 
     def table(self) -> dict[str, Any]:
         """Content of a scenario file.
-
-        Returns
-        -------
-        dict
 
         Raises
         ------
@@ -153,34 +140,16 @@ USES = {0: "developing", 500: "validating", 1000: "reporting"}
 def use_of_seed(seed: int) -> str:
     """Tell what the scenes of a seed are for.
 
-    Parameters
-    ----------
-    seed : int
-
     Returns
     -------
     {"", "developing", "validating", "reporting"}
         Empty for a negative number, which is no seed.
-
-    Examples
-    --------
-    >>> use_of_seed(499), use_of_seed(500), use_of_seed(1000)
-    ('developing', 'validating', 'reporting')
     """
     return next((use for first, use in reversed(USES.items()) if seed >= first), "")
 
 
 def is_family_spec(name_or_path: str | Path) -> bool:
-    """Tell whether a scenario is spelled as one of a family: with brackets, and not as a TOML file.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a scenario is spelled as one of a family: with brackets, and not as a TOML file."""
     return "[" in str(name_or_path) and Path(name_or_path).suffix != ".toml"
 
 
@@ -191,10 +160,6 @@ def scenario_file(name_or_path: str | Path) -> Path:
     ----------
     name_or_path : str or Path
         Built-in name, or path.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------
@@ -225,11 +190,6 @@ def scenario_variants(name_or_path: str) -> list[str]:
     ------
     InputError
         If there is no such name, file, family or parameter.
-
-    Examples
-    --------
-    >>> scenario_variants("town[seed=3:4]")
-    ['town[seed=3]', 'town[seed=4]']
     """
     if not is_family_spec(name_or_path):
         scenario_file(name_or_path)
@@ -279,11 +239,6 @@ def family_specs(text: str) -> list[FamilySpec]:
     ------
     InputError
         If the text is broken, or the family, a parameter or its value does not exist.
-
-    Examples
-    --------
-    >>> [spec.name for spec in family_specs("town[density=high,seed=0:1]")]
-    ['town[seed=0,density=high]', 'town[seed=1,density=high]']
     """
     found: dict[str, FamilySpec] = {}
     for variant in spec_variants(text):
