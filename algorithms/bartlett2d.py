@@ -71,16 +71,7 @@ class Bartlett2d(AngularSpectrumEstimator):
     largest_direction_error: float | None = None
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
@@ -97,12 +88,7 @@ class Bartlett2d(AngularSpectrumEstimator):
 
         Parameters
         ----------
-        cells : CellSnapshots
         u, w : ndarray of float64, shapes (g,) and (h,)
             Direction cosines of the samples.
-
-        Returns
-        -------
-        AngularSpectrum
         """
         return bartlett_spectrum(cells.own, u, w)

@@ -69,13 +69,6 @@ class Capon2d(AngularSpectrumEstimator):
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> cloud = Capon2d().estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 60 < len(cloud) < 466
-    True
     """
 
     name: ClassVar[str] = "capon2d"
@@ -91,16 +84,7 @@ class Capon2d(AngularSpectrumEstimator):
         require(abs(self.loading_db) <= 200, "loading_db", self.loading_db, "-200 to 200")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
@@ -117,13 +101,8 @@ class Capon2d(AngularSpectrumEstimator):
 
         Parameters
         ----------
-        cells : CellSnapshots
         u, w : ndarray of float64, shapes (g,) and (h,)
             Direction cosines of the samples.
-
-        Returns
-        -------
-        AngularSpectrum
         """
         snapshots = cells.own
         subarray = subarray_shape(snapshots.shape[1:], self.subarray_fraction)

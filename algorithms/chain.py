@@ -128,7 +128,6 @@ class Detected(NamedTuple):
     ----------
     cells : DetectedCells
         Their bins, the power map and its test.
-    levels : Levels
     """
 
     cells: DetectedCells
@@ -174,7 +173,6 @@ class CellSnapshots:
         Map after the tapers of the reading.
     snapshots : ndarray of complex, shape (n, s, *elements)
         Samples of each cell and its neighbours in range, the cell in the middle.
-    levels : Levels
     """
 
     reading: Reading
@@ -200,13 +198,8 @@ def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
 
     Parameters
     ----------
-    observation : Observation
     estimator : MapEstimator
         Its `aperture` and `dtype_in` are used.
-
-    Returns
-    -------
-    ReadMap
     """
     with stage("rdm"):
         aperture = estimator.aperture(observation)
@@ -230,14 +223,9 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
 
     Parameters
     ----------
-    rdm : ReadMap
     estimator : MapEstimator
         Its `detection_window`, `cell_detector`, `integration`,
         `m_of_n`, `dynamic_range_db` and `angle_pfa` are used.
-
-    Returns
-    -------
-    Detected
     """
     with stage("detection"):
         gated, window = rdm.detection, estimator.detection_window
@@ -258,12 +246,6 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
 
 def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapshots:
     """Read the snapshots of detected cells.
-
-    Parameters
-    ----------
-    rdm : ReadMap
-    detected : Detected
-    reading : Reading
 
     Returns
     -------
@@ -310,7 +292,6 @@ def determined(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstim
 
     Parameters
     ----------
-    cells : CellSnapshots
     waves : PlaneWaves
         Of the same cells.
     estimator : CellwiseEstimator
@@ -333,16 +314,11 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
 
     Parameters
     ----------
-    cells : CellSnapshots
     waves : PlaneWaves
         Of the same cells.
     estimator : CellwiseEstimator
         Its `local_dynamic_range_db` is used: plane waves further below the
         strongest one of the 5 x 5 cells around them are left out.
-
-    Returns
-    -------
-    ScatterersInCells
     """
     with stage("peaks"):
         reading, tapered = cells.reading, cells.tapered
@@ -366,11 +342,6 @@ def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
 
 def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
     """Turn range, Doppler and direction cosines into points, and powers into those of the scene.
-
-    Parameters
-    ----------
-    rdm : ReadMap
-    found : LocatedScatterers
 
     Returns
     -------
@@ -473,16 +444,7 @@ class MapEstimator(ABC):
         return Needs("plane", "noncoherent", "detected")
 
     def aperture(self, observation: Observation) -> Aperture:
-        """Elements that the estimator reads of an observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        Aperture
-        """
+        """Elements that the estimator reads of an observation."""
         return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
 
     def dtype_in(self, stage: PrecisionStage) -> type[np.complexfloating[Any, Any]]:
@@ -507,29 +469,11 @@ class MapEstimator(ABC):
 
     @abstractmethod
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation by calling the stages in order.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation by calling the stages in order."""
 
     @one_blas_thread()
     def diagnose(self, observation: Observation) -> Diagnosis:
-        """Show the range-Doppler map and its test.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        Diagnosis
-        """
+        """Show the range-Doppler map and its test."""
         rdm = read_map(observation, self)
         found, levels = detect(rdm, self)
         strongest = found.strongest()
@@ -617,16 +561,7 @@ class CellwiseEstimator(MapEstimator):
             require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
 
     def own_cell_test(self, located: ScatterersInCells) -> ScatterersInCells:
-        """Keep the scatterers that are not much stronger in a neighbouring cell than in their own.
-
-        Parameters
-        ----------
-        located : ScatterersInCells
-
-        Returns
-        -------
-        ScatterersInCells
-        """
+        """Keep the scatterers that are not much stronger in a neighbouring cell than in their own."""
         with stage("peaks"):
             return located.at_home(self.range_excess, self.doppler_excess)
 
@@ -638,10 +573,8 @@ class CellwiseEstimator(MapEstimator):
 
         Parameters
         ----------
-        located : ScatterersInCells
         rdm : ReadMap
             The map of their cells.
-        levels : Levels
 
         Returns
         -------
@@ -664,11 +597,6 @@ class CellwiseEstimator(MapEstimator):
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find the plane waves of each cell.
 
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
         Returns
         -------
         PlaneWaves
@@ -680,17 +608,7 @@ class CellwiseEstimator(MapEstimator):
         """
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Angular spectra of the first cell, with their tests and peaks, for `diagnose`; none by default.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        tuple of Spectrum
-        """
+        """Angular spectra of the first cell, with their tests and peaks, for `diagnose`; none by default."""
         return ()
 
     def _spectra_of(self, rdm: ReadMap, strongest: Detected) -> tuple[Spectrum, ...]:

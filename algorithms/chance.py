@@ -39,7 +39,6 @@ class Chance(Reference):
         ----------
         radio : Radio
             Scenario or observation.
-        truth : PointCloud
 
         Returns
         -------
@@ -78,7 +77,6 @@ class Empty(Reference):
         ----------
         radio : Radio
             Scenario or observation.
-        truth : PointCloud
 
         Returns
         -------

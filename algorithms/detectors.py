@@ -281,14 +281,6 @@ class GocaCfar(_HalvedCfar):
     References
     ----------
     V. G. Hansen, J. H. Sawyers, IEEE Trans. AES 16(1), 1980.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> power = np.ones((20, 20))
-    >>> power[4, 7] = 30.0
-    >>> np.argwhere(GocaCfar().detect(power).mask).tolist()
-    [[4, 7]]
     """
 
     name: ClassVar[str] = "goca"
@@ -323,14 +315,6 @@ class SocaCfar(_HalvedCfar):
     References
     ----------
     G. V. Trunk, IEEE Trans. AES 14(5), 1978.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> power = np.ones((20, 20))
-    >>> power[4, 7] = 30.0
-    >>> np.argwhere(SocaCfar().detect(power).mask).tolist()
-    [[4, 7]]
     """
 
     name: ClassVar[str] = "soca"
@@ -365,14 +349,6 @@ class TmCfar(_Cfar):
     References
     ----------
     P. P. Gandhi, S. A. Kassam, IEEE Trans. AES 24(4), 1988.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> power = np.ones((20, 20))
-    >>> power[4, 7] = 30.0
-    >>> np.argwhere(TmCfar().detect(power).mask).tolist()
-    [[4, 7]]
     """
 
     name: ClassVar[str] = "tm"
@@ -430,14 +406,6 @@ class OsCfar(_Cfar):
     References
     ----------
     H. Rohling, IEEE Trans. AES 19(4), 1983.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> power = np.ones((20, 20))
-    >>> power[4, 7] = 30.0
-    >>> np.argwhere(OsCfar().detect(power).mask).tolist()
-    [[4, 7]]
     """
 
     name: ClassVar[str] = "os"
@@ -623,14 +591,6 @@ class FixedThreshold:
     -----
     A cell above the ⌊n/2⌋-th smallest of n cells does not change it, so that it
     is the same order statistic of the n - 1 other cells, as of `OsCfar`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> power = np.ones((20, 20))
-    >>> power[4, 7] = 30.0
-    >>> np.argwhere(FixedThreshold().detect(power).mask).tolist()
-    [[4, 7]]
     """
 
     name: ClassVar[str] = "fixed"
@@ -651,10 +611,6 @@ class FixedThreshold:
             Independent noise powers that each cell averages.
         cells : tuple of ndarray of int, optional
             Cells to test, as `numpy.nonzero` gives them; default: all cells.
-
-        Returns
-        -------
-        Detection
 
         Raises
         ------

@@ -68,13 +68,6 @@ class Esprit2d(JointSubspaceEstimator):
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> cloud = Esprit2d(polish=0).estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 80 < len(cloud) < 466
-    True
     """
 
     name: ClassVar[str] = "esprit2d"
@@ -84,16 +77,7 @@ class Esprit2d(JointSubspaceEstimator):
     subarray_fraction: float = 0.625
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         if not detected.cells.bins[0].size:
@@ -109,17 +93,7 @@ class Esprit2d(JointSubspaceEstimator):
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Find the directions of all cells, those of one order together.
-
-        Parameters
-        ----------
-        observation : Observation
-        subspaces : Subspaces
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Find the directions of all cells, those of one order together."""
         basis, order = subspaces[0], subspaces[1].copy()
         u, w = np.zeros((2, len(basis), basis.shape[3]))
         # From above, so that a cell that is unreliable joins those of the order below.
@@ -131,17 +105,7 @@ class Esprit2d(JointSubspaceEstimator):
         return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Find the directions of the most sources that all lie in the region: ghosts of a crowd often do not.
-
-        Parameters
-        ----------
-        observation : Observation
-        subspaces : Subspaces
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Find directions of the most sources that all lie in the region: ghosts of crowds often do not."""
         basis, order = subspaces
         waves = self.directions(observation, subspaces)
         while np.any(outside := (order > 1) & np.any(waves.found & ~_inside(waves, observation), axis=1)):

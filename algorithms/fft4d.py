@@ -121,16 +121,7 @@ class Fft4d(CellwiseEstimator):
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = chain.read_map(observation, self)  # FFT over subcarriers and symbols
         detected = chain.detect(rdm, self)  # OSCA-CFAR
         cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
@@ -144,11 +135,6 @@ class Fft4d(CellwiseEstimator):
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find local maxima of the angular power spectra inside the directions of the region.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
 
         Returns
         -------
@@ -174,15 +160,6 @@ class Fft4d(CellwiseEstimator):
         """Cut the first cell's angular spectrum through its maximum along u and along w, in dB below it.
 
         Of a row and a column, the spectrum of each.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        tuple of Spectrum
         """
         aperture = self.aperture(observation)
         if isinstance(aperture, Cross):

@@ -72,13 +72,6 @@ class Iaa2d(AngularSpectrumEstimator):
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> cloud = Iaa2d().estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 60 < len(cloud) < 466
-    True
     """
 
     name: ClassVar[str] = "iaa2d"
@@ -94,16 +87,7 @@ class Iaa2d(AngularSpectrumEstimator):
             require(getattr(self, name) >= least, name, getattr(self, name), f"{least} and more")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
@@ -116,17 +100,7 @@ class Iaa2d(AngularSpectrumEstimator):
         return self.to_cloud(rdm, found)
 
     def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
-        """Refine the directions of each cell by maximum likelihood, and drop those as weak as noise.
-
-        Parameters
-        ----------
-        cells : CellSnapshots
-        waves : PlaneWaves
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Refine the directions of each cell by maximum likelihood, and drop those as weak as noise."""
         if not self.polish:
             return waves
         with stage("refinement"):
@@ -138,12 +112,7 @@ class Iaa2d(AngularSpectrumEstimator):
 
         Parameters
         ----------
-        cells : CellSnapshots
         u, w : ndarray of float64, shapes (g,) and (h,)
             Direction cosines of the samples.
-
-        Returns
-        -------
-        AngularSpectrum
         """
         return iaa_spectrum(cells.own, cells.levels.floor, self.iterations, u, w)

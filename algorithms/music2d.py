@@ -128,10 +128,6 @@ class MusicSpectra(NamedTuple):
         Parameters
         ----------
         label : {"u", "w"}
-
-        Returns
-        -------
-        Spectrum
         """
         return Spectrum(
             self.cosine,
@@ -221,16 +217,7 @@ class Music2d(CellwiseEstimator):
         require(0 < self.product_pfa < 1, "product_pfa", self.product_pfa, "above 0, below 1")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = chain.read_map(observation, self)  # 2D-FFT
         detected = chain.detect(rdm, self)  # OSCA-CFAR
         cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
@@ -244,11 +231,6 @@ class Music2d(CellwiseEstimator):
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Pair the peaks of the row and the column spectra by the joint response of the array.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
 
         Returns
         -------
@@ -309,17 +291,7 @@ class Music2d(CellwiseEstimator):
         return PlaneWaves(u, w, np.take_along_axis(height, highest, axis=1) > 0)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """MUSIC spectra of the first cell over u and over w.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        tuple of Spectrum
-        """
+        """MUSIC spectra of the first cell over u and over w."""
         u_limits, w_limits = observation.cosine_limits
         columns, rows = self.aperture(observation).lines(
             cells.own.astype(self.dtype_in("subspace"), copy=False)
@@ -365,10 +337,6 @@ class Music2d(CellwiseEstimator):
             From `line_subspaces`.
         limits : (float, float)
             Direction cosines that the region spans.
-
-        Returns
-        -------
-        Peaks
         """
         if self.search == "grid":
             return self.line_music(vectors, order, limits).peaks
@@ -382,10 +350,6 @@ class Music2d(CellwiseEstimator):
         ----------
         vectors, order, limits
             As for `line_directions`.
-
-        Returns
-        -------
-        MusicSpectra
         """
         n_subarray = vectors.shape[1]
         cosine = cosine_samples(limits, (limits[1] - limits[0]) / (self.grid_points - 1))

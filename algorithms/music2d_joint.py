@@ -86,13 +86,6 @@ class Music2dJoint(JointSubspaceEstimator):
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> cloud = Music2dJoint().estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 80 < len(cloud) < 466
-    True
     """
 
     name: ClassVar[str] = "music2d_joint"
@@ -104,16 +97,7 @@ class Music2dJoint(JointSubspaceEstimator):
         require(self.samples_per_lobe >= 4, "samples_per_lobe", self.samples_per_lobe, "4 and more")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         if not detected.cells.bins[0].size:
@@ -129,50 +113,20 @@ class Music2dJoint(JointSubspaceEstimator):
         return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Find the nulls of the joint spectra, split in cells with fewer nulls than sources.
-
-        Parameters
-        ----------
-        observation : Observation
-        subspaces : Subspaces
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Find the nulls of the joint spectra, split in cells with fewer nulls than sources."""
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         n_p, n_q = observation.array.shape
         return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
 
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Find the nulls of the joint spectra, none of them split.
-
-        Parameters
-        ----------
-        observation : Observation
-        subspaces : Subspaces
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Find the nulls of the joint spectra, none of them split."""
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
         return PlaneWaves(nulls.u, nulls.w, nulls.found)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        tuple of Spectrum
-        """
+        """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction."""
         basis, order = self.subspaces(cells.snapshots, cells.levels.white)
         n_sensors = basis.shape[1] * basis.shape[2]
         grid = self._grid(observation, basis.shape[1:3])

@@ -147,7 +147,6 @@ class Pursuit:
 
     Attributes
     ----------
-    observation : Observation
     space : BeamSpace
         Beams of its map.
     unit : float
@@ -197,12 +196,7 @@ class Pursuit:
             self.origins = np.where(calm[:, None], self.places, self.origins)
 
     def make(self, moves: _Moves) -> None:
-        """Add the new atoms, and replace those that are split by two.
-
-        Parameters
-        ----------
-        moves : _Moves
-        """
+        """Add the new atoms, and replace those that are split by two."""
         parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.added]
         self.places, self.origins = (
             np.concatenate([np.delete(old, moves.split, axis=0), *parts])
@@ -290,13 +284,6 @@ class Nomp4d:
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> cloud = Nomp4d(max_rounds=2).estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 10 < len(cloud) < 466
-    True
     """
 
     name: ClassVar[str] = "nomp4d"
@@ -317,24 +304,11 @@ class Nomp4d:
 
     @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         return self.pursue(observation).to_cloud()
 
     def pursue(self, observation: Observation) -> Pursuit:
         """Explain one observation by atoms.
-
-        Parameters
-        ----------
-        observation : Observation
 
         Returns
         -------
@@ -451,16 +425,10 @@ def atoms_as_cloud(observation: Observation, atom_map: AtomMap, fit: AtomFit, un
 
     Parameters
     ----------
-    observation : Observation
     atom_map : AtomMap
         Of the observation.
-    fit : AtomFit
     unit : float
         Amplitude in the observation that is 1 in the map.
-
-    Returns
-    -------
-    PointCloud
     """
     range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
     gain = prod(observation.array.shape) * observation.system.processing_gain

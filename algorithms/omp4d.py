@@ -79,13 +79,6 @@ class Omp4d(MapEstimator):
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> cloud = Omp4d(max_scatterers=50).estimate(observe(load_scenario("street"), snr_db=10))
-    >>> 20 < len(cloud) <= 50
-    True
     """
 
     name: ClassVar[str] = "omp4d"
@@ -108,16 +101,7 @@ class Omp4d(MapEstimator):
         return replace(super().needs, cells="gate")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         if not detected.cells.bins[0].size:
@@ -130,18 +114,7 @@ class Omp4d(MapEstimator):
         return self.to_cloud(rdm, found)
 
     def grid(self, observation: Observation, detected: Detected, atom_map: AtomMap) -> PlaceGrid:
-        """Grid of the detected cells and of the directions that the region spans.
-
-        Parameters
-        ----------
-        observation : Observation
-        detected : Detected
-        atom_map : AtomMap
-
-        Returns
-        -------
-        PlaceGrid
-        """
+        """Grid of the detected cells and of the directions that the region spans."""
         step = 1 / self.samples_per_cell
         u, w = (
             _cosine_cells(limits, size, step)
@@ -152,12 +125,6 @@ class Omp4d(MapEstimator):
 
     def pursue(self, atom_map: AtomMap, grid: PlaceGrid, levels: Levels) -> Floats:
         """Explain the map by atoms that exceed the highest output of noise.
-
-        Parameters
-        ----------
-        atom_map : AtomMap
-        grid : PlaceGrid
-        levels : Levels
 
         Returns
         -------
@@ -177,13 +144,8 @@ class Omp4d(MapEstimator):
 
         Parameters
         ----------
-        atom_map : AtomMap
         places : ndarray of float64, shape (k, 4)
             From `pursue`.
-
-        Returns
-        -------
-        LocatedScatterers
         """
         if not len(places):
             return LocatedScatterers.empty()

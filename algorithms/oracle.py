@@ -77,7 +77,6 @@ class Oracle(Reference):
         ----------
         radio : Radio
             Scenario or observation.
-        truth : PointCloud
 
         Returns
         -------

@@ -84,14 +84,10 @@ class _Scene:
 
     Attributes
     ----------
-    observation : Observation
-    atom_map : AtomMap
     unit : float
         Amplitude in the observation that is 1 in the map.
     noise : float
         Noise power of an element.
-    reach : Reach
-    grid : DirectionGrid
     """
 
     observation: Observation
@@ -120,14 +116,6 @@ class Sbl4d:
     ------
     InputError
         If a parameter is out of range.
-
-    Examples
-    --------
-    >>> from isacbench import load_scenario, observe
-    >>> scene = load_scenario("sparse[seed=1]")
-    >>> cloud = Sbl4d().estimate(observe(scene, snr_db=10))
-    >>> len(scene.truth), 15 < len(cloud) < 25
-    (18, True)
     """
 
     name: ClassVar[str] = "sbl4d"
@@ -142,16 +130,7 @@ class Sbl4d:
 
     @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
         if self.lone_scatterers:
             pursuit = Nomp4d(max_scatterers=self.lone_scatterers).pursue(observation)
             if pursuit.explains_all:

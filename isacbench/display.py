@@ -67,15 +67,6 @@ def _wrapped(text: str, width: int) -> list[str]:
 def span(values: ArrayLike, unit: str = "") -> str:
     """Write the smallest and the largest of some numbers, with those that are not finite counted.
 
-    Parameters
-    ----------
-    values : array_like
-    unit : str
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> span([3.0, 1.25, float("nan")], "m")
@@ -98,22 +89,7 @@ def span(values: ArrayLike, unit: str = "") -> str:
 
 
 def array_brief(array: np.ndarray[Any, Any]) -> str:
-    """Write the type and the shape of an array.
-
-    Parameters
-    ----------
-    array : ndarray
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> array_brief(np.zeros((3, 4)))
-    'float64 (3, 4)'
-    """
+    """Write the type and the shape of an array."""
     return f"{array.dtype} {array.shape}"
 
 
@@ -121,25 +97,6 @@ def brief(instance: Any) -> str:
     """Write a dataclass with the types and shapes of its arrays and tables instead of their values.
 
     To be assigned to ``__repr__`` in the body of a dataclass.
-
-    Parameters
-    ----------
-    instance : dataclass
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> @dataclasses.dataclass
-    ... class Peak:
-    ...     places: np.ndarray
-    ...     name: str
-    ...     __repr__ = brief
-    >>> Peak(np.zeros((100, 2)), "a")
-    Peak(places=float64 (100, 2), name='a')
     """
     told = (
         f"{field.name}={_brief_value(getattr(instance, field.name))}"

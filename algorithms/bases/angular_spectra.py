@@ -58,11 +58,6 @@ class AngularSpectrumEstimator(CellwiseEstimator):
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find the peaks of the angular spectra.
 
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
         Returns
         -------
         PlaneWaves
@@ -77,32 +72,11 @@ class AngularSpectrumEstimator(CellwiseEstimator):
             return self.audible(observation, cells, waves)
 
     def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
-        """Place the peaks of a spectrum better; by default they stay.
-
-        Parameters
-        ----------
-        cells : CellSnapshots
-        waves : PlaneWaves
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Place the peaks of a spectrum better; by default they stay."""
         return waves
 
     def audible(self, observation: Observation, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
-        """Keep the plane waves that exceed the noise of their cell, each direction once.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-        waves : PlaneWaves
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Keep the plane waves that exceed the noise of their cell, each direction once."""
         apart = np.hypot(
             *(
                 n / 2 * within_period(line[:, :, None] - line[:, None])
@@ -120,21 +94,12 @@ class AngularSpectrumEstimator(CellwiseEstimator):
 
         Parameters
         ----------
-        cells : CellSnapshots
         u, w : ndarray of float64, shapes (g,) and (h,)
             Direction cosines of the samples.
-
-        Returns
-        -------
-        AngularSpectrum
         """
 
     def grid(self, observation: Observation) -> tuple[Floats, Floats]:
         """Sample the directions that the region spans, and one sample beyond to either side.
-
-        Parameters
-        ----------
-        observation : Observation
 
         Returns
         -------
@@ -147,17 +112,7 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         return u, w
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cut the first cell's spectrum through its maximum along u and along w, in dB below it.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        tuple of Spectrum
-        """
+        """Cut the first cell's spectrum through its maximum along u and along w, in dB below it."""
         found = self.angular_spectrum(cells, *self.grid(observation))
         waves = self.plane_waves(observation, cells)
         power = found.power[0]
@@ -183,10 +138,6 @@ def spectrum_cut(
     places : ndarray of float64, shape (k,)
         Direction cosines that are taken for echoes.
     label : {"u", "w"}
-
-    Returns
-    -------
-    Spectrum
     """
 
     def below_db(level: Floats) -> Floats:

@@ -135,11 +135,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find directions down to the noise in a reading of resolved cells, and those of crowds in others.
 
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
         Returns
         -------
         PlaneWaves
@@ -162,11 +157,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
     def resolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find directions in cells whose sources can be told apart, by maximum likelihood in the end.
 
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
         Returns
         -------
         PlaneWaves
@@ -186,17 +176,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return replace(waves, resolved=resolved)
 
     def crowd_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find directions in cells that may hold more sources than can be told apart.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Find directions in cells that may hold more sources than can be told apart."""
         with stage("subspace"):
             subspaces = self.subspaces(cells.snapshots, cells.levels.floor)
         waves = self.crowd_directions(observation, subspaces)
@@ -212,8 +192,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
 
         Parameters
         ----------
-        rdm : ReadMap
-        levels : Levels
         seen : sequence of LocatedScatterers
             Candidates of each reading. Those of a later reading join if the
             scatterers selected before leave them unexplained.
@@ -245,11 +223,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find as many directions in each subspace as it has dimensions, or fewer.
 
-        Parameters
-        ----------
-        observation : Observation
-        subspaces : Subspaces
-
         Returns
         -------
         PlaneWaves
@@ -260,11 +233,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
     def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find directions in subspaces that hold more sources than dimensions; those are never split.
 
-        Parameters
-        ----------
-        observation : Observation
-        subspaces : Subspaces
-
         Returns
         -------
         PlaneWaves
@@ -272,17 +240,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
-        """Cut the array's power along u and along w through the strongest plane wave, in dB below it.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        tuple of Spectrum
-        """
+        """Cut the array's power along u and along w through the strongest plane wave, in dB below it."""
         waves = self.all_waves(observation, cells)
         snapshot = cells.own
         power = np.abs(waves.amplitudes(snapshot[None], self.aperture(observation))[0, 0])
@@ -303,17 +261,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         )
 
     def all_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find plane waves of any power, which a diagnosis shows.
-
-        Parameters
-        ----------
-        observation : Observation
-        cells : CellSnapshots
-
-        Returns
-        -------
-        PlaneWaves
-        """
+        """Find plane waves of any power, which a diagnosis shows."""
         return self.plane_waves(observation, replace(cells, levels=cells.levels._replace(min_power=0.0)))
 
     def subspaces(self, snapshots: Complex, noise: float) -> Subspaces:
@@ -324,10 +272,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
         snapshots : ndarray of complex, shape (n, s, P, Q)
         noise : float
             Power per element.
-
-        Returns
-        -------
-        Subspaces
         """
         shape = snapshots.shape[2], snapshots.shape[3]
         subarray = self.subarray(shape)

@@ -34,11 +34,6 @@ class Reference(ABC):
         ----------
         radio : Radio
             Scenario or observation.
-        truth : PointCloud
-
-        Returns
-        -------
-        list of PointCloud
         """
 
     @one_blas_thread()
@@ -49,11 +44,6 @@ class Reference(ABC):
         ----------
         observation : Observation
             Only its system, array, frame, base station and region are used.
-        truth : PointCloud
-
-        Returns
-        -------
-        PointCloud
 
         Raises
         ------

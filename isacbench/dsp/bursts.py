@@ -47,7 +47,6 @@ class SymbolBursts:
         First symbol of the first burst.
     length : int
         Symbols of a burst.
-    n_bursts : int
     spacing : int
         Symbols from the start of a burst to that of the next.
     """
@@ -222,16 +221,7 @@ class SymbolBursts:
 
 
 def whole_frame(n_symbols: int) -> SymbolBursts:
-    """All symbols of a frame as one burst.
-
-    Parameters
-    ----------
-    n_symbols : int
-
-    Returns
-    -------
-    SymbolBursts
-    """
+    """All symbols of a frame as one burst."""
     return SymbolBursts(n_symbols, 0, n_symbols)
 
 
@@ -241,24 +231,13 @@ def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
 
     Parameters
     ----------
-    system : System
     sensing : {"all", "prs"}
-
-    Returns
-    -------
-    SymbolBursts
 
     Raises
     ------
     InputError
         If `sensing` is neither, no symbol is sensed with, or bursts differ in
         length or spacing, which gives another kernel.
-
-    Examples
-    --------
-    >>> from isacbench.model.numerology import System
-    >>> symbol_bursts(System(), "prs")
-    SymbolBursts(n_symbols=224, first=1, length=12, n_bursts=4, spacing=56)
     """
     if sensing == "all":
         return whole_frame(system.n_symbols)

@@ -140,10 +140,6 @@ def _clear_bins(gate: Gate, sees_lobes: bool) -> tuple[int, Integers]:
 def white_noise(gated: GatedMap) -> float:
     """Measure the noise power of an untapered map, per cell and element.
 
-    Parameters
-    ----------
-    gated : GatedMap
-
     Returns
     -------
     float
@@ -243,7 +239,6 @@ class BinaryIntegration:
         ----------
         power : ndarray of float64, shape (n_range, n_doppler)
             Of no effect, as are `looks`.
-        looks : int
         cells : tuple of ndarray of int, optional
             Cells to test, as `numpy.nonzero` gives them; default: all cells.
 
@@ -272,8 +267,6 @@ def detect_cells(
 
     Parameters
     ----------
-    gated : GatedMap
-    detector : Detector
     integration : {"element", "noncoherent", "binary"}
     dynamic_range_db : float
         Range below the strongest cells in which echoes can be distinguished
@@ -281,10 +274,6 @@ def detect_cells(
     m_of_n : int, default 1
         Elements that must detect a cell, with `integration` "binary"; one of
         them must lie above the floor.
-
-    Returns
-    -------
-    DetectedCells
     """
     gate = gated.gate
     power, looks = power_map(gated.cells, integration)

@@ -78,8 +78,4 @@ class Detector(Protocol):
             Power map of any rank.
         looks : int, default 1
             Independent noise powers that each cell averages.
-
-        Returns
-        -------
-        Detection
         """

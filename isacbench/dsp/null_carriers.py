@@ -126,10 +126,6 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
     limits : (float, float)
         Lowest and highest range in bins of the band.
 
-    Returns
-    -------
-    NullCarriers
-
     References
     ----------
     Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory"
@@ -190,10 +186,6 @@ def used_band(used: NDArray[np.bool_]) -> slice:
     ----------
     used : ndarray of bool, shape (n_subcarriers,)
         One True at least.
-
-    Returns
-    -------
-    slice
     """
     first, last = np.flatnonzero(used)[[0, -1]].tolist()
     return slice(first, last + 1)

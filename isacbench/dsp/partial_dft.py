@@ -53,16 +53,10 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
     ----------
     bins : array_like of int, shape (r,)
         Range bins, of either sign.
-    n_subcarriers : int
 
     Returns
     -------
     ndarray of complex128, shape (r, n_subcarriers)
-
-    Examples
-    --------
-    >>> abs(range_rows([0, 1], 4) @ [1, -1j, -1, 1j]).round(12).tolist()
-    [0.0, 2.0]
     """
     return _rows(bins, n_subcarriers)
 
@@ -74,7 +68,6 @@ def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
     ----------
     bins : array_like of int, shape (d,)
         Doppler bins, positive when approaching.
-    n_symbols : int
 
     Returns
     -------
@@ -148,16 +141,6 @@ def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
     ----------
     bins : array_like of int, shape (d,)
         Doppler bins, positive when approaching.
-    n_symbols : int
-
-    Returns
-    -------
-    DopplerSums
-
-    Examples
-    --------
-    >>> doppler_sums([-2, -1, 0, 1, 2], 8).rows.shape
-    (6, 8)
     """
     index = checked_array("bins", bins, np.int64)
     distinct, absolute = np.unique(np.abs(index), return_inverse=True)
@@ -184,11 +167,6 @@ def range_method(
     {"partial", "fft"}
         A product with rows of the DFT matrix, 8 N operations a bin, or an FFT,
         5 N log2 N operations for all of them.
-
-    Examples
-    --------
-    >>> range_method(89, 2048), range_method(400, 2048)
-    ('partial', 'fft')
     """
     fft_cost = FFT_OPERATION_COST[lines] * 5 * np.log2(max(n_subcarriers, 2))
     return "partial" if 8 * n_bins <= fft_cost else "fft"

@@ -36,12 +36,6 @@ def range_doppler_map(grid: Complex) -> Complex:
     ndarray of complex, same shape and precision
         Range bins by Doppler bins; Doppler bin d < 0 stands at index
         n_symbols + d.
-
-    Examples
-    --------
-    >>> grid = np.ones((8, 4), dtype=complex)
-    >>> float(range_doppler_map(grid)[0, 0].real.round(12))
-    5.656854249492
     """
     ranges = scipy.fft.ifft(grid, axis=0, norm="ortho", workers=-1)
     return scipy.fft.fft(ranges, axis=1, norm="ortho", workers=-1, overwrite_x=True)
@@ -55,7 +49,6 @@ class GatedMap:
     ----------
     cells : ndarray of complex128 or complex64, shape (n_range, n_doppler, *elements)
         Elements (P, Q), or those of `elements`.
-    gate : Gate
     elements : Aperture, optional
         The elements that the cells hold; without it a plane.
     bursts : SymbolBursts, optional
@@ -79,7 +72,6 @@ class GatedMap:
 
         Parameters
         ----------
-        observation : Observation
         cells : ndarray of complex, shape (n_range, n_doppler, *elements)
             Its cells, in any unit.
         elements : Aperture, optional
@@ -120,10 +112,6 @@ class GatedMap:
         ----------
         n_symbols : int
             Symbols of the frame.
-
-        Returns
-        -------
-        SymbolBursts
         """
         return whole_frame(n_symbols) if self.bursts is None else self.bursts
 
@@ -168,10 +156,6 @@ class GatedMap:
         range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
         neighbours : int
             Bins that such an axis repeats from its other end, at either end.
-
-        Returns
-        -------
-        GatedMap
         """
         reaches = reach(range_window), reach(doppler_window)
         with stage("rdm"):
@@ -188,10 +172,6 @@ class GatedMap:
             Neighbours to either side that a taper mixes in, along range and Doppler.
         neighbours : int
             Bins to repeat beyond these.
-
-        Returns
-        -------
-        GatedMap
         """
         cells, added = self.cells, [0, 0]
         for axis, n_side in enumerate(reaches):

@@ -84,24 +84,11 @@ class LocatedScatterers:
         ----------
         keep : ndarray of bool or int64
             Mask or indices of the scatterers.
-
-        Returns
-        -------
-        LocatedScatterers
         """
         return LocatedScatterers(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def join(self, others: LocatedScatterers) -> LocatedScatterers:
-        """Append scatterers; their families get the next free numbers.
-
-        Parameters
-        ----------
-        others : LocatedScatterers
-
-        Returns
-        -------
-        LocatedScatterers
-        """
+        """Append scatterers; their families get the next free numbers."""
         n_families = self.family.max(initial=-1) + 1
         others = replace(others, family=np.where(others.family >= 0, others.family + n_families, -1))
         columns = ((getattr(part, field.name) for part in (self, others)) for field in fields(self))
@@ -152,10 +139,6 @@ class ScatterersInCells:
         ----------
         keep : ndarray of bool or int64
             Mask or indices of the scatterers.
-
-        Returns
-        -------
-        ScatterersInCells
         """
         return replace(
             self,
@@ -175,10 +158,6 @@ class ScatterersInCells:
             Largest amplitude of a plane wave in the next cell over that in its
             own, along range and along Doppler. 1 keeps local maxima only,
             which breaks up lines of scatterers.
-
-        Returns
-        -------
-        ScatterersInCells
         """
         nearer, own, farther = self.along_range.T
         slower, _, faster = self.along_doppler.T
@@ -202,7 +181,6 @@ class ScatterersInCells:
         least_left : float
             Least share of the amplitude that is left when what all stronger ones
             show there, with its phases, is subtracted.
-        system : System
 
         Returns
         -------
@@ -269,7 +247,6 @@ def locate_waves(
     ----------
     waves : PlaneWaves
         Of the n cells of `bins`.
-    tapered : GatedMap
     bins : (ndarray of int64, ndarray of int64)
         Absolute range and Doppler bin of each cell, shape (n,), none at the
         map's edge.
@@ -283,10 +260,6 @@ def locate_waves(
         waves between two movers, which have the direction of neither.
     min_power : float, default 0
         Power per element that a plane wave must exceed.
-
-    Returns
-    -------
-    ScatterersInCells
     """
     index = tapered.index(bins)
     amplitudes = waves.amplitudes(_surroundings(tapered, bins), tapered.aperture)
@@ -360,14 +333,6 @@ def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:
     Stronger scatterers decide first, so that a chain of neighbours is thinned
     out, not merged into one. A family is as strong as all its members together:
     where two cells have resolved the same scatterers, those of one cell are kept.
-
-    Parameters
-    ----------
-    scatterers : LocatedScatterers
-
-    Returns
-    -------
-    LocatedScatterers
     """
     # The tree takes circles from 0 on.
     u, w = (scatterers.u + 1) % PERIOD, (scatterers.w + 1) % PERIOD

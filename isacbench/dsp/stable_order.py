@@ -18,11 +18,6 @@ STEP_BITS = 8
 def rounded(values: Floats, digits: int) -> Floats:
     """Round values to decimal digits of their binary mantissa.
 
-    Parameters
-    ----------
-    values : ndarray of float64
-    digits : int
-
     Returns
     -------
     ndarray of float64, same shape

@@ -42,10 +42,6 @@ def reach(window: Window) -> int:
     Parameters
     ----------
     window : {"rect", "soft", "hamming", "hann", "blackman"}
-
-    Returns
-    -------
-    int
     """
     return len(COEFFICIENTS[window]) - 1
 
@@ -129,11 +125,6 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
     -------
     ndarray of float64, same shape
         Bins towards that neighbour, 0 to 1; 1/2 at equal amplitudes.
-
-    Examples
-    --------
-    >>> fractional_bin([0.5, 1.0, 2.0], "hann").round(3).tolist()
-    [0.0, 0.5, 1.0]
     """
     ratio = checked_array("ratio", ratio)
     shares, offsets = _share_table(window)
@@ -155,11 +146,6 @@ def bin_profile(offset: ArrayLike, window: Window) -> Complex:
     ndarray of complex128, shape (..., 3)
         In the bin before, in its own and in the bin behind, transform length
         taken as infinite.
-
-    Examples
-    --------
-    >>> np.abs(bin_profile(0.5, "rect")).round(3).tolist()
-    [0.212, 0.637, 0.637]
     """
     n_side = reach(window)
     bins = np.arange(-1 - n_side, 2 + n_side)

@@ -68,16 +68,6 @@ class StageClock:
         Time in s of each stage that occurred.
     total_s : float
         Time from entering to leaving, inside and outside of stages.
-
-    Examples
-    --------
-    >>> ticks = iter([0.0, 1.0, 2.0, 5.0, 6.0, 10.0])
-    >>> with StageClock(now=lambda: next(ticks)) as clock:
-    ...     with stage("peaks"):
-    ...         with stage("spectrum"):
-    ...             pass
-    >>> clock.seconds, clock.total_s
-    ({'peaks': 2.0, 'spectrum': 3.0}, 10.0)
     """
 
     def __init__(self, now: Callable[[], float] = time.process_time) -> None:
@@ -125,10 +115,6 @@ def stage(name: Stage) -> AbstractContextManager[None]:
     ----------
     name : {"rdm", "detection", "subspace", "spectrum", "peaks", "refinement"}
         See `Stage`.
-
-    Returns
-    -------
-    context manager
 
     Raises
     ------

@@ -40,16 +40,7 @@ class Pairs(NamedTuple):
     squared_m2: Floats
 
     def take(self, which: NDArray[np.bool_] | Indices) -> Pairs:
-        """Select pairs.
-
-        Parameters
-        ----------
-        which : ndarray of bool or int
-
-        Returns
-        -------
-        Pairs
-        """
+        """Select pairs."""
         return Pairs(self.i[which], self.j[which], self.squared_m2[which])
 
 
@@ -60,7 +51,6 @@ def near_pairs(first: cKDTree, second: cKDTree, radius_m: float, what: str) -> P
     ----------
     first, second : cKDTree
         Points of two clouds.
-    radius_m : float
     what : str
         The score, for the message.
 
@@ -135,10 +125,6 @@ def most_pairs(pairs: Pairs) -> int:
     ----------
     pairs : Pairs
         From which the matching is picked.
-
-    Returns
-    -------
-    int
     """
     if not pairs.i.size:
         return 0

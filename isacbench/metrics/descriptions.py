@@ -57,16 +57,7 @@ class ScoreColumn:
         return f"{self.description} [{self.unit}]" if self.unit else self.description
 
     def of_kind(self, kind: str) -> ScoreColumn:
-        """Describe the column of one kind of object.
-
-        Parameters
-        ----------
-        kind : str
-
-        Returns
-        -------
-        ScoreColumn
-        """
+        """Describe the column of one kind of object."""
         name, description = (text.replace(ANY_KIND, kind) for text in (self.name, self.description))
         return ScoreColumn(name, description, self.unit, self.better, self.empty)
 
@@ -76,13 +67,8 @@ def expanded(columns: Iterable[ScoreColumn], kinds: Iterable[str]) -> dict[str, 
 
     Parameters
     ----------
-    columns : iterable of ScoreColumn
     kinds : iterable of str
         Of objects, as `object_kind` writes them.
-
-    Returns
-    -------
-    dict of str to ScoreColumn
     """
     listed = tuple(kinds)
     found = [
@@ -105,11 +91,6 @@ def object_kind(name: str) -> str:
     -------
     str
         Empty for points that belong to no object.
-
-    Examples
-    --------
-    >>> object_kind("Lamp post 2"), object_kind("points 1")
-    ('lamp_post', '')
     """
     kind = re.sub(r"\W+", "_", re.sub(r"\W*\d+$", "", name).strip()).lower()
     return "" if kind == "points" else kind

@@ -73,17 +73,7 @@ class CloudPair:
 
     @classmethod
     def of(cls, scenario: Scenario, estimate: PointCloud) -> CloudPair:
-        """Pair an image of a scenario with its truth.
-
-        Parameters
-        ----------
-        scenario : Scenario
-        estimate : PointCloud
-
-        Returns
-        -------
-        CloudPair
-        """
+        """Pair an image of a scenario with its truth."""
         bin_mps = scenario.system.velocity_bin_mps
         return cls(scenario.truth, estimate, scenario.region, bin_mps, scenario.radius_m, scenario)
 
@@ -105,16 +95,7 @@ class CloudPair:
                 raise InputError(f"{name}: coordinates and velocities take magnitudes up to {LARGEST:g}")
 
     def remembered(self, make: Callable[[CloudPair], T]) -> T:
-        """Call a function on the pair once for all metrics.
-
-        Parameters
-        ----------
-        make : callable
-
-        Returns
-        -------
-        object
-        """
+        """Call a function on the pair once for all metrics."""
         if make not in self._made:
             self._made[make] = make(self)
         found: T = self._made[make]

@@ -24,8 +24,6 @@ class Gospa:
     ----------
     radius_m : float
         Cut-off c in m.
-    n_true, n_estimated : int
-    n_matched : int
     localisation_m2 : float
         Σd² of the matched pairs; NaN where there are too many pairs to compare.
     """
@@ -64,10 +62,6 @@ class Gospa:
 
 def pair_gospa(pair: CloudPair) -> Gospa:
     """Match the points of a pair as GOSPA does.
-
-    Parameters
-    ----------
-    pair : CloudPair
 
     Returns
     -------

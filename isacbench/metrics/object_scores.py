@@ -76,7 +76,6 @@ class Matches(NamedTuple):
 
     Attributes
     ----------
-    truth, found : ObjectList
     i, j : ndarray of int
         Indices of a true and of a found object, for each pair.
     """
@@ -156,10 +155,6 @@ class Objects:
     def lacks(self, scenario: Scenario | None) -> str:
         """Say why the objects of a scenario cannot be scored.
 
-        Parameters
-        ----------
-        scenario : Scenario or None
-
         Returns
         -------
         str
@@ -177,10 +172,6 @@ class Objects:
 
     def score(self, pair: CloudPair) -> dict[str, float]:
         """Score a pair.
-
-        Parameters
-        ----------
-        pair : CloudPair
 
         Returns
         -------
@@ -219,15 +210,6 @@ class Objects:
 
         As many as possible are assigned whose centres and velocities agree within the gates; of these
         assignments, the one of the least distances.
-
-        Parameters
-        ----------
-        scenario : Scenario
-        estimate : PointCloud
-
-        Returns
-        -------
-        Matches
         """
         truth = true_objects(scenario)
         # Of equally good assignments, which one is found does not depend on the order of points.
@@ -245,16 +227,7 @@ class Objects:
 
 @lru_cache(maxsize=8)
 def true_objects(scenario: Scenario) -> ObjectList:
-    """Objects of a scenario: the boxes around their scatterers, and mean radial velocities.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    ObjectList
-    """
+    """Objects of a scenario: the boxes around their scatterers, and mean radial velocities."""
     names, group = np.unique(scenario.scatterers.objects, return_inverse=True)
     kinds = tuple(map(object_kind, names.tolist()))
     return replace(described(scenario.truth, group + 1), kinds=kinds)
@@ -265,13 +238,8 @@ def described(cloud: PointCloud, group: Integers) -> ObjectList:
 
     Parameters
     ----------
-    cloud : PointCloud
     group : ndarray of int, shape (n,)
         Group of each point, from 1.
-
-    Returns
-    -------
-    ObjectList
     """
     if not len(cloud):
         return ObjectList(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
@@ -293,7 +261,6 @@ def group_points(scenario: Scenario, cloud: PointCloud, voxel: float = 1.0) -> I
     ----------
     scenario : Scenario
         Its radio sets the size of the voxels.
-    cloud : PointCloud
     voxel : float
         Size of voxels, over that of `VOXEL_CELLS`.
 

@@ -41,16 +41,7 @@ class Occupancy:
     )
 
     def score(self, pair: CloudPair) -> dict[str, float]:
-        """Score a pair.
-
-        Parameters
-        ----------
-        pair : CloudPair
-
-        Returns
-        -------
-        dict of str to float
-        """
+        """Score a pair."""
         pictures = [occupancy_pictures(pair, axes) for axes in PROJECTIONS]
         true, estimated = (np.concatenate([each[side].ravel() for each in pictures]) for side in (0, 1))
         return {
@@ -64,7 +55,6 @@ def occupancy_pictures(pair: CloudPair, axes: tuple[int, int]) -> tuple[Floats, 
 
     Parameters
     ----------
-    pair : CloudPair
     axes : (int, int)
         Axes of the projection.
 

@@ -123,10 +123,6 @@ class OneToOne:
 def score_curve(pair: CloudPair) -> Curve:
     """Precision, recall and F-score of a pair, matched one to one, over radii from 0.1 to 4 m.
 
-    Parameters
-    ----------
-    pair : CloudPair
-
     Returns
     -------
     Curve
@@ -147,10 +143,6 @@ def merged_truth(scenario: Scenario) -> PointCloud:
     """Merge scatterers that fit into half a Rayleigh cell in range, velocity, u and w: complete linkage.
 
     Unlike cells of a lattice, the groups do not depend on where the borders of cells lie.
-
-    Parameters
-    ----------
-    scenario : Scenario
 
     Returns
     -------

@@ -76,10 +76,6 @@ class Paper:
     def score(self, pair: CloudPair) -> dict[str, float]:
         """Score a pair.
 
-        Parameters
-        ----------
-        pair : CloudPair
-
         Returns
         -------
         dict of str to float
@@ -90,10 +86,6 @@ class Paper:
 
 def deviation_scores(pair: CloudPair) -> dict[str, float]:
     """Score a pair by the imaging deviation and its components.
-
-    Parameters
-    ----------
-    pair : CloudPair
 
     Returns
     -------

@@ -60,10 +60,6 @@ def score_realisations(
         Gives counts and the columns of ``paper``.
     score : callable
         Gives those of all metrics. Every fourth pair is scored by all.
-
-    Returns
-    -------
-    RealisationScores
     """
     rows = [(score if number % EVERY == 0 else paper)(pair) for number, pair in enumerate(pairs)]
     columns = {name: [row[name] for row in rows if name in row] for name in rows[0]}
@@ -84,13 +80,6 @@ def nearest_to_mean(
     truth: PointCloud, clouds: Sequence[PointCloud], region: Region, velocity_bin_mps: float
 ) -> int:
     """Select the cloud whose deviation is nearest to the mean deviation.
-
-    Parameters
-    ----------
-    truth : PointCloud
-    clouds : sequence of PointCloud
-    region : Region
-    velocity_bin_mps : float
 
     Returns
     -------

@@ -55,10 +55,6 @@ class Repository:
     def score(self, pair: CloudPair) -> dict[str, float]:
         """Score a pair.
 
-        Parameters
-        ----------
-        pair : CloudPair
-
         Returns
         -------
         dict of str to float

@@ -46,11 +46,6 @@ def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.in
     Returns
     -------
     ndarray of int64, shape (shape[0] * shape[1], 2)
-
-    Examples
-    --------
-    >>> rectangular_positions((2, 1), 8).tolist()
-    [[0, 0], [8, 0]]
     """
     p, q = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
     return spacing * np.stack([p.ravel(), q.ravel()], axis=1)
@@ -88,11 +83,6 @@ class VirtualArray:
     ----------
     Hoctor and Kassam, "The unifying role of the coarray in aperture synthesis
     for coherent and incoherent imaging", Proc. IEEE 78 (1990).
-
-    Examples
-    --------
-    >>> VirtualArray().shape
-    (16, 16)
     """
 
     tx_shape: tuple[int, int] = (2, 2)
@@ -181,11 +171,6 @@ class VirtualArray:
         -------
         ndarray of int64, shape (e, 2)
             Their indices in the last two axes of the frame.
-
-        Examples
-        --------
-        >>> VirtualArray(ascending=("+u", "-w")).in_frame([[0, 0], [1, 2]]).tolist()
-        [[15, 0], [14, 2]]
         """
         places, (n_p, n_q) = checked_array("elements", elements, np.int64), self.shape
         is_mirrored = [axis.startswith("+") for axis in self.ascending]
@@ -214,11 +199,6 @@ def element_errors(
     -------
     ndarray of complex128, shape (e,)
         Exactly 1 where both standard deviations are 0.
-
-    Examples
-    --------
-    >>> element_errors("street", 0.0, 0.0, [[0, 0], [3, 1]]).tolist()
-    [(1+0j), (1+0j)]
     """
     places = checked_array("elements", elements, np.int64).reshape(-1, 2)
     if not (gain_error_db or phase_error_deg):

@@ -103,22 +103,12 @@ class PointCloud(Displayed):
             Columns of a table, such as a DataFrame, are found by their names (v may
             be called velocity), and others than these are refused.
 
-        Returns
-        -------
-        PointCloud
-
         Raises
         ------
         ValueError
             If it has another shape.
         InputError
             If numbers are masked or not real, or columns are missing or unknown.
-
-        Examples
-        --------
-        >>> cloud = PointCloud(xyz=[[1, 2, 3]], velocity=[4], power=[1])
-        >>> PointCloud.from_array(cloud.to_dataframe()[["power", "v", "z", "y", "x"]]).xyz.tolist()
-        [[1.0, 2.0, 3.0]]
         """
         columns = named_columns(array)
         if columns is None:
@@ -138,10 +128,6 @@ class PointCloud(Displayed):
         ----------
         path : str or Path
             See `isacbench.model.cloud_files.point_files.read_point_table`.
-
-        Returns
-        -------
-        PointCloud
         """
         columns: Any = read_point_table(path)
         return cls.from_array(columns)
@@ -185,10 +171,6 @@ class PointCloud(Displayed):
         ----------
         keep : array_like of bool, shape (n,), or of int
             Which points, or their indices.
-
-        Returns
-        -------
-        PointCloud
         """
         keep = unmasked_array("keep", keep)
         if keep.dtype != np.bool_:
@@ -226,10 +208,6 @@ def describe_points(
     velocity : ndarray of float64, shape (n,)
     **others : ndarray of float64
         Further values by name.
-
-    Returns
-    -------
-    Description
     """
     title = f"{name}: {counted(len(velocity), 'point')}"
     if not len(velocity):

@@ -73,16 +73,7 @@ class EchoParameters:
 
 
 def echo_parameters(scenario: Scenario) -> EchoParameters:
-    """Compute gain, fractional bins and direction cosines of every echo.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    EchoParameters
-    """
+    """Compute gain, fractional bins and direction cosines of every echo."""
     system, scatterers = scenario.system, scenario.scatterers
     offset_m = scatterers.xyz - scenario.base_station_m
     range_m = np.linalg.norm(offset_m, axis=1)
@@ -103,10 +94,6 @@ def central_phase(scenario: Scenario) -> NDArray[np.float64]:
     Two equal echoes closer than a Rayleigh cell are hardest to tell apart
     where they are in phase there.
 
-    Parameters
-    ----------
-    scenario : Scenario
-
     Returns
     -------
     ndarray of float64, shape (n,)
@@ -123,11 +110,6 @@ def central_phase(scenario: Scenario) -> NDArray[np.float64]:
 
 def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
     """Noise-free range-Doppler cells of the gate on every virtual element, in closed form.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    gate : Gate
 
     Returns
     -------
@@ -161,7 +143,6 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
 
     Parameters
     ----------
-    scenario : Scenario
     elements : array_like of int, shape (e, 2)
         Places (p, q) in the virtual array.
     subcarriers : slice, optional
@@ -196,13 +177,8 @@ def is_dust(values: Complex, echo: EchoParameters, largest: float) -> bool:
     Parameters
     ----------
     values : ndarray of complex128, shape (a, b, e)
-    echo : EchoParameters
     largest : float
         Largest value of a unit echo.
-
-    Returns
-    -------
-    bool
     """
     rounding = DUST * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
     # Mostly the first element tells, at little cost.
@@ -215,8 +191,6 @@ def element_responses(scenario: Scenario, echo: EchoParameters, elements: ArrayL
 
     Parameters
     ----------
-    scenario : Scenario
-    echo : EchoParameters
     elements : array_like of int, shape (e, 2)
         Places (p, q) in the virtual array.
 
@@ -238,7 +212,6 @@ def echo_responses(scenario: Scenario, elements: ArrayLike) -> tuple[EchoParamet
 
     Parameters
     ----------
-    scenario : Scenario
     elements : array_like of int, shape (e, 2)
         Places (p, q) in the virtual array.
 
@@ -308,7 +281,6 @@ def transmitted_noise(scenario: Scenario, trial: int, seed: int) -> Complex:
 
     Parameters
     ----------
-    scenario : Scenario
     trial, seed : int
         Not negative.
 
@@ -368,15 +340,10 @@ def random_stream(scenario_name: str, trial: int, seed: int, *purpose: str) -> n
 
     Parameters
     ----------
-    scenario_name : str
     trial, seed : int
         Not negative.
     *purpose : str
         Name of another draw, each with a stream of its own.
-
-    Returns
-    -------
-    Generator
 
     Raises
     ------
@@ -398,31 +365,16 @@ def unit_noise(scenario_name: str, trial: int, seed: int, shape: tuple[int, ...]
 
     Parameters
     ----------
-    scenario_name : str
     trial, seed : int
         Not negative.
     shape : tuple of int
         Shape of the scenario's canonical gate on the virtual array.
-
-    Returns
-    -------
-    ndarray of complex128
     """
     return white_gaussian(random_stream(scenario_name, trial, seed), shape)
 
 
 def white_gaussian(stream: np.random.Generator, shape: tuple[int, ...]) -> Complex:
-    """White circular complex Gaussian numbers of unit power.
-
-    Parameters
-    ----------
-    stream : Generator
-    shape : tuple of int
-
-    Returns
-    -------
-    ndarray of complex128
-    """
+    """White circular complex Gaussian numbers of unit power."""
     parts = stream.standard_normal((*shape, 2))
     parts *= np.sqrt(0.5)
     noise: Complex = parts.view(np.complex128)[..., 0]
@@ -430,12 +382,7 @@ def white_gaussian(stream: np.random.Generator, shape: tuple[int, ...]) -> Compl
 
 
 class Simulator:
-    """Observations of one scenario: the clean echo is computed once, a trial's noise drawn once.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    """
+    """Observations of one scenario: the clean echo is computed once, a trial's noise drawn once."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -457,27 +404,11 @@ class Simulator:
         The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
         scatterer. Noise of the transmitter has this power as the sum over
         echoes, each on its own.
-
-        Parameters
-        ----------
-        snr_db : float
-
-        Returns
-        -------
-        float
         """
         return self.noise_amplitude(snr_db) ** 2
 
     def noise_amplitude(self, snr_db: float) -> float:
         """Root σ of `noise_power`, which does not underflow as its square does.
-
-        Parameters
-        ----------
-        snr_db : float
-
-        Returns
-        -------
-        float
 
         Raises
         ------
@@ -505,10 +436,6 @@ class Simulator:
         trial, seed : int
             Which noise. It depends neither on the SNR nor on who looks.
 
-        Returns
-        -------
-        Observation
-
         Raises
         ------
         InputError
@@ -528,10 +455,6 @@ class Simulator:
         Parameters
         ----------
         cells : ndarray of complex128, shape (n_range, n_doppler, P, Q)
-
-        Returns
-        -------
-        Observation
         """
         cells.setflags(write=False)
         scenario = self.scenario
@@ -547,10 +470,6 @@ class Simulator:
 
     def unit_noise(self, trial: int, seed: int) -> Complex:
         """Noise of unit power; the last trial's is kept.
-
-        Parameters
-        ----------
-        trial, seed : int
 
         Returns
         -------
@@ -574,29 +493,16 @@ def observe_echo(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 
 
     Parameters
     ----------
-    scenario : Scenario
     snr_db : float
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual element;
         infinity for no noise.
     trial, seed : int
         Which noise.
 
-    Returns
-    -------
-    Observation
-
     Raises
     ------
     InputError
         If the SNR is no number, or so low that the noise overflows.
-
-    Examples
-    --------
-    >>> from isacbench.model.scenes.scenario import load_scenario
-    >>> street = load_scenario("street")
-    >>> observe_echo(street, snr_db=10).cells.shape[2:]
-    (16, 16)
-    >>> noise_free = observe_echo(street, snr_db=float("inf"))
     """
     return _simulator(scenario).observe(snr_db, trial, seed)
 

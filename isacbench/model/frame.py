@@ -114,12 +114,6 @@ class PaperFrame(Frame):
     References
     ----------
     arXiv 2310.06401, steering vector and point reconstruction.
-
-    Examples
-    --------
-    >>> u, w = PaperFrame().direction_cosines([[0.0, -3.0, -4.0]])
-    >>> round(float(u[0]), 12), round(float(w[0]), 12)
-    (0.0, 0.8)
     """
 
     half_space = "below the base station (z <= z of the base station)"
@@ -220,12 +214,6 @@ class PanelFrame(Frame):
         Turn of the panel about the vertical, counter-clockwise seen from above.
     tilt_deg : float
         Downward tilt of the panel's normal.
-
-    Examples
-    --------
-    >>> u, w = PanelFrame().direction_cosines([[3.0, -12.0, -4.0]])
-    >>> round(float(u[0] * 13), 12), round(float(w[0] * 13), 12)
-    (3.0, 4.0)
     """
 
     yaw_deg: float = 0.0
@@ -323,10 +311,6 @@ def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> F
     name : {"paper", "panel"}
     yaw_deg, tilt_deg : float
         Of a panel.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------

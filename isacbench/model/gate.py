@@ -84,10 +84,6 @@ class Gate(Displayed):
         ----------
         n_range, n_doppler : int
             Bins to remove at either end.
-
-        Returns
-        -------
-        Gate
         """
         return Gate(
             self.range_bins[n_range : self.range_bins.size - n_range],
@@ -104,10 +100,6 @@ class Gate(Displayed):
         ----------
         n_range, n_doppler : int
             Bins at either end.
-
-        Returns
-        -------
-        Gate
         """
         return Gate(
             _extend(self.range_bins, n_range),
@@ -128,15 +120,9 @@ def build_gate(
 
     Parameters
     ----------
-    system : System
     base_station_m : ndarray, shape (3,)
-    region : Region
     thinning : (int, int)
         How often the map repeats among all bins (`isacbench.model.array.VirtualArray`).
-
-    Returns
-    -------
-    Gate
     """
     range_bins, reachable_range = _reach(
         np.array(region.range_limits_m(base_station_m)) / system.range_bin_m,

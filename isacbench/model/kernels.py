@@ -34,11 +34,6 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int, every: int = 1, first:
     -------
     ndarray of complex128, shape (b, k)
         n^(-1/2) Σ_i exp(j2π i (bin - place) / n), times `every`: the peak is as high whatever is left out.
-
-    Examples
-    --------
-    >>> float(dirichlet([3], [3.0], 16)[0, 0].real)
-    4.0
     """
     distance = checked_array("bins", bins)[:, None] - checked_array("places", places)[None, :]
     # Whole turns of the kernel are taken out first: sines of small angles keep their digits.
@@ -66,12 +61,6 @@ def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Float
     tuple of ndarray of float64, each of the same shape
         sin(πx) / (n sin(πx/n)) and its derivatives per bin; 1, 0 and
         -π²(1 - n⁻²)/3 at x = 0.
-
-    Examples
-    --------
-    >>> value, slope, curvature = dirichlet_slopes([0.0, 1.0], 16)
-    >>> value.round(12).tolist(), round(float(slope[1]), 4)
-    ([1.0, 0.0], -1.0065)
     """
     distance = np.asarray(distance, dtype=np.float64)
     turns = np.rint(distance / n)
@@ -99,7 +88,6 @@ def steering(n_elements: int, cosine: ArrayLike) -> Complex:
 
     Parameters
     ----------
-    n_elements : int
     cosine : array_like, shape (...)
         Direction cosines along the line.
 

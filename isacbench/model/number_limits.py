@@ -36,11 +36,6 @@ LARGEST_COUNT = 2**31
 def require_places(name: str, values: ArrayLike) -> None:
     """Refuse coordinates in metres that are not finite or beyond a million kilometres.
 
-    Parameters
-    ----------
-    name : str
-    values : array_like
-
     Raises
     ------
     InputError
@@ -55,8 +50,6 @@ def require_all(name: str, values: ArrayLike, allowed: ArrayLike, limits: str) -
 
     Parameters
     ----------
-    name : str
-    values : array_like
     allowed : array_like of bool, same shape
     limits : str
         Allowed values, in words.
@@ -76,8 +69,6 @@ def require_interval(name: str, limits: tuple[float, float], largest: float) -> 
 
     Parameters
     ----------
-    name : str
-    limits : (float, float)
     largest : float
         Largest magnitude.
 
@@ -93,12 +84,6 @@ def require_interval(name: str, limits: tuple[float, float], largest: float) -> 
 
 def require_count(name: str, value: object, smallest: int = 1) -> None:
     """Refuse a value that is not a whole number, or below the smallest one.
-
-    Parameters
-    ----------
-    name : str
-    value : object
-    smallest : int
 
     Raises
     ------

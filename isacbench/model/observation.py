@@ -47,11 +47,7 @@ class Observation(Displayed):
         Range-Doppler map of every virtual element, from unitary transforms; read-only.
     gate : Gate
         The bins that the first two axes stand for.
-    system : System
-    array : VirtualArray
-    frame : Frame
     base_station_m : ndarray of float64, shape (3,)
-    region : Region
     sensing : {"all", "prs"}
         Resource elements used for sensing.
     """
@@ -204,11 +200,6 @@ def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
     -------
     ndarray of int64, shape (P + Q - 1, 2)
         (p, 0) by ascending p, then (0, q) from q = 1.
-
-    Examples
-    --------
-    >>> cross_elements((2, 3)).tolist()
-    [[0, 0], [1, 0], [0, 1], [0, 2]]
     """
     n_p, n_q = shape
     p, q = np.arange(n_p), np.arange(1, n_q)

@@ -32,10 +32,6 @@ SLOT_PERIOD = 4
 def prs_elements(system: System) -> NDArray[np.bool_]:
     """Resource elements that carry the positioning reference signal.
 
-    Parameters
-    ----------
-    system : System
-
     Returns
     -------
     ndarray of bool, shape (n_subcarriers, n_symbols)
@@ -43,12 +39,6 @@ def prs_elements(system: System) -> NDArray[np.bool_]:
     References
     ----------
     3GPP TS 38.211, 7.4.1.7.3, table 7.4.1.7.3-1 (comb size 4, 12 symbols).
-
-    Examples
-    --------
-    >>> from isacbench.model.numerology import System
-    >>> int(prs_elements(System()).sum()) == 48 * 512
-    True
     """
     slot, symbol = np.divmod(np.arange(system.n_symbols), SLOT_SYMBOLS)
     offset = np.array(COMB_OFFSETS)[(symbol - FIRST_SYMBOL) % len(COMB_OFFSETS)]
@@ -63,7 +53,6 @@ def resource_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    system : System
     sensing : {"all", "prs"}
 
     Returns

@@ -77,14 +77,6 @@ def gain_db(scenario: Scenario) -> float:
     SNR of a scene counts the power of all its scatterers. Noise that comes
     back with an echo is that of the echo alone, and from its direction:
     only the sums over subcarriers and symbols gain.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    float
     """
     system, (n_p, n_q) = scenario.system, scenario.array.shape
     gain = system.processing_gain / scenario.array.n_turns
@@ -96,10 +88,6 @@ def gain_db(scenario: Scenario) -> float:
 
 def median_gain_db(scenario: Scenario) -> float:
     """Gain in dB from the SNR of the scene at one element to that of its median scatterer after all sums.
-
-    Parameters
-    ----------
-    scenario : Scenario
 
     Returns
     -------
@@ -120,7 +108,6 @@ def radio_places(radio: Radio, points: PointCloud | Scatterers) -> Floats:
     ----------
     radio : Radio
         Scenario or observation.
-    points : PointCloud or Scatterers
 
     Returns
     -------
@@ -140,7 +127,6 @@ def space_places(scenario: Scenario, places: ArrayLike) -> tuple[Floats, Floats]
 
     Parameters
     ----------
-    scenario : Scenario
     places : array_like, shape (n, 4)
         Range in m, velocity in m/s, direction cosines u and w.
 

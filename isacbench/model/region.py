@@ -103,10 +103,6 @@ class Region:
         Parameters
         ----------
         base_station_m : array_like, shape (3,)
-
-        Returns
-        -------
-        (float, float)
         """
         base = checked_array("base_station_m", base_station_m)
         nearest = np.clip(base, self.lower_m, self.upper_m)

@@ -141,13 +141,7 @@ class Scenario(Displayed):
 
     Attributes
     ----------
-    name : str
-    system : System
-    array : VirtualArray
-    frame : Frame
     base_station_m : ndarray of float64, shape (3,)
-    region : Region
-    scatterers : Scatterers
     radius_m : float
         Distance in m within which a point counts as one of a scatterer: of
         precision, recall and GOSPA, and of the marks in pictures.

@@ -51,7 +51,6 @@ class PluginSubject(ABC):
 
     Parameters
     ----------
-    entry : RegisteredPlugin
     plugin : object, optional
         Instance to check instead of one with default parameters.
     """
@@ -99,7 +98,6 @@ def keeps(promise: Promise[Any], *inputs: Callable[[Any], Any]) -> Callable[[Any
 
     Parameters
     ----------
-    promise : Promise
     *inputs : callable
         Each makes a subject of the promise from the subject of the check.
 
@@ -289,7 +287,6 @@ def refuse_writes(act: Callable[[], object], what: str) -> None:
 
     Parameters
     ----------
-    act : callable
     what : str
         Name of the input.
 
@@ -311,7 +308,6 @@ def timed_call(act: Callable[[], object], on: str) -> str:
 
     Parameters
     ----------
-    act : callable
     on : str
         Its input, in words.
 
@@ -352,10 +348,6 @@ def conduct_checks(answered: str) -> tuple[Check[Any], ...]:
     ----------
     answered : str
         Name of the check that its answers have passed before.
-
-    Returns
-    -------
-    tuple of Check
     """
     return (
         Check("repeatable", _repeats, (answered,)),

@@ -87,10 +87,6 @@ def iterate_checks(kind: PluginKind, name: str) -> Iterator[Finding]:
     name : str
         A registered name.
 
-    Returns
-    -------
-    iterator of Finding
-
     Raises
     ------
     InputError
@@ -108,10 +104,6 @@ def check_names(kind: PluginKind) -> list[str]:
     Parameters
     ----------
     kind : {"estimator", "detector", "metric"}
-
-    Returns
-    -------
-    list of str
     """
     return [check.name for check in _checks_of(kind)[0]]
 

@@ -76,12 +76,7 @@ class PluginFindings:
 
 @dataclass(frozen=True, repr=False)
 class CheckReport(Displayed):
-    """Findings about the plugins that were checked.
-
-    Attributes
-    ----------
-    plugins : tuple of PluginFindings
-    """
+    """Findings about the plugins that were checked."""
 
     plugins: tuple[PluginFindings, ...]
 
@@ -128,7 +123,6 @@ class Check(Generic[Subject]):
 
     Attributes
     ----------
-    name : str
     look : callable
         Takes the subject and returns a measurement in words, possibly empty.
         Raises `BrokenPromiseError` or `DoubtfulError`; any other exception is
@@ -147,13 +141,8 @@ def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> Iterator[F
 
     Parameters
     ----------
-    checks : sequence of Check
     subject : object
         Plugin under check.
-
-    Yields
-    ------
-    Finding
     """
     found: dict[str, Finding] = {}
     for check in checks:
@@ -183,13 +172,8 @@ def raised_at(error: BaseException, module: str = "") -> str:
 
     Parameters
     ----------
-    error : BaseException
     module : str
         The plugin's module.
-
-    Returns
-    -------
-    str
     """
     place = error_place(error, module)
     return f"raises {type(error).__name__}: {error}" + (f" ({place})" if place else "")

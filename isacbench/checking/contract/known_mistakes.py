@@ -41,7 +41,6 @@ def places_of_mistakes(shot: Shot, true: Floats) -> Iterator[Place]:
 
     Parameters
     ----------
-    shot : Shot
     true : ndarray of float64, shape (4,)
         Its true range, velocity, u and w in Rayleigh cells.
 

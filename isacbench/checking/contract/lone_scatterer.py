@@ -61,7 +61,6 @@ class _Image:
 
     Parameters
     ----------
-    imaging : Imaging
     points : ndarray of float64, shape (n, 4)
         Range, velocity, u and w.
     cloud : PointCloud

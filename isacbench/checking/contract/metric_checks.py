@@ -61,16 +61,7 @@ class MetricSubject(PluginSubject):
         return _image(self.scenario)
 
     def scores(self, cloud: PointCloud) -> dict[str, float]:
-        """Score an image of the scene.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-
-        Returns
-        -------
-        dict of str to float
-        """
+        """Score an image of the scene."""
         return metric_scores(self.plugin, CloudPair.of(self.scenario, cloud))
 
     def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:

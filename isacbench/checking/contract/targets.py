@@ -37,11 +37,6 @@ def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
     ------
     InputError
         If it is none of these, or provides nothing.
-
-    Examples
-    --------
-    >>> find_plugins("oracle")
-    [('estimator', 'oracle')]
     """
     if package_or_file.endswith(".py"):
         file = PluginFile.read(package_or_file)

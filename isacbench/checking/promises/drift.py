@@ -20,7 +20,6 @@ def cloud_drift(
 
     Parameters
     ----------
-    scenario : Scenario
     first, second : PointCloud
         In any order.
     amplitude_scale : float
@@ -63,11 +62,6 @@ def cells_apart(scenario: Scenario, cloud: PointCloud, others: PointCloud) -> ND
 
     Elements half a wavelength apart cannot tell u = 1 from u = -1, nor the
     radio speeds that lie twice the unambiguous one apart.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    cloud, others : PointCloud
 
     Returns
     -------

@@ -45,13 +45,7 @@ ROUNDING_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Imaging:
-    """An estimator and the shot that it images.
-
-    Attributes
-    ----------
-    estimator : Estimator
-    shot : Shot
-    """
+    """An estimator and the shot that it images."""
 
     estimator: Estimator
     shot: Shot
@@ -62,16 +56,7 @@ class Imaging:
         return self.image(self.shot.observation())
 
     def image(self, observation: Observation) -> PointCloud:
-        """Image another observation of the same scene.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image another observation of the same scene."""
         return raw_cloud(self.estimator, observation, self.shot.scenario.truth)
 
     def image_of(self, cells: NDArray[np.complexfloating[Any, Any]]) -> PointCloud:
@@ -80,10 +65,6 @@ class Imaging:
         Parameters
         ----------
         cells : ndarray of complex, shape (n_range, n_doppler, P, Q)
-
-        Returns
-        -------
-        PointCloud
         """
         return self.image(dataclasses.replace(self.shot.observation(), cells=cells))
 
@@ -97,13 +78,8 @@ class Imaging:
 
         Parameters
         ----------
-        cloud : PointCloud
         amplitude_scale : float
             Amplitudes of the other image over those of this one.
-
-        Returns
-        -------
-        float
         """
         return cloud_drift(self.shot.scenario, self.cloud, cloud, amplitude_scale)
 

@@ -65,14 +65,7 @@ BORDERS: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class TestedMap:
-    """A detector and the map that it tests.
-
-    Attributes
-    ----------
-    detector : Detector
-    power : ndarray of float64
-    looks : int
-    """
+    """A detector and the map that it tests."""
 
     detector: Detector
     power: NDArray[np.float64]
@@ -91,10 +84,6 @@ class TestedMap:
         power : ndarray of float
             Given to the detector as it lies in memory.
 
-        Returns
-        -------
-        Detection
-
         Raises
         ------
         BrokenPromiseError
@@ -107,14 +96,6 @@ class TestedMap:
 
     def drift(self, other: Detection) -> float:
         """Largest relative difference of noise and thresholds of another detection of the same map.
-
-        Parameters
-        ----------
-        other : Detection
-
-        Returns
-        -------
-        float
 
         Raises
         ------
@@ -130,18 +111,7 @@ class TestedMap:
 
 
 def white_noise_map(shape: tuple[int, ...], seed: int, looks: int = 1) -> NDArray[np.float64]:
-    """Power of white noise of mean 1, averaged over looks.
-
-    Parameters
-    ----------
-    shape : tuple of int
-    seed : int
-    looks : int, default 1
-
-    Returns
-    -------
-    ndarray of float64
-    """
+    """Power of white noise of mean 1, averaged over looks."""
     return np.random.default_rng([seed, looks]).standard_gamma(looks, shape) / looks
 
 
@@ -290,17 +260,10 @@ def require_rate(
 
     Parameters
     ----------
-    detector : Detector
-    looks : int
     shape : tuple of int
         Shape of the noise map.
-    seed : int
     margin : int
         Cells from each border that do not count.
-
-    Returns
-    -------
-    float
 
     Raises
     ------
@@ -334,12 +297,6 @@ def _rate_limits(pfa: float, n_cells: int) -> tuple[float, float]:
 
 def border_rates(detector: Detector, looks: int, seed: int = 0) -> dict[str, tuple[float, float, float]]:
     """Measure false-alarm rates at the borders of maps, where a mean over the whole map hides them.
-
-    Parameters
-    ----------
-    detector : Detector
-    looks : int
-    seed : int
 
     Returns
     -------

@@ -28,7 +28,6 @@ class Promise(Generic[Subject]):
 
     Attributes
     ----------
-    name : str
     bound : float
         Largest drift that is allowed.
     drift : callable
@@ -47,10 +46,6 @@ class Promise(Generic[Subject]):
     def complaint(self, drift: float) -> str:
         """Describe a drift that is too large.
 
-        Parameters
-        ----------
-        drift : float
-
         Returns
         -------
         str
@@ -61,16 +56,7 @@ class Promise(Generic[Subject]):
         return self.hinted(f"off by {drift:.2g}, at most {self.bound:.2g} is allowed")
 
     def hinted(self, message: str) -> str:
-        """Append the hint to a message.
-
-        Parameters
-        ----------
-        message : str
-
-        Returns
-        -------
-        str
-        """
+        """Append the hint to a message."""
         return f"{message}: {self.hint}" if self.hint else message
 
 
@@ -79,7 +65,6 @@ def refuse_warnings(act: Callable[[], Result], hint: str = "") -> Result:
 
     Parameters
     ----------
-    act : callable
     hint : str
         How to mend it, appended to the warning.
 

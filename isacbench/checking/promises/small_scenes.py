@@ -96,7 +96,6 @@ class Shot:
 
     Attributes
     ----------
-    scenario : Scenario
     seen : Observation
         Read-only.
     """
@@ -111,10 +110,6 @@ class Shot:
         ----------
         writable : bool
             Whether the arrays may be written to.
-
-        Returns
-        -------
-        Observation
         """
         fresh = copy.deepcopy(self.seen)
         for array in (fresh.cells, fresh.base_station_m, fresh.gate.range_bins, fresh.gate.doppler_bins):
@@ -128,17 +123,7 @@ class Shot:
 
 
 def scenario_of(echoes: Sequence[Echo], layout: Layout = Layout()) -> Scenario:  # noqa: B008, immutable
-    """Scenario of echoes, which may lie outside the region.
-
-    Parameters
-    ----------
-    echoes : sequence of Echo
-    layout : Layout
-
-    Returns
-    -------
-    Scenario
-    """
+    """Scenario of echoes, which may lie outside the region."""
     columns: NDArray[np.float64] = np.array(echoes, dtype=np.float64).reshape(-1, 6)
     range_bin, doppler_bin, u, w, amplitude, phase_rad = columns.T
     base_station_m = np.array(layout.base_station_m)
@@ -167,15 +152,8 @@ def observed(
 
     Parameters
     ----------
-    echoes : sequence of Echo
     snr_db : float
         Infinity for no noise.
-    seed : int
-    layout : Layout
-
-    Returns
-    -------
-    Shot
     """
     scenario = scenario_of(echoes, layout)
     return Shot(scenario, Simulator(scenario).observe(snr_db, seed=seed))
@@ -186,12 +164,7 @@ def with_cells(shot: Shot, cells: NDArray[np.complexfloating[Any, Any]]) -> Shot
 
     Parameters
     ----------
-    shot : Shot
     cells : ndarray of complex, shape (n_range, n_doppler, P, Q)
-
-    Returns
-    -------
-    Shot
     """
     return replace(shot, seen=replace(shot.seen, cells=cells))
 
@@ -223,10 +196,6 @@ def lone(frame: FrameName = "panel") -> Shot:
     Parameters
     ----------
     frame : {"panel", "paper"}
-
-    Returns
-    -------
-    Shot
     """
     region, echo = LONE_VIEWS[frame]
     layout = Layout(LONE_SYSTEM, (10, 10), get_frame(frame), region, LONE_BASE_STATION_M)

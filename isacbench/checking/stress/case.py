@@ -35,15 +35,6 @@ Subject = TypeVar("Subject")
 def adapted(plugin: Any, parameters: Mapping[str, Any]) -> Any:
     """Copy of a plugin with some parameters replaced.
 
-    Parameters
-    ----------
-    plugin : Estimator or Detector
-    parameters : mapping of str to object
-
-    Returns
-    -------
-    Estimator or Detector
-
     Raises
     ------
     NotApplicableError
@@ -104,14 +95,6 @@ class Case(ABC, Generic[Subject]):
     def of(cls, spec: Spec) -> Self:
         """Member that a specification describes.
 
-        Parameters
-        ----------
-        spec : Spec
-
-        Returns
-        -------
-        Case
-
         Raises
         ------
         InputError
@@ -149,7 +132,6 @@ class Case(ABC, Generic[Subject]):
 
         Parameters
         ----------
-        plugin : Estimator or Detector
         seed : int
             Seed of the random parts of the input.
 
@@ -190,26 +172,12 @@ class EstimatorCase(Case[Imaging]):
         ----------
         seed : int
             Seed of the noise, and of random places.
-
-        Returns
-        -------
-        Shot
         """
         echoes, snr_db, layout = self.scene()
         return observed(echoes, snr_db, seed, layout)
 
     def subject(self, plugin: Estimator, seed: int) -> Imaging:
-        """Let an estimator image the scene.
-
-        Parameters
-        ----------
-        plugin : Estimator
-        seed : int
-
-        Returns
-        -------
-        Imaging
-        """
+        """Let an estimator image the scene."""
         return Imaging(adapted(plugin, self.parameters()), self.shot(seed))
 
 
@@ -227,10 +195,6 @@ class DetectorCase(Case[TestedMap]):
         ----------
         seed : int
             Seed of the noise.
-
-        Returns
-        -------
-        ndarray of float64
         """
 
     def n_looks(self) -> int:
@@ -238,15 +202,5 @@ class DetectorCase(Case[TestedMap]):
         return 1
 
     def subject(self, plugin: Detector, seed: int) -> TestedMap:
-        """Combine detector and map.
-
-        Parameters
-        ----------
-        plugin : Detector
-        seed : int
-
-        Returns
-        -------
-        TestedMap
-        """
+        """Combine detector and map."""
         return TestedMap(adapted(plugin, self.parameters()), self.power(seed), self.n_looks())

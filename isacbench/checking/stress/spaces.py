@@ -57,11 +57,6 @@ def whole(low: int, high: int, default: int) -> Any:
     ----------
     low, high : int
         Limits, both included.
-    default : int
-
-    Returns
-    -------
-    dataclasses.Field
     """
     return field(default=default, metadata={"space": Whole(low, high)})
 
@@ -73,11 +68,6 @@ def real(low: float, high: float, default: float) -> Any:
     ----------
     low, high : float
         Limits, both included.
-    default : float
-
-    Returns
-    -------
-    dataclasses.Field
     """
     return field(default=default, metadata={"space": Real(low, high)})
 
@@ -89,9 +79,5 @@ def choice(*values: str | int) -> Any:
     ----------
     *values : str or int
         The first is the default.
-
-    Returns
-    -------
-    dataclasses.Field
     """
     return field(default=values[0], metadata={"space": Choice(values)})

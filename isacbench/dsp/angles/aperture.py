@@ -245,10 +245,6 @@ class Aperture(ABC):
             Direction cosines: k a cell, shape (n, k), or of each of n beams,
             shape (n,). For intersections i cosines u and j cosines w a cell,
             shapes (n, i) and (n, j).
-
-        Returns
-        -------
-        Responses
         """
         return self._responses(self, u, w)
 

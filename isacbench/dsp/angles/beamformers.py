@@ -106,12 +106,7 @@ def iaa_spectrum(
     snapshots : ndarray of complex, shape (n, P, Q)
     noise : float
         Power σ² of white noise, positive.
-    n_iterations : int
     u, w : ndarray of float64, shapes (g,) and (h,)
-
-    Returns
-    -------
-    AngularSpectrum
 
     Notes
     -----

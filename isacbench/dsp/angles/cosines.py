@@ -19,19 +19,10 @@ PERIOD = 2.0
 def within_period(cosine: Floats) -> Floats:
     """Cosines from -1 to 1 of the same plane waves.
 
-    Parameters
-    ----------
-    cosine : ndarray of float64
-
     Returns
     -------
     ndarray of float64, same shape
         Those from -1 to 1 stay as they are.
-
-    Examples
-    --------
-    >>> within_period(np.array([0.5, -1.01, 1.25])).round(12).tolist()
-    [0.5, 0.99, -0.75]
     """
     within: Floats = cosine - PERIOD * np.rint(cosine / PERIOD)
     return within
@@ -55,13 +46,6 @@ def cosine_samples(limits: Interval, widest: float) -> Floats:
     ndarray of float64, shape (g,)
         Equidistant; the limits are the second and the last but one, but for
         the circle, which begins at -1.
-
-    Examples
-    --------
-    >>> cosine_samples((0.0, 0.5), 0.25).tolist()
-    [-0.25, 0.0, 0.25, 0.5, 0.75]
-    >>> cosine_samples((-1.0, 1.0), 0.5).tolist()
-    [-1.0, -0.5, 0.0, 0.5]
     """
     span = limits[1] - limits[0]
     n_steps = max(int(np.ceil(span / widest * (1 - np.finfo(np.float64).eps))), 1)

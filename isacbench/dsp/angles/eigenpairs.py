@@ -60,16 +60,6 @@ def with_rounding(values: Floats, vectors: Floats) -> Eigenpairs:
     values : ndarray of float64, shape (n, m)
         Descending.
     vectors : ndarray of float64, shape (n, L, m)
-
-    Returns
-    -------
-    Eigenpairs
-
-    Examples
-    --------
-    >>> pairs = with_rounding(np.array([[4.0, 1.0, 1.0]]), np.eye(3)[None])
-    >>> (pairs.rotation < 1e-12).tolist()
-    [[True, False]]
     """
     last_digit = float(np.finfo(values.dtype).eps)
     rounding = ROUNDING_UNITS * vectors.shape[1] * last_digit * np.maximum(values[:, 0], 0)
@@ -93,13 +83,6 @@ def separated_order(rotation: Floats, order: Integers) -> Integers:
     -------
     ndarray of int64, shape (n,)
         Largest determined order up to the one asked for; 0 where none is determined.
-
-    Examples
-    --------
-    Three equal eigenvalues after a large one; and all eigenvalues equal:
-
-    >>> separated_order(np.array([[1e-15, 1.0, 1.0], [1.0, 1.0, 1.0]]), np.array([3, 2])).tolist()
-    [1, 0]
     """
     orders = np.arange(1, rotation.shape[1] + 1)
     determined = (rotation <= MOST_ROTATION) & (orders <= order[:, None])

@@ -62,10 +62,6 @@ def most_sources(subarray: tuple[int, int]) -> int:
     ----------
     subarray : (int, int)
         Elements along u and along w, two and more.
-
-    Returns
-    -------
-    int
     """
     n_u, n_w = subarray
     return min((n_u - 1) * n_w, n_u * (n_w - 1))

@@ -75,10 +75,6 @@ def line_eigenpairs(snapshots: Complex, n_subarray: int) -> Eigenpairs:
     snapshots : ndarray of complex, shape (n, n_sensors, n_snapshots)
     n_subarray : int
         Sensors of a subarray, 2 to n_sensors.
-
-    Returns
-    -------
-    Eigenpairs
     """
     values, vectors = np.linalg.eigh(smoothed_covariance(snapshots, n_subarray))
     return with_rounding(values[:, ::-1], vectors[:, :, ::-1])
@@ -87,10 +83,6 @@ def line_eigenpairs(snapshots: Complex, n_subarray: int) -> Eigenpairs:
 @lru_cache
 def unitary_transform(n: int) -> Complex:
     """Unitary matrix that turns centro-Hermitian matrices into real ones.
-
-    Parameters
-    ----------
-    n : int
 
     Returns
     -------
@@ -113,7 +105,6 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    n_subarray : int
     cosine : array_like, shape (g,)
 
     Returns
@@ -133,7 +124,6 @@ def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Float
 
     Parameters
     ----------
-    n_subarray : int
     cosine : ndarray of float64, any shape (...)
 
     Returns

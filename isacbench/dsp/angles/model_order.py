@@ -44,7 +44,6 @@ def noise_edge(n_subarray: int, n_snapshots: int) -> float:
 
     Parameters
     ----------
-    n_subarray : int
     n_snapshots : int
         Independent snapshots; overlapping subarrays do not count.
 
@@ -83,10 +82,6 @@ def smoothed_noise_edge(shape: tuple[int, int], subarray: tuple[int, int], pfa: 
         Elements of a subarray.
     pfa : float
         Probability, between 0 and 1.
-
-    Returns
-    -------
-    float
     """
     lengths = list(zip(shape, subarray, strict=True))
     weight = np.prod([_noise_weight(n, n_subarray) for n, n_subarray in lengths])
@@ -143,7 +138,6 @@ def eigenvalue_cfar_order(eigenvalues: Floats, pfa: float) -> Integers:
     ----------
     eigenvalues : ndarray of float64, shape (n, L)
         Descending, L >= 3.
-    pfa : float
 
     Returns
     -------

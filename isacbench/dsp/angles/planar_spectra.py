@@ -112,10 +112,6 @@ def planar_minima(
     highest : float or ndarray of float64, shape (n, 1, 1)
         Level below which a minimum counts; the lowest of a cell counts in any case.
     sign : {-1, 1}
-
-    Returns
-    -------
-    Minima
     """
     level, (u, w) = with_neighbours(level, grid)
     row, column, found = _lowest_samples(level, highest, n_minima)

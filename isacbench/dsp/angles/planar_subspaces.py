@@ -98,10 +98,6 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
         Elements L, M of a subarray, 1 to P and 1 to Q.
     n_pairs : int
         Pairs to return, 1 to L M.
-
-    Returns
-    -------
-    Eigenpairs
     """
     snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_cells, n_snapshots, n_p, n_q = snapshots.shape

@@ -64,10 +64,6 @@ class PlaneWaves:
         ----------
         keep : ndarray of bool or int64
             Mask or indices of the cells.
-
-        Returns
-        -------
-        PlaneWaves
         """
         resolved = None if self.resolved is None else self.resolved[keep]
         return PlaneWaves(self.u[keep], self.w[keep], self.found[keep], resolved)
@@ -174,10 +170,6 @@ class PlaneWaves:
             Power of white noise per element.
         largest_error : float
             In Rayleigh cells, compared with `direction_errors`.
-
-        Returns
-        -------
-        PlaneWaves
         """
         found = self.found.copy()
         cells = np.flatnonzero(found.sum(axis=1) > 1)
@@ -242,10 +234,6 @@ def pair_directions(
         Largest level of a plane wave below the cell's strongest.
     n_most : int
         Most plane waves in a cell.
-
-    Returns
-    -------
-    PlaneWaves
 
     References
     ----------

@@ -36,7 +36,6 @@ def single_bound(
 
     Parameters
     ----------
-    system : System
     array_shape : (int, int)
         Virtual elements (P, Q), at least 2 each.
     snr : array_like, shape (...)
@@ -89,7 +88,6 @@ def joint_bound(
 
     Parameters
     ----------
-    system : System
     array_shape : (int, int)
         Virtual elements (P, Q), at least 2 each.
     range_m, velocity_mps, u, w : array_like, shape (K,)

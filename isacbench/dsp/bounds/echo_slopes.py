@@ -145,14 +145,9 @@ def echo_slopes(system: System, array_shape: tuple[int, int], sensing: Sensing) 
 
     Parameters
     ----------
-    system : System
     array_shape : (int, int)
         Virtual elements (P, Q), at least 2 each.
     sensing : {"all", "prs"}
-
-    Returns
-    -------
-    EchoSlopes
 
     Raises
     ------

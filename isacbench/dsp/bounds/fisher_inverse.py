@@ -81,10 +81,6 @@ class JointBound(Bound):
         covariance : ndarray of float64, shape (4, K, 4, K)
         per_column : ndarray of float64, shape (4, K)
             Parameter per unit column.
-
-        Returns
-        -------
-        JointBound
         """
         scaled = covariance * (per_column[:, :, None, None] * per_column)
         joint = scaled.transpose(1, 0, 3, 2)
@@ -120,10 +116,6 @@ class KnownPart:
         ----------
         matrix : ndarray, shape (n_unknowns, K, n_unknowns, K)
             Its entries are at most 1 in magnitude, and have the rounding errors of 1.
-
-        Returns
-        -------
-        KnownPart
         """
         n_unknowns, n = matrix.shape[:2]
         size = n_unknowns * n

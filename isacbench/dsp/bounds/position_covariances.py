@@ -22,7 +22,6 @@ def position_covariance(
 
     Parameters
     ----------
-    frame : Frame
     range_m, u, w : array_like, shape (K,)
         Places of the scatterers.
     covariance : array_like, shape (K, 4, 4) or (4, 4)

@@ -42,7 +42,6 @@ def stochastic_bound(
 
     Parameters
     ----------
-    system : System
     array_shape : (int, int)
         Virtual elements (P, Q), at least 2 each.
     range_m, velocity_mps, u, w : array_like, shape (K,)

@@ -66,13 +66,6 @@ def detection_rate(
     ----------
     P. Swerling, "Probability of detection for fluctuating targets", IRE Trans. Inf. Theory 6 (1960). J. I.
     Marcum, "A statistical theory of target detection by pulsed radar", ibid.: the sum over k.
-
-    Examples
-    --------
-    One look and Swerling 1 have the closed form P_fa^(1 / (1 + SNR)):
-
-    >>> detection_rate(10.0, 1e-3, swerling=1).round(6).item(), round(1e-3 ** (1 / 11), 6)
-    (0.53367, 0.53367)
     """
     check_pfa(pfa)
     looks = checked_looks(looks)

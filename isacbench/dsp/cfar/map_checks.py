@@ -75,7 +75,6 @@ def check_fraction(name: str, fraction: float, lowest: float, highest: float) ->
     ----------
     name : str
         Name of the parameter, for the message.
-    fraction : float
     lowest, highest : float
         Limits, both allowed.
 
@@ -95,13 +94,8 @@ def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
     ----------
     name : str
         Name of the parameter, for the message.
-    axis : int
     n_axes : int, optional
         Number of axes of the map; without it, any number of 0 and above is allowed.
-
-    Returns
-    -------
-    int
 
     Raises
     ------
@@ -126,10 +120,6 @@ def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
         Power map of any rank.
     looks : int
         Independent noise powers that each cell averages.
-
-    Returns
-    -------
-    ndarray of float64
 
     Raises
     ------
@@ -225,15 +215,5 @@ def spread(
 
 
 def share_of(fraction: float, n_cells: int) -> int:
-    """Share of a number of cells, ⌊fraction n⌋, without the loss of one cell to rounding.
-
-    Parameters
-    ----------
-    fraction : float
-    n_cells : int
-
-    Returns
-    -------
-    int
-    """
+    """Share of a number of cells, ⌊fraction n⌋, without the loss of one cell to rounding."""
     return int(fraction * n_cells + _ROUNDING)

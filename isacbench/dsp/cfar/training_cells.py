@@ -69,10 +69,6 @@ class Axis:
         ----------
         cell : ndarray of int
             Cells under test along the axis.
-
-        Returns
-        -------
-        ndarray of int
         """
         return np.clip(cell - self.reach, 0, self.length - self.n_window)
 
@@ -88,10 +84,6 @@ def window_axes(
         Shape of the map.
     training, guard : tuple of int
         Cells per side along each axis.
-
-    Returns
-    -------
-    tuple of Axis
 
     Raises
     ------
@@ -205,7 +197,6 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
     ------
     where : tuple of slice or tuple of ndarray of int
         Index of the part in arrays of the map's shape, or of shape (n,).
-    windows : Windows
     """
     n_together = max(1, _MOST_VALUES // prod(axis.n_window for axis in axes))
     if cells is None:

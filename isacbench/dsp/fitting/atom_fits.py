@@ -227,7 +227,6 @@ def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0) -> AtomFit:
 
     Parameters
     ----------
-    atom_map : AtomMap
     places : ndarray of float64, shape (n, 4)
         In Rayleigh cells, n at least 1.
     ridge : float
@@ -248,7 +247,6 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, rid
 
     Parameters
     ----------
-    atom_map : AtomMap
     fit : AtomFit
         Of n atoms.
     keep : ndarray of bool, shape (n,)
@@ -257,10 +255,6 @@ def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, rid
         Present places.
     ridge : float
         As in `fit_atoms`.
-
-    Returns
-    -------
-    AtomFit
     """
     known = Correlations(*(values[keep] for values in fit.correlations))
     places = places[keep]
@@ -303,7 +297,6 @@ def refine_atoms(
 
     Parameters
     ----------
-    atom_map : AtomMap
     places : ndarray of float64, shape (n, 4)
         In Rayleigh cells, n at least 1.
     n_steps : int
@@ -348,7 +341,6 @@ def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
 
     Parameters
     ----------
-    atom_map : AtomMap
     fit : AtomFit
         Near the optimum.
     n_steps : int

@@ -122,15 +122,9 @@ class AtomMap:
 
         Parameters
         ----------
-        gated : GatedMap
-        system : System
         cosine_limits : (Interval, Interval), optional
             Lowest and highest u, and w, between which echoes are of interest;
             the rest of the array's dimensions is left out.
-
-        Returns
-        -------
-        AtomMap
         """
         n_c, n_s = system.n_subcarriers, system.n_symbols
         rows, columns = gated.gate.range_bins, gated.gate.doppler_bins
@@ -179,10 +173,6 @@ class AtomMap:
             Along that coordinate, in Rayleigh cells.
         axis : int
             0 to 3 for range, Doppler, u and w.
-
-        Returns
-        -------
-        AtomFactors
         """
         if axis > 1:
             basis = self.bases[axis - 2]
@@ -200,10 +190,6 @@ class AtomMap:
         Parameters
         ----------
         places : ndarray of float64, shape (n, 4)
-
-        Returns
-        -------
-        tuple of AtomFactors
         """
         return tuple(self.line(places[:, axis], axis) for axis in range(N_COORDINATES))
 
@@ -221,10 +207,6 @@ class AtomMap:
             From `lines`.
         amplitude : ndarray of complex128, shape (n,)
             Of the unit-energy atoms.
-
-        Returns
-        -------
-        AtomMap
         """
         along_range, along_doppler, along_u, along_w = (line.value for line in lines)
         echoes = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
@@ -241,10 +223,6 @@ class AtomMap:
         ----------
         lines : tuple of AtomFactors
             From `lines`.
-
-        Returns
-        -------
-        Correlations
         """
         return Correlations(*self._contract(lines, 1))
 

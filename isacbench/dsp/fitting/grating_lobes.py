@@ -38,7 +38,6 @@ def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple
     Parameters
     ----------
     doppler_bin : ndarray of float64, shape (n,)
-    bursts : SymbolBursts
     gate : Gate
         Of the map.
 

@@ -91,18 +91,12 @@ def pursue_on_grid(
 
     Parameters
     ----------
-    atom_map : AtomMap
-    grid : PlaceGrid
     least_energy : float
         Energy that an atom must take from the residual.
     dynamic_range_db : float
         Range below the first atom, which takes most, in which others are sought.
     n_most : int
         Most atoms.
-
-    Returns
-    -------
-    Pursued
     """
     search = _Search(atom_map, grid)
     members = _Members(atom_map, n_most)

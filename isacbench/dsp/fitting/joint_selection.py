@@ -162,7 +162,6 @@ def select_jointly(
         Candidates.
     gated : GatedMap
         Without tapers.
-    system : System
     min_power : float
         Power per element that a matched filter's output must exceed.
     dynamic_range_db : float
@@ -228,10 +227,8 @@ def explain_map(
 
     Parameters
     ----------
-    scatterers : LocatedScatterers
     gated : GatedMap
         Without tapers.
-    system : System
     noise : float
         Power of white noise per element.
 

@@ -91,10 +91,6 @@ def resolve_directions(
         Probability that noise passes for a wave.
     n_steps : int
         Most steps of the first refinement; a cell that is explained to 70 dB by then takes up to 30 more.
-
-    Returns
-    -------
-    PlaneWaves
     """
     found = waves.found.copy()
     fit = refined(snapshots, fit_waves(snapshots, waves.u, waves.w, found), found, n_steps, FINISHING_STEPS)

@@ -76,7 +76,6 @@ class BeamSpace:
 
     Attributes
     ----------
-    atom_map : AtomMap
     reach : (slice, slice)
         Where in the map's range and Doppler bins those of the beams lie.
     u, w : ndarray of float64
@@ -100,15 +99,10 @@ class BeamSpace:
 
         Parameters
         ----------
-        atom_map : AtomMap
         gate : Gate
             Of the map.
         cosine_limits : (Interval, Interval)
             Lowest and highest u, and w.
-
-        Returns
-        -------
-        BeamSpace
         """
         u, w = (
             np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
@@ -160,7 +154,6 @@ class BeamSpace:
         ----------
         residual : ndarray of complex128
             From `residual`.
-        least_energy : float
 
         Returns
         -------
@@ -268,12 +261,6 @@ def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
     Returns
     -------
     ndarray of float64, shape (..., 4)
-
-    Examples
-    --------
-    >>> periods = np.array([64.0, 32.0, 8.0, 8.0])
-    >>> unwrapped(np.array([3.0, 1.0, 3.5, 0.0]), np.array([3.0, 0.0, -4.0, 0.0]), periods)
-    array([ 3. ,  1. , -4.5,  0. ])
     """
     return places - periods * np.rint((places - reference) / periods)
 
@@ -301,11 +288,6 @@ def noise_maximum(n_independent: float, chance: float) -> float:
     ----------
     Rice, "Mathematical analysis of random noise", Bell System Tech. J. 24 (1945).
     Adler and Taylor, "Random Fields and Geometry", Springer (2007), chapter 11.
-
-    Examples
-    --------
-    >>> round(noise_maximum(5000, 0.01), 2)
-    19.12
     """
     samples = np.log(n_independent / chance)
     level = samples
@@ -417,8 +399,6 @@ def split_gains(
 
     Parameters
     ----------
-    atom_map : AtomMap
-    fit : AtomFit
     residual_around : ndarray of float64, shape (n,)
         Mean energy of the residual around each atom.
     least_energy : float
@@ -460,7 +440,6 @@ def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
 
     Parameters
     ----------
-    fit : AtomFit
     noise : float
         Noise power.
 

@@ -36,7 +36,6 @@ def reachable_places(places: Floats, gate: Gate) -> Mask:
     Parameters
     ----------
     places : ndarray of float64, shape (n, 4)
-    gate : Gate
 
     Returns
     -------
@@ -65,7 +64,6 @@ def clear_of_sidelobes(
         Indices of peaks that can become atoms, by descending gain.
     left : ndarray of int64, shape (m,)
         Indices of peaks that no move explains, at most `MOST_LEFT`.
-    bursts : SymbolBursts
 
     Returns
     -------
@@ -88,7 +86,6 @@ def without_images(
     gain : ndarray of float64, shape (n,)
     candidates, left : ndarray of int64
         Indices of peaks that can become atoms, and of others, both by descending gain.
-    bursts : SymbolBursts
 
     Returns
     -------
@@ -112,16 +109,10 @@ def are_near(places: Floats, others: Floats, distance: float) -> Mask:
     ----------
     places : ndarray of float64, shape (n, 4)
     others : ndarray of float64, shape (m, 4)
-    distance : float
 
     Returns
     -------
     ndarray of bool, shape (n,)
-
-    Examples
-    --------
-    >>> are_near(np.zeros((2, 4)) + [[0.0], [1.0]], np.full((1, 4), 0.1), 0.2).tolist()
-    [True, False]
     """
     near: Mask = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
     return near
@@ -154,7 +145,6 @@ def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, 
         Places of new atoms, and of atoms that may be split.
     gain : ndarray of float64, shape (n,)
     is_new : ndarray of bool, shape (n,)
-    atom_map : AtomMap
     room : int
         Largest number of moves.
 

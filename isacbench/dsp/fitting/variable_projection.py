@@ -73,10 +73,6 @@ class WaveFit(NamedTuple):
         ----------
         cells : ndarray of int64 or bool
             Indices or mask of the cells.
-
-        Returns
-        -------
-        WaveFit
         """
         return WaveFit(*(values[cells] for values in self))
 
@@ -105,10 +101,6 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
         Direction cosines.
     found : ndarray of bool, shape (n, k)
         Mask of the plane waves; the other entries only fill the row.
-
-    Returns
-    -------
-    WaveFit
     """
     k = found.shape[1]
     power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))

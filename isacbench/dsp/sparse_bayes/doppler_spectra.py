@@ -91,11 +91,6 @@ def learn_doppler_spectra(
         Echoes of the lines.
     noise : ndarray of float64, shape (n_range,)
         Noise powers, above 0.
-    n_steps : int
-
-    Returns
-    -------
-    DopplerSpectra
     """
     _, n_doppler, n_elements = rows.shape
     parts = np.ascontiguousarray(rows).view(np.float64)

@@ -101,14 +101,9 @@ class _Rows:
 
     Attributes
     ----------
-    atom_map : AtomMap
-    reach : Reach
-    grid : DirectionGrid
-    noise : float
     taper : BinTaper
         Along range.
     cells : ndarray of complex128, shape (n_rows, n_doppler, size_u, size_w)
-    spectra : DopplerSpectra
     """
 
     atom_map: AtomMap
@@ -163,7 +158,6 @@ def first_atoms(
 
     Parameters
     ----------
-    atom_map : AtomMap
     reach : Reach
         Where echoes can come from.
     grid : DirectionGrid
@@ -295,7 +289,6 @@ class _Movers:
 
     Attributes
     ----------
-    rows : _Rows
     cells : ndarray of complex128, shape (n_rows, n, size_u, size_w)
     weights : ndarray of float64, shape (n, n_doppler)
         From Doppler bins to those of the cells.

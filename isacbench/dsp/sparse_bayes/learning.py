@@ -56,7 +56,6 @@ class Noise(NamedTuple):
 
     Attributes
     ----------
-    power : float
     along_range : ndarray of float64, shape (r, r)
     along_doppler : ndarray of float64, shape (d, d)
     """
@@ -133,7 +132,6 @@ class GridModel:
     ----------
     dictionaries : (ndarray, ndarray, ndarray)
         Shapes (a, r), (b, d) and (c, w).
-    noise : Noise
     """
 
     def __init__(self, dictionaries: Dictionaries, noise: Noise) -> None:
@@ -217,10 +215,8 @@ def learn_grid(
     dictionaries : (ndarray, ndarray, ndarray)
         Shapes (a, r), (b, d) and (c, w).
     data : ndarray of complex128, shape (r, d, w)
-    noise : Noise
     first_power : ndarray of float64, shape (a, b, c)
         First guess; an atom with 0 keeps it.
-    n_steps : int
 
     Returns
     -------
@@ -265,7 +261,6 @@ def learn_directions(
     cells : ndarray of complex128, shape (n, n_u, n_w)
     noise : ndarray of float64, shape (n,)
         Noise powers.
-    n_steps : int
 
     Returns
     -------
@@ -314,7 +309,6 @@ def learn_atoms(
         First guess, above 0.
     noise : float
         Power N of white noise.
-    n_steps : int
 
     Returns
     -------

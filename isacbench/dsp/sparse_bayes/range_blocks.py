@@ -86,13 +86,8 @@ class Atoms:
 
         Parameters
         ----------
-        atom_map : AtomMap
         places : ndarray of float64, shape (n, 4)
         amplitude : ndarray of complex128, shape (n,)
-
-        Returns
-        -------
-        Atoms
         """
         return cls(places, amplitude, atom_map.without(atom_map.lines(places), amplitude))
 
@@ -117,10 +112,6 @@ def relearn(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
         Where echoes can come from.
     noise : float
         Noise power.
-
-    Returns
-    -------
-    Atoms
     """
     first = float(np.floor(atoms.places[:, 0].min()))
     for start in _by_residual(atoms, first):

@@ -19,7 +19,6 @@ class Reach:
 
     Attributes
     ----------
-    observation : Observation
     cell_size : ndarray of float64, shape (4,)
         Rayleigh cell in range bins, Doppler bins, u and w.
     range_limits, doppler_limits : (float, float)
@@ -37,13 +36,8 @@ class Reach:
 
         Parameters
         ----------
-        observation : Observation
         atom_map : AtomMap
             Of its cells.
-
-        Returns
-        -------
-        Reach
         """
         gate = observation.gate
         range_bins = atom_map.range_bins[gate.reachable_range]

@@ -75,7 +75,6 @@ def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> Ato
 
     Parameters
     ----------
-    atom_map : AtomMap
     reach : Reach
         Where echoes can come from.
     places : ndarray of float64, shape (n, 4)
@@ -126,9 +125,6 @@ def standing_out(
 
     Parameters
     ----------
-    fit : AtomFit
-    atom_map : AtomMap
-    reach : Reach
     ridge : float
         Of the fit.
     least_power : float
@@ -157,8 +153,6 @@ def without_misfit(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | N
     ----------
     fit : AtomFit
         That has settled, with the last ridge.
-    atom_map : AtomMap
-    reach : Reach
 
     Returns
     -------
@@ -195,7 +189,6 @@ def damped_step(fit: AtomFit, damping: float) -> Floats:
     ----------
     fit : AtomFit
         Of n atoms.
-    damping : float
 
     Returns
     -------

@@ -36,10 +36,6 @@ class BinTaper:
         ----------
         bins : ndarray of float64, shape (n_bins,)
             Neighbouring bins. Fewer than three are left as they are.
-
-        Returns
-        -------
-        BinTaper
         """
         n = bins.size - 2
         if n < 1:
@@ -58,19 +54,11 @@ class BinTaper:
         Parameters
         ----------
         bins : ndarray of float64, shape (n_bins,)
-
-        Returns
-        -------
-        BinTaper
         """
         return cls(np.eye(bins.size), bins)
 
     def noise(self, rows: slice) -> Floats:
         """Covariance of unit white noise in some rows.
-
-        Parameters
-        ----------
-        rows : slice
 
         Returns
         -------

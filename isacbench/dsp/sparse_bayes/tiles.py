@@ -95,17 +95,7 @@ class DirectionGrid:
 
     @classmethod
     def of(cls, atom_map: AtomMap, reach: Reach) -> DirectionGrid:
-        """Sample the directions of a region.
-
-        Parameters
-        ----------
-        atom_map : AtomMap
-        reach : Reach
-
-        Returns
-        -------
-        DirectionGrid
-        """
+        """Sample the directions of a region."""
         u, w = (
             np.linspace(
                 *limits, max(int(np.ceil((limits[1] - limits[0]) / DIRECTION_STEP)) + 1, LEAST_DIRECTIONS)
@@ -225,9 +215,6 @@ def learn_tile(
 
     Parameters
     ----------
-    tile : MapTile
-    atom_map : AtomMap
-    grid : DirectionGrid
     reach : Reach
         Where echoes can come from.
     least_dimension : float

@@ -80,12 +80,7 @@ class Paths:
 
 
 class Channel(Protocol):
-    """Channel between base station and user.
-
-    Attributes
-    ----------
-    name : str
-    """
+    """Channel between base station and user."""
 
     name: ClassVar[str]
 
@@ -94,13 +89,8 @@ class Channel(Protocol):
 
         Parameters
         ----------
-        system : System
         stream : Generator
             Random numbers, for channels that are random.
-
-        Returns
-        -------
-        Paths
         """
         ...
 
@@ -112,17 +102,7 @@ class Awgn:
     name: ClassVar[str] = "awgn"
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """Make one path without delay.
-
-        Parameters
-        ----------
-        system : System
-        stream : Generator
-
-        Returns
-        -------
-        Paths
-        """
+        """Make one path without delay."""
         return Paths(np.ones((1, 1), dtype=np.complex128), np.zeros(1), np.zeros(1))
 
 
@@ -136,7 +116,6 @@ class TwoRay:
 
     Attributes
     ----------
-    base_station_height_m, ue_height_m : float
     distance_m : float
         Along the ground.
     permittivity : float
@@ -153,13 +132,6 @@ class TwoRay:
     References
     ----------
     ITU-R P.2040, table 3 (concrete: 5.24, and 0.0462 f^0.7822 with f in GHz).
-
-    Examples
-    --------
-    >>> from isacbench.model.numerology import System
-    >>> paths = TwoRay().paths(System(), np.random.default_rng(0))
-    >>> (1e9 * paths.delay_s).round(2).tolist()
-    [0.0, 1.96]
     """
 
     name: ClassVar[str] = "two_ray"
@@ -183,17 +155,7 @@ class TwoRay:
             raise unknown_name("polarization", self.polarization, get_args(Polarization))
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """Make the direct and the reflected ray, in this order.
-
-        Parameters
-        ----------
-        system : System
-        stream : Generator
-
-        Returns
-        -------
-        Paths
-        """
+        """Make the direct and the reflected ray, in this order."""
         direct_m = np.hypot(self.distance_m, self.base_station_height_m - self.ue_height_m)
         heights_m = self.base_station_height_m + self.ue_height_m
         reflected_m = np.hypot(self.distance_m, heights_m)
@@ -264,17 +226,7 @@ class TappedDelay:
         require(allowed, "speed_mps", self.speed_mps, "a number of m/s from 0, below that of light")
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
-        """Draw one fade: one path for each tap, of a moving user `RAYS_A_TAP` for each fading tap.
-
-        Parameters
-        ----------
-        system : System
-        stream : Generator
-
-        Returns
-        -------
-        Paths
-        """
+        """Draw one fade: one path for each tap, of a moving user `RAYS_A_TAP` for each fading tap."""
         profile = delay_profile(self.profile)
         n_fixed = int(profile.has_line_of_sight)
         n_rays = RAYS_A_TAP if self.speed_mps else 1
@@ -303,18 +255,8 @@ def reflection_coefficient(
         Of the angle between ray and ground.
     permittivity, conductivity_spm : float
         Of the ground: relative, and in S/m.
-    carrier_hz : float
     polarization : {"vertical", "horizontal"}
         Electric field in the plane of incidence, or along the ground.
-
-    Returns
-    -------
-    complex
-
-    Examples
-    --------
-    >>> round(reflection_coefficient(1.0, 4.0, 0.0, 70e9, "vertical").real, 12)
-    0.333333333333
     """
     relative = permittivity - 1j * conductivity_spm / (2 * np.pi * carrier_hz * constants.epsilon_0)
     refracted = np.sqrt(relative - (1 - sine**2))
@@ -324,11 +266,6 @@ def reflection_coefficient(
 
 def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
     """Compute the channel on every resource element to the first antenna, in closed form.
-
-    Parameters
-    ----------
-    system : System
-    paths : Paths
 
     Returns
     -------
@@ -356,11 +293,6 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
 
 def require_closed_form(system: System, paths: Paths) -> None:
     """Refuse paths that no factor of single resource elements describes.
-
-    Parameters
-    ----------
-    system : System
-    paths : Paths
 
     Raises
     ------
@@ -416,10 +348,6 @@ def delay_profile(name: ProfileName) -> Profile:
     name : {"tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"}
         The last two have a line of sight.
 
-    Returns
-    -------
-    Profile
-
     Raises
     ------
     InputError
@@ -428,11 +356,6 @@ def delay_profile(name: ProfileName) -> Profile:
     References
     ----------
     3GPP TR 38.901, tables 7.7.2-1 to 7.7.2-5.
-
-    Examples
-    --------
-    >>> delay_profile("tdl_a").delay.size
-    23
     """
     if name not in get_args(ProfileName):
         raise unknown_name("profile", name, get_args(ProfileName))

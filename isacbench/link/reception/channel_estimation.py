@@ -108,27 +108,15 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
 
     Parameters
     ----------
-    system : System
     time_order : int
         Order of the polynomial that the channel follows in time: 0 where it
         is constant during the frame. Each further order adds noise.
-
-    Returns
-    -------
-    PrsEstimator
 
     Raises
     ------
     InputError
         If the frame has no PRS that touches every subcarrier, or fewer bursts
         of it than the order needs.
-
-    Examples
-    --------
-    >>> from isacbench.model.numerology import System
-    >>> estimator = prs_estimator(System(n_subcarriers=64))
-    >>> len(estimator.bursts)
-    4
     """
     require_estimable(system, time_order)
     is_prs = prs_elements(system)
@@ -139,11 +127,6 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
 
 def require_estimable(system: System, time_order: int = 0) -> None:
     """Refuse what `prs_estimator` cannot estimate, without building it.
-
-    Parameters
-    ----------
-    system : System
-    time_order : int
 
     Raises
     ------

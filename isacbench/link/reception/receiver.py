@@ -50,7 +50,6 @@ class Reception:
     ----------
     n_bits : int
         Data bits of the frame.
-    n_bit_errors : int
     evm : float
         Error vector magnitude: root mean square error of equalised data symbols,
         whose own root mean square is 1.
@@ -102,8 +101,6 @@ def receive(
     ----------
     grid : ResourceGrid
         What is sent, for example of `isacbench.link.waveform.resource_grid.draw_grid`.
-    system : System
-    channel : Channel
     snr_db : float
         Mean received power per resource element over noise power, the mean
         taken over all fades of a fading channel; infinity for no noise.
@@ -115,10 +112,6 @@ def receive(
         Which noise and which fade, not negative. They depend neither on the
         SNR, which only scales the noise, nor on the modulation; the noise not
         on the channel either.
-
-    Returns
-    -------
-    Reception
 
     Raises
     ------
@@ -166,8 +159,6 @@ def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int =
 
     Parameters
     ----------
-    system : System
-    channel : Channel
     trial, seed : int
         Which fade, not negative.
 
@@ -240,19 +231,10 @@ def response_ber(
         Data symbols that each element of the response stands for; the same
         for all unless given.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     InputError
         If there is no such modulation.
-
-    Examples
-    --------
-    >>> response_ber("qpsk", [1.0, 1.0], 9.59) == float(awgn_ber("qpsk", 9.59))
-    True
     """
     with np.errstate(divide="ignore"):
         gain_db = 20 * np.log10(np.abs(np.asarray(response)))
@@ -290,7 +272,6 @@ def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -
     Parameters
     ----------
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    snr_db : float
     noise_gain : float
         Of the estimator, `PrsEstimator.noise_gain`.
 

@@ -97,8 +97,6 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
 
     Parameters
     ----------
-    system : System
-    signal : Signal
     trial, seed : int
         Trial and seed of the data.
 
@@ -124,7 +122,6 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    system : System
     sensing : {"all", "prs"}
 
     Returns
@@ -158,22 +155,10 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
         SNR that Wiener division takes as known. With infinite SNR it becomes
         reciprocal, with a very low SNR matched.
 
-    Returns
-    -------
-    Weights
-
     Raises
     ------
     InputError
         If there is no such division.
-
-    Examples
-    --------
-    >>> weak_and_strong = np.array([[0.5, 1.5]])
-    >>> division_weights(weak_and_strong, "reciprocal").noise.round(3).tolist()
-    [[2.0, 0.667]]
-    >>> division_weights(weak_and_strong, "matched").echo.round(3).tolist()
-    [[0.2, 1.8]]
     """
     sensed = moduli > 0
     divisor = np.where(sensed, moduli, 1.0)
@@ -225,11 +210,6 @@ def division_factors(
     ------
     InputError
         If there is no such division.
-
-    Examples
-    --------
-    >>> division_factors([[2j, 2]], np.array([[True, False]]), "reciprocal").tolist()
-    [[-1j, 0j]]
     """
     sent = np.where(sensed, symbols, 1)
     if division == "reciprocal":

@@ -35,7 +35,6 @@ class SignalSimulator(Simulator):
 
     Parameters
     ----------
-    scenario : Scenario
     signal : Signal, optional
         QPSK on the whole grid unless given.
     """
@@ -76,10 +75,6 @@ class SignalSimulator(Simulator):
         trial, seed : int
             Trial and seed of data and noise. Neither depends on the SNR.
 
-        Returns
-        -------
-        Observation
-
         Raises
         ------
         InputError
@@ -94,26 +89,11 @@ class SignalSimulator(Simulator):
         return replace(observation, sensing=self.signal.sensing)
 
     def weights(self, snr_db: float, trial: int = 0, seed: int = 0) -> Weights:
-        """Compute the weights of echo and noise on the resource grid.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial, seed : int
-
-        Returns
-        -------
-        Weights
-        """
+        """Compute the weights of echo and noise on the resource grid."""
         return self._weights(*self._draw(snr_db, trial, seed))
 
     def echo_cells(self, snr_db: float, trial: int = 0, seed: int = 0) -> Complex:
         """Compute noise-free cells, not to be written to.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial, seed : int
 
         Returns
         -------
@@ -127,11 +107,6 @@ class SignalSimulator(Simulator):
         """Compute noise of unit power at the receiver, not to be written to.
 
         It is the white noise of `unit_noise` with the colour of the weights.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial, seed : int
 
         Returns
         -------
@@ -149,15 +124,5 @@ class SignalSimulator(Simulator):
 
 @lru_cache(maxsize=2)
 def kept_simulator(scenario: Scenario, signal: Signal) -> SignalSimulator:
-    """Build the simulator of a scenario and a signal; the last two are kept.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    signal : Signal
-
-    Returns
-    -------
-    SignalSimulator
-    """
+    """Build the simulator of a scenario and a signal; the last two are kept."""
     return SignalSimulator(scenario, signal)

@@ -66,11 +66,6 @@ def noise_covariance(weight: NDArray[np.float64]) -> Complex:
     -------
     ndarray of complex128, same shape
         E[Z(r + Δr, d + Δd) Z*(r, d)] at [Δr, Δd]; negative lags count from the end.
-
-    Examples
-    --------
-    >>> noise_covariance(np.array([[1.0, 1.0], [2.0, 2.0]])).real.tolist()
-    [[2.5, 0.0], [-1.5, 0.0]]
     """
     covariance: Complex = scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
     return covariance

@@ -44,10 +44,6 @@ def observe(
         Division of what was received by what was sent. All give the same where
         all symbols have the same power, as in QPSK and in the PRS.
 
-    Returns
-    -------
-    Observation
-
     Raises
     ------
     InputError

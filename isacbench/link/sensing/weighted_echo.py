@@ -40,8 +40,6 @@ def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -
 
     Parameters
     ----------
-    scenario : Scenario
-    gate : Gate
     weight : ndarray of float64, shape (n_subcarriers, n_symbols)
         Factor of the echo on each resource element, 0 or more.
 

@@ -69,12 +69,7 @@ def frame_rates(system: System, modulation: Modulation) -> FrameRates:
 
     Parameters
     ----------
-    system : System
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
-
-    Returns
-    -------
-    FrameRates
 
     Raises
     ------
@@ -109,11 +104,6 @@ def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
     ------
     InputError
         If a rate is not from 0 to 1.
-
-    Examples
-    --------
-    >>> hard_decision_capacity([0.0, 0.5, 0.11]).round(3).tolist()
-    [1.0, 0.0, 0.5]
     """
     rate = checked_array("ber", ber)
     require_all("ber", rate, (rate >= 0) & (rate <= 1), "numbers from 0 to 1")
@@ -178,7 +168,6 @@ def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = Tru
     Parameters
     ----------
     papr_db : array_like, any shape
-    n_subcarriers : int
     oversampled : bool
         Of the continuous envelope, not of samples at the critical rate. It
         is meant for rare peaks, and is taken constant below -3 dB, the level

@@ -53,13 +53,8 @@ def layout(system: System, oversampling: int = 1) -> SymbolLayout:
 
     Parameters
     ----------
-    system : System
     oversampling : int
         Sampling rate over the critical one, N Δf.
-
-    Returns
-    -------
-    SymbolLayout
 
     Raises
     ------
@@ -91,7 +86,6 @@ def checked_grid(symbols: ArrayLike, system: System) -> Complex:
     Parameters
     ----------
     symbols : array_like, shape (n_subcarriers, n_symbols)
-    system : System
 
     Returns
     -------
@@ -111,22 +105,7 @@ def checked_grid(symbols: ArrayLike, system: System) -> Complex:
 
 
 def n_samples(layout: SymbolLayout, n_symbols: int) -> int:
-    """Count the samples of a frame, with the suffix of its last symbol.
-
-    Parameters
-    ----------
-    layout : SymbolLayout
-    n_symbols : int
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> n_samples(SymbolLayout(2048, 512, 64), 224)
-    573504
-    """
+    """Count the samples of a frame, with the suffix of its last symbol."""
     return n_symbols * layout.n_symbol + layout.n_suffix
 
 
@@ -139,7 +118,6 @@ def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.flo
 
     Parameters
     ----------
-    layout : SymbolLayout
     position : array_like, any shape
         In samples from the start of the useful part, not necessarily whole.
 
@@ -148,11 +126,6 @@ def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.flo
     ndarray of float64, same shape
         From 0 to 1. Without a suffix 1 from the start of the prefix to before
         the end of the useful part.
-
-    Examples
-    --------
-    >>> transmit_window(SymbolLayout(8, 4, 2), [-4, -3, -2, 0, 8, 9, 10]).round(3).tolist()
-    [0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0]
     """
     position = np.asarray(position, dtype=np.float64)
     since_start, since_end = position + layout.n_prefix, position - layout.n_useful
@@ -174,7 +147,6 @@ def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Compl
     symbols : array_like, shape (n_subcarriers, n_symbols)
         What every resource element carries. It is fastest where the
         subcarriers of a symbol lie side by side in memory.
-    system : System
     oversampling : int
         Sampling rate over the critical one, N Δf.
 
@@ -227,7 +199,6 @@ def demodulate(waveform: ArrayLike, system: System) -> Complex:
         From the start of the first prefix at least to the end of the last
         useful part; what follows is not looked at. Trailing axes, such as of
         array elements, are demodulated each.
-    system : System
 
     Returns
     -------

@@ -23,7 +23,6 @@ def window_spectrum(system: System, frequency_hz: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    system : System
     frequency_hz : array_like, any shape
 
     Returns
@@ -49,7 +48,6 @@ def power_density(system: System, frequency_hz: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    system : System
     frequency_hz : array_like, any shape
         From subcarrier 0.
 
@@ -77,10 +75,6 @@ def mean_power(system: System) -> float:
 
     In the overlap the powers of two symbols are weighted by the squares of
     windows whose sum, not whose squares' sum, is 1.
-
-    Parameters
-    ----------
-    system : System
 
     Returns
     -------

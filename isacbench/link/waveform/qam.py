@@ -25,10 +25,6 @@ def bits_per_symbol(modulation: Modulation) -> int:
     ----------
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
 
-    Returns
-    -------
-    int
-
     Raises
     ------
     InputError
@@ -84,11 +80,6 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex
     InputError
         If there is no such modulation, or the bits fill no whole number of
         symbols, or are none.
-
-    Examples
-    --------
-    >>> (modulate_bits([1, 1, 1, 1], "16qam") * np.sqrt(10)).round(12).tolist()
-    [(-3-3j)]
     """
     n_bits = bits_per_symbol(modulation)
     values = unmasked_array("bits", bits)
@@ -119,11 +110,6 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     ------
     InputError
         If there is no such modulation, or a symbol is NaN: it has no nearest.
-
-    Examples
-    --------
-    >>> decide_bits(modulate_bits([0, 1, 1, 0], "16qam") + 0.1, "16qam").tolist()
-    [0, 1, 1, 0]
     """
     n_bits = bits_per_symbol(modulation)
     received = checked_array("symbols", symbols, np.complex128).ravel()
@@ -165,11 +151,6 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
     ----------
     Cho and Yoon, "On the general BER expression of one- and two-dimensional
     amplitude modulations", IEEE Trans. Commun. 50 (2002), has the same sums.
-
-    Examples
-    --------
-    >>> round(float(awgn_ber("qpsk", 9.59)), 6)
-    0.001279
     """
     n_bits = bits_per_symbol(modulation)
     labels = _axis_labels(n_bits // 2)

@@ -69,16 +69,11 @@ def draw_grid(
 
     Parameters
     ----------
-    system : System
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
     trial, seed : int
         Trial and seed of the data, not negative. Each modulation has its own data.
     n_id : int
         Identity of the PRS sequence, 0 to 4095.
-
-    Returns
-    -------
-    ResourceGrid
 
     Raises
     ------
@@ -116,7 +111,6 @@ def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
 
     Parameters
     ----------
-    system : System
     n_id : int
         Identity of the sequence, 0 to 4095.
 
@@ -158,10 +152,6 @@ def prs_c_init(slot: int, symbol: int, n_id: int) -> int:
     n_id : int
         Identity of the sequence, 0 to 4095.
 
-    Returns
-    -------
-    int
-
     Raises
     ------
     InputError
@@ -170,11 +160,6 @@ def prs_c_init(slot: int, symbol: int, n_id: int) -> int:
     References
     ----------
     3GPP TS 38.211, 7.4.1.7.2.
-
-    Examples
-    --------
-    >>> prs_c_init(0, 2, n_id=0)
-    3072
     """
     require_n_id(n_id)
     high, low = divmod(n_id, 1024)
@@ -188,7 +173,6 @@ def gold_sequence(c_init: int, length: int) -> NDArray[np.uint8]:
     ----------
     c_init : int
         Initial value of the second m-sequence, 0 to 2³¹ - 1.
-    length : int
 
     Returns
     -------
@@ -203,11 +187,6 @@ def gold_sequence(c_init: int, length: int) -> NDArray[np.uint8]:
     References
     ----------
     3GPP TS 38.211, 5.2.1.
-
-    Examples
-    --------
-    >>> gold_sequence(1, 8).tolist()
-    [0, 0, 0, 0, 0, 0, 1, 0]
     """
     allowed = type(c_init) is int and 0 <= c_init < 2**REGISTER
     require(allowed, "c_init", c_init, f"a whole number from 0 to {2**REGISTER - 1}")
@@ -227,10 +206,6 @@ def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray
 
 def require_n_id(n_id: object) -> None:
     """Refuse what is no identity of a PRS sequence.
-
-    Parameters
-    ----------
-    n_id : object
 
     Raises
     ------

@@ -39,10 +39,6 @@ def cross_section_dbsm(rcs_dbsm: float | str, key: str) -> float:
     key : str
         Key of the draw, as `isacbench.model.scenes.raw_uniforms.raw_uniforms` takes it.
 
-    Returns
-    -------
-    float
-
     Notes
     -----
     A drawn one is σ_M σ_S (§7.9.2.1). σ_S is log-normal, and eq. 7.9.2-1 gives
@@ -64,7 +60,6 @@ def free_space_amplitudes(range_m: NDArray[np.float64], wavelength_m: float) -> 
     ----------
     range_m : ndarray of float64, shape (n,)
         Positive.
-    wavelength_m : float
 
     Returns
     -------

@@ -24,7 +24,7 @@ from isacbench.model.scenes.placement import MOST_TRIES, Draws, Ground
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from isacbench.model.scenes.scene_families import (
+    from isacbench.model.scenes.family_parameters import (
         CrowdParameters,
         DensityParameters,
         FamilyParameters,
@@ -62,15 +62,6 @@ def draw_street(parameters: FamilyParameters, key: str) -> Content:
     All have one heading, but stand anywhere: two cars drive in opposite
     directions, two pedestrians each walk in either direction, and a green belt
     and two lamp posts stand.
-
-    Parameters
-    ----------
-    parameters : FamilyParameters
-    key : str
-
-    Returns
-    -------
-    dict
     """
     draws, ground = Draws(key), _ground()
     along_deg = draws.between(-90.0, 90.0, 1)
@@ -96,33 +87,13 @@ def draw_street(parameters: FamilyParameters, key: str) -> Content:
 
 
 def draw_town(parameters: DensityParameters, key: str) -> Content:
-    """Draw vehicles, pedestrians, posts, rails and hedges.
-
-    Parameters
-    ----------
-    parameters : DensityParameters
-    key : str
-
-    Returns
-    -------
-    dict
-    """
+    """Draw vehicles, pedestrians, posts, rails and hedges."""
     draws = Draws(key)
     return _content(parameters, _mixed(draws, _ground(), parameters.density))
 
 
 def draw_weak(parameters: WeakParameters, key: str) -> Content:
-    """Draw a town whose objects have amplitudes up to 1, uniform in dB over the dynamic range.
-
-    Parameters
-    ----------
-    parameters : WeakParameters
-    key : str
-
-    Returns
-    -------
-    dict
-    """
+    """Draw a town whose objects have amplitudes up to 1, uniform in dB over the dynamic range."""
     draws = Draws(key)
     objects = _mixed(draws, _ground(), parameters.density)
     for entry in objects:
@@ -131,17 +102,7 @@ def draw_weak(parameters: WeakParameters, key: str) -> Content:
 
 
 def draw_facade(parameters: DensityParameters, key: str) -> Content:
-    """Draw one or two house fronts, and vehicles and pedestrians between them and the base station.
-
-    Parameters
-    ----------
-    parameters : DensityParameters
-    key : str
-
-    Returns
-    -------
-    dict
-    """
+    """Draw one or two house fronts, and vehicles and pedestrians between them and the base station."""
     draws, ground = Draws(key), _ground()
     objects = []
     for _ in range(2 if parameters.density == "high" else 1):
@@ -164,17 +125,7 @@ def draw_facade(parameters: DensityParameters, key: str) -> Content:
 
 
 def draw_crowd(parameters: CrowdParameters, key: str) -> Content:
-    """Draw pedestrians who walk in all directions.
-
-    Parameters
-    ----------
-    parameters : CrowdParameters
-    key : str
-
-    Returns
-    -------
-    dict
-    """
+    """Draw pedestrians who walk in all directions."""
     draws, ground = Draws(key), _ground()
     n = parameters.pedestrians or draws.whole(8, 16)
     anywhere = _anywhere(draws)
@@ -185,15 +136,6 @@ def draw_sparse(parameters: SparseParameters, key: str) -> Content:
     """Draw lone scatterers, each a Rayleigh cell from every other in range, velocity, u or w.
 
     Directions differ by a cell in both frames. Scatterers move along the line of sight.
-
-    Parameters
-    ----------
-    parameters : SparseParameters
-    key : str
-
-    Returns
-    -------
-    dict
 
     Raises
     ------
@@ -228,17 +170,7 @@ LANES = 4
 
 
 def draw_traffic(parameters: FamilyParameters, key: str) -> Content:
-    """Draw a road of four lanes: lorries, vehicles and cyclists in both directions, pedestrians beside them.
-
-    Parameters
-    ----------
-    parameters : FamilyParameters
-    key : str
-
-    Returns
-    -------
-    dict
-    """
+    """Draw a road of four lanes: lorries, vehicles and cyclists both ways, pedestrians beside them."""
     draws, ground = Draws(key), _ground()
     # Traffic keeps right: seen along +x, the first two lanes go there.
     along_deg = draws.between(-25.0, 25.0, 1)
@@ -277,17 +209,7 @@ def _along(centre: Place, along_deg: float, along_m: float, across_m: float) -> 
 
 
 def draw_crossing(parameters: FamilyParameters, key: str) -> Content:
-    """Draw vehicles, of which every third one turns, cyclists and pedestrians with any heading.
-
-    Parameters
-    ----------
-    parameters : FamilyParameters
-    key : str
-
-    Returns
-    -------
-    dict
-    """
+    """Draw vehicles, of which every third one turns, cyclists and pedestrians with any heading."""
     draws, ground = Draws(key), _ground()
     anywhere = _anywhere(draws)
     makers: list[tuple[Callable[..., Content], tuple[int, int]]] = [

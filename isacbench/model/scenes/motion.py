@@ -23,7 +23,6 @@ def turned(vectors: Floats, yaw_deg: float) -> Floats:
     Parameters
     ----------
     vectors : ndarray of float64, shape (n, 3)
-    yaw_deg : float
 
     Returns
     -------

@@ -115,16 +115,7 @@ class _ObjectTable(_EchoTable):
         return self
 
     def placed(self, around: Surroundings) -> PlacedObject:
-        """Build the scatterers of the object, and its surfaces if they are needed.
-
-        Parameters
-        ----------
-        around : Surroundings
-
-        Returns
-        -------
-        PlacedObject
-        """
+        """Build the scatterers of the object, and its surfaces if they are needed."""
         offsets, parts = self._shape(around)
         scatterers = self._scatterers(offsets, around.base_station_m)
         return PlacedObject(scatterers, [(self._in_place(part), own) for part, own in parts], self.rcs_dbsm)
@@ -382,16 +373,7 @@ class PointsTable(_EchoTable):
     rcs_dbsm: CrossSection = None
 
     def placed(self, around: Surroundings) -> PlacedObject:
-        """Read the scatterers of the csv, which lies in the folder of the scenario's file.
-
-        Parameters
-        ----------
-        around : Surroundings
-
-        Returns
-        -------
-        PlacedObject
-        """
+        """Read the scatterers of the csv, which lies in the folder of the scenario's file."""
         points = read_points_csv(_file_of(around.source, self.file))
         scatterers = Scatterers(
             np.array(self.position_m) + points.xyz,

@@ -113,7 +113,6 @@ def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Offsets:
 
     Parameters
     ----------
-    height_m : float
     stride_phase_deg : float
         0 where the left foot is a full step ahead, 180 where the right one is,
         90 where the left one passes it backwards.
@@ -247,7 +246,6 @@ def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Offsets:
 
     Parameters
     ----------
-    height_m : float
     spacing_m : float
         Distance of neighbours.
 
@@ -266,7 +264,6 @@ def rail(length_m: float = 8.0, spacing_m: float = 0.5) -> Offsets:
 
     Parameters
     ----------
-    length_m : float
     spacing_m : float
         Distance of neighbours.
 
@@ -325,7 +322,6 @@ def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
     ----------
     length_m : float
         Of the vehicle.
-    spacing_m : float
 
     Returns
     -------
@@ -371,10 +367,6 @@ def wheel_roll(n_wheels: int) -> Offsets:
     """Velocities of the rim points of wheels relative to the body, for a speed of 1 m/s.
 
     A wheel rolls: its lowest point stands still, its highest has twice the speed.
-
-    Parameters
-    ----------
-    n_wheels : int
 
     Returns
     -------
@@ -423,10 +415,6 @@ def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Offsets, Offsets]]:
 
 def lorry_hubs(size_m: Sequence[float]) -> Offsets:
     """Hubs of the six wheels of a lorry.
-
-    Parameters
-    ----------
-    size_m : (float, float, float)
 
     Returns
     -------

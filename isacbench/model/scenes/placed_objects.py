@@ -34,7 +34,6 @@ class Surroundings:
     source : Path
         File of the scenario.
     base_station_m : ndarray of float64, shape (3,)
-    region : Region
     with_solids : bool
         True if surfaces that hide are needed.
     """
@@ -51,12 +50,10 @@ class PlacedObject:
 
     Attributes
     ----------
-    scatterers : Scatterers
     parts : sequence of (ndarray of float64 of shape (n, 3, 3), sequence of int)
         Triangles that hide, and the numbers of the scatterers that each part does not hide.
     rcs_dbsm : float or str, optional
         Radar cross section, or the name of a draw.
-    name : str
     """
 
     scatterers: Scatterers
@@ -66,16 +63,7 @@ class PlacedObject:
 
 
 def join_scatterers(placed: Sequence[PlacedObject]) -> Scatterers:
-    """Join the scatterers of all objects. An object whose name is taken gets the next free number.
-
-    Parameters
-    ----------
-    placed : sequence of PlacedObject
-
-    Returns
-    -------
-    Scatterers
-    """
+    """Join the scatterers of all objects. An object whose name is taken gets the next free number."""
     parts = [each.scatterers for each in placed]
     return Scatterers(
         np.concatenate([np.empty((0, 3)), *(part.xyz for part in parts)]),
@@ -108,12 +96,7 @@ def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list
 
     Parameters
     ----------
-    placed : sequence of PlacedObject
     base_station_m : ndarray of float64, shape (3,)
-
-    Returns
-    -------
-    list of PlacedObject
 
     Raises
     ------
@@ -156,7 +139,6 @@ def with_cross_section(placed: PlacedObject, key: str) -> PlacedObject:
 
     Parameters
     ----------
-    placed : PlacedObject
     key : str
         Key of the draw.
 
@@ -177,13 +159,7 @@ def with_path_loss(placed: PlacedObject, base_station_m: Floats, wavelength_m: f
 
     Parameters
     ----------
-    placed : PlacedObject
     base_station_m : ndarray of float64, shape (3,)
-    wavelength_m : float
-
-    Returns
-    -------
-    PlacedObject
     """
     range_m = np.linalg.norm(placed.scatterers.xyz - base_station_m, axis=1)
     # A scatterer at the base station is refused later.

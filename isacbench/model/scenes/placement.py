@@ -41,12 +41,7 @@ class Draws:
         self._n_used = 0
 
     def uniform(self) -> float:
-        """Draw the next uniform number in [0, 1).
-
-        Returns
-        -------
-        float
-        """
+        """Draw the next uniform number in [0, 1)."""
         if self._n_used == len(self._uniforms):
             # Longer draws of a key begin as shorter ones do.
             self._uniforms = raw_uniforms(self._key, len(self._uniforms) * 2 or AT_ONCE).tolist()
@@ -62,10 +57,6 @@ class Draws:
             Both ends.
         decimals : int
             Digits after the point.
-
-        Returns
-        -------
-        float
         """
         return round(low + (high - low) * self.uniform(), decimals) + 0.0
 
@@ -76,20 +67,11 @@ class Draws:
         ----------
         low, high : int
             Both ends.
-
-        Returns
-        -------
-        int
         """
         return low + int((high - low + 1) * self.uniform())
 
     def either(self) -> bool:
-        """Draw true or false.
-
-        Returns
-        -------
-        bool
-        """
+        """Draw true or false."""
         return self.uniform() < 0.5
 
 

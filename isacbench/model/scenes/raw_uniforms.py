@@ -20,7 +20,6 @@ def raw_uniforms(key_text: str, n: int) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    key_text : str
     n : int
         More numbers continue the same stream.
 
@@ -32,11 +31,6 @@ def raw_uniforms(key_text: str, n: int) -> NDArray[np.float64]:
     References
     ----------
     Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
-
-    Examples
-    --------
-    >>> raw_uniforms("town", 2).round(6).tolist()
-    [0.465605, 0.393264]
     """
     key = int.from_bytes(hashlib.sha256(key_text.encode()).digest()[:16], "little")
     raw = np.random.Philox(key=key).random_raw(n)

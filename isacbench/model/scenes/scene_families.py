@@ -5,113 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
-from isacbench.choices import Mimo
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import quoted, shortened
 from isacbench.files.toml_files import builtin_names, find_toml
+from isacbench.model.scenes.family_parameters import (
+    MOST_SEED,
+    CrowdParameters,
+    DensityParameters,
+    FamilyParameters,
+    SparseParameters,
+    TrafficParameters,
+    WeakParameters,
+)
 from isacbench.specifications import MAX_VARIANTS, Spec, spec_variants, spell_spec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-
-MOST_SEED = 2**53
-Seed = Annotated[int, Field(strict=True, ge=0, le=MOST_SEED)]
-Count = Annotated[int, Field(strict=True, ge=0, le=1000)]
-
-
-class FamilyParameters(BaseModel):
-    """Parameters of every family.
-
-    Attributes
-    ----------
-    seed : int
-        Seed of the objects. Those below 500 are for developing estimators,
-        500 to 999 for validating, 1000 and up for reporting.
-    frame : {"panel", "paper"}
-        Frame of the array.
-    coherent_phase : bool
-        True if every echo has the carrier's phase, false if all are in phase.
-    gain_error_db, phase_error_deg : float
-        Standard deviations of the gain and phase errors of the virtual elements.
-    mimo : {"ideal", "comb", "tdm"}
-        How the transmitters are told apart.
-    leakage_db : float or None
-        Power of the direct path from the transmitters over that of all echoes.
-    visible : {"all", "seen"}
-        Scatterers of transparent objects, or those that the base station sees past all surfaces.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    seed: Seed
-    frame: Literal["panel", "paper"] = "panel"
-    coherent_phase: Annotated[bool, Field(strict=True)] = False
-    gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
-    phase_error_deg: Annotated[float, Field(strict=True, ge=0, le=180, allow_inf_nan=False)] = 0.0
-    mimo: Mimo = "ideal"
-    leakage_db: Annotated[
-        Annotated[float, Field(strict=True, ge=-200, le=200)] | None,
-        BeforeValidator(lambda value: None if value == "none" else value),
-    ] = None
-    visible: Literal["all", "seen"] = "all"
-
-
-class DensityParameters(FamilyParameters):
-    """Parameters of a family of mixed objects.
-
-    Attributes
-    ----------
-    density : {"low", "medium", "high"}
-        Number of objects.
-    """
-
-    density: Literal["low", "medium", "high"] = "medium"
-
-
-class WeakParameters(DensityParameters):
-    """Parameters of the family ``weak``.
-
-    Attributes
-    ----------
-    dynamic_range_db : float
-        Range of the powers of objects.
-    """
-
-    dynamic_range_db: Annotated[float, Field(strict=True, ge=0, le=60, allow_inf_nan=False)] = 40.0
-
-
-class CrowdParameters(FamilyParameters):
-    """Parameters of the family ``crowd``.
-
-    Attributes
-    ----------
-    pedestrians : int
-        Number of pedestrians; 0 draws 8 to 16.
-    """
-
-    pedestrians: Count = 0
-
-
-class TrafficParameters(FamilyParameters):
-    """Parameters of the families ``traffic`` and ``crossing``, whose objects hide each other by default."""
-
-    visible: Literal["all", "seen"] = "seen"
-
-
-class SparseParameters(FamilyParameters):
-    """Parameters of the family ``sparse``.
-
-    Attributes
-    ----------
-    scatterers : int
-        Number of lone scatterers; 0 draws 1 to 20.
-    """
-
-    scatterers: Annotated[Count, Field(le=200)] = 0
 
 
 @dataclass(frozen=True)
@@ -120,14 +33,11 @@ class Family:
 
     Attributes
     ----------
-    name : str
     version : int
         Counted up when a seed gives other scenes than before.
-    description : str
     draw : str
         Function from `FamilyParameters` and a key of its uniforms to the content of a scenario
         file, as ``module:function``.
-    parameters : type of FamilyParameters
     """
 
     name: str
@@ -194,13 +104,7 @@ FAMILIES: dict[str, Family] = {
 
 @dataclass(frozen=True)
 class FamilySpec:
-    """A scene of a family.
-
-    Attributes
-    ----------
-    family : Family
-    parameters : FamilyParameters
-    """
+    """A scene of a family."""
 
     family: Family
     parameters: FamilyParameters
@@ -215,10 +119,6 @@ class FamilySpec:
 
     def table(self) -> dict[str, Any]:
         """Content of a scenario file.
-
-        Returns
-        -------
-        dict
 
         Raises
         ------
@@ -240,34 +140,16 @@ USES = {0: "developing", 500: "validating", 1000: "reporting"}
 def use_of_seed(seed: int) -> str:
     """Tell what the scenes of a seed are for.
 
-    Parameters
-    ----------
-    seed : int
-
     Returns
     -------
     {"", "developing", "validating", "reporting"}
         Empty for a negative number, which is no seed.
-
-    Examples
-    --------
-    >>> use_of_seed(499), use_of_seed(500), use_of_seed(1000)
-    ('developing', 'validating', 'reporting')
     """
     return next((use for first, use in reversed(USES.items()) if seed >= first), "")
 
 
 def is_family_spec(name_or_path: str | Path) -> bool:
-    """Tell whether a scenario is spelled as one of a family: with brackets, and not as a TOML file.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a scenario is spelled as one of a family: with brackets, and not as a TOML file."""
     return "[" in str(name_or_path) and Path(name_or_path).suffix != ".toml"
 
 
@@ -278,10 +160,6 @@ def scenario_file(name_or_path: str | Path) -> Path:
     ----------
     name_or_path : str or Path
         Built-in name, or path.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------
@@ -312,11 +190,6 @@ def scenario_variants(name_or_path: str) -> list[str]:
     ------
     InputError
         If there is no such name, file, family or parameter.
-
-    Examples
-    --------
-    >>> scenario_variants("town[seed=3:4]")
-    ['town[seed=3]', 'town[seed=4]']
     """
     if not is_family_spec(name_or_path):
         scenario_file(name_or_path)
@@ -366,11 +239,6 @@ def family_specs(text: str) -> list[FamilySpec]:
     ------
     InputError
         If the text is broken, or the family, a parameter or its value does not exist.
-
-    Examples
-    --------
-    >>> [spec.name for spec in family_specs("town[density=high,seed=0:1]")]
-    ['town[seed=0,density=high]', 'town[seed=1,density=high]']
     """
     found: dict[str, FamilySpec] = {}
     for variant in spec_variants(text):

@@ -151,10 +151,6 @@ class Crowd(EstimatorCase):
         ----------
         seed : int
             Seed of places and noise.
-
-        Returns
-        -------
-        Shot
         """
         stream = random_stream("stress", 0, seed, self.spec)
         lowest, highest = ((3.0, -4.0), (13.0, 4.0)) if self.where == "region" else ((8.8, 0.8), (9.2, 1.2))
@@ -190,10 +186,6 @@ class Spread(EstimatorCase):
         ----------
         seed : int
             Seed of the places.
-
-        Returns
-        -------
-        Shot
         """
         stream = random_stream("stress", self.draw, seed, "spread")
         places: list[NDArray[np.float64]] = []

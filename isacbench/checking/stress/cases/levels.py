@@ -195,16 +195,7 @@ class Blank(EstimatorCase):
         return *EVERY, *empty, image_promises.THREADS, image_promises.LAYOUT
 
     def shot(self, seed: int) -> Shot:
-        """Fill the cells of a gate.
-
-        Parameters
-        ----------
-        seed : int
-
-        Returns
-        -------
-        Shot
-        """
+        """Fill the cells of a gate."""
         shot = observed([], 0.0, seed, Layout(region=NARROW))
         cells = np.zeros_like(shot.seen.cells)
         level = 10.0**self.exponent
@@ -230,11 +221,8 @@ class Ladder:
 
     Attributes
     ----------
-    estimator : Estimator
-    simulator : Simulator
     snr_db : tuple of float
         Ascending.
-    seed : int
     """
 
     estimator: Estimator
@@ -290,17 +278,7 @@ class SnrLadder(Case[Ladder]):
         return falls, Promise("small error at last", SMALL_BINS, _last_error_bins)
 
     def subject(self, plugin: Estimator, seed: int) -> Ladder:
-        """Set up the ladder.
-
-        Parameters
-        ----------
-        plugin : Estimator
-        seed : int
-
-        Returns
-        -------
-        Ladder
-        """
+        """Set up the ladder."""
         scenario = scenario_of(RESOLVED[:1] if self.echoes == "one" else RESOLVED)
         levels_db = tuple(self.from_db + STEPS_DB * step for step in range(N_STEPS))
         return Ladder(plugin, Simulator(scenario), levels_db, seed)

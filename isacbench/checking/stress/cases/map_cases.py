@@ -30,16 +30,7 @@ class MapLevel(DetectorCase):
     exponent: float = real(-76.0, 76.0, 0.0)
 
     def power(self, seed: int) -> NDArray[np.float64]:
-        """Scale noise and echoes.
-
-        Parameters
-        ----------
-        seed : int
-
-        Returns
-        -------
-        ndarray of float64
-        """
+        """Scale noise and echoes."""
         power = np.minimum(white_noise_map(SHAPE, seed), 15.0)
         power[5, 7], power[12, 0], power[0, 16] = 100.0, 40.0, 20.0
         scaled: NDArray[np.float64] = power * 10.0**self.exponent
@@ -62,16 +53,7 @@ class MapRange(DetectorCase):
     strong: str = choice("checkers", "one_cell", "half", "any")
 
     def power(self, seed: int) -> NDArray[np.float64]:
-        """Make some cells strong.
-
-        Parameters
-        ----------
-        seed : int
-
-        Returns
-        -------
-        ndarray of float64
-        """
+        """Make some cells strong."""
         share = np.zeros(SHAPE)
         match self.strong:
             case "checkers":
@@ -113,10 +95,6 @@ class BlankMap(DetectorCase):
         ----------
         seed : int
             Of no effect.
-
-        Returns
-        -------
-        ndarray of float64
         """
         power = np.zeros(SHAPE)
         match self.filled:
@@ -162,16 +140,7 @@ class MapWindow(DetectorCase):
         return {"training": self.training, "guard": self.guard}
 
     def power(self, seed: int) -> NDArray[np.float64]:
-        """Draw a map of that size.
-
-        Parameters
-        ----------
-        seed : int
-
-        Returns
-        -------
-        ndarray of float64
-        """
+        """Draw a map of that size."""
         return white_noise_map(self._shape(), seed)
 
     def _shape(self) -> tuple[int, ...]:
@@ -204,16 +173,7 @@ class Rate(DetectorCase):
         return self.looks
 
     def power(self, seed: int) -> NDArray[np.float64]:
-        """Draw noise of that many looks, and an echo in a corner that half of the windows do not reach.
-
-        Parameters
-        ----------
-        seed : int
-
-        Returns
-        -------
-        ndarray of float64
-        """
+        """Draw noise of that many looks, and an echo in a corner that half of the windows do not reach."""
         power = white_noise_map((9, 11), seed, self.looks)
         power[0, 0] = self.ECHO
         return power

@@ -29,12 +29,10 @@ class Verdict(NamedTuple):
 
     Attributes
     ----------
-    promise : str
     outcome : {"ok", "refused", "skipped", "failed", "timeout", "killed"}
     drift, bound : float
         Measured distance from the promise, and the largest allowed; NaN where
         nothing was measured.
-    time_s : float
     message : str
         What is wrong; empty where nothing is.
     """
@@ -55,12 +53,6 @@ class Verdict(NamedTuple):
 
 def examine(case: Case[Any], plugin: Any, seed: int = 0) -> list[Verdict]:
     """Put a plugin through a case.
-
-    Parameters
-    ----------
-    case : Case
-    plugin : Estimator or Detector
-    seed : int
 
     Returns
     -------

@@ -26,10 +26,6 @@ def table_of(kind: PluginKind) -> list[Case[Any]]:
     Parameters
     ----------
     kind : {"estimator", "detector", "metric"}
-
-    Returns
-    -------
-    list of Case
     """
     return [case for family in find_families([], {kind}) for case in family.table()]
 
@@ -43,21 +39,10 @@ def find_cases(text: str) -> list[Case[Any]]:
         Name of a family for all of its cases in the table, or one case,
         ``name[param=value,...]``.
 
-    Returns
-    -------
-    list of Case
-
     Raises
     ------
     InputError
         If the family or a parameter is unknown, or a value outside its space.
-
-    Examples
-    --------
-    >>> [case.spec for case in find_cases("frame")]
-    ['frame[frame=paper]', 'frame[frame=turned_panel]']
-    >>> find_cases("snr[snr_db=33]")[0].spec
-    'snr[snr_db=33]'
     """
     spec = parse_spec(text)
     if spec.name not in FAMILIES:
@@ -75,10 +60,6 @@ def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[type[Cas
         All families of those kinds where it is empty.
     kinds : set of {"estimator", "detector"}
         Kinds of plugins that they may be meant for.
-
-    Returns
-    -------
-    list of Case classes
 
     Raises
     ------
@@ -104,7 +85,6 @@ def require_kind(text: str, family: type[Case[Any]], kinds: Set[PluginKind]) -> 
     ----------
     text : str
         Specification of the case.
-    family : Case class
     kinds : set of {"estimator", "detector"}
 
     Raises

@@ -28,22 +28,7 @@ def _drawn(space: Space) -> SearchStrategy[Any]:
 
 
 def cases_from(family: type[Case[Any]]) -> SearchStrategy[Case[Any]]:
-    """Strategy of all cases of a family, from the spaces of its fields.
-
-    Parameters
-    ----------
-    family : Case class
-
-    Returns
-    -------
-    SearchStrategy
-
-    Examples
-    --------
-    >>> from isacbench.checking.stress.cases.levels import Snr
-    >>> cases_from(Snr)
-    builds(Snr, snr_db=floats(min_value=-80.0, max_value=200.0, allow_subnormal=False))
-    """
+    """Strategy of all cases of a family, from the spaces of its fields."""
     return st.builds(family, **{name: _drawn(space) for name, space in family.spaces().items()})
 
 
@@ -64,8 +49,6 @@ def search(
 
     Parameters
     ----------
-    targets : sequence of Target
-    families : sequence of Case classes
     n_examples : int
         Number of cases drawn for each target and family.
     seed : int

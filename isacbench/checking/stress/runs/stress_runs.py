@@ -54,8 +54,6 @@ class Task(NamedTuple):
 
     Attributes
     ----------
-    target : Target
-    case : Case
     seed : int
         Seed of what is random in the case.
     options : tuple of str
@@ -110,11 +108,6 @@ def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
     Parameters
     ----------
     kind : {"estimator", "detector", "metric"}
-    specs : sequence of str
-
-    Returns
-    -------
-    list of Target
 
     Raises
     ------
@@ -136,16 +129,10 @@ def tasks_of(
 
     Parameters
     ----------
-    targets : sequence of Target
     cases : sequence of str
         Families or cases; the whole fixed table where it is empty.
-    seed : int
     options : tuple of str
         See `Task`.
-
-    Returns
-    -------
-    list of Task
 
     Raises
     ------
@@ -184,10 +171,6 @@ class Examiner:
     def examine(self, task: Task) -> Examined:
         """Put a target through a case.
 
-        Parameters
-        ----------
-        task : Task
-
         Returns
         -------
         Examined
@@ -212,7 +195,6 @@ def examine_all(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT
 
     Parameters
     ----------
-    tasks : sequence of Task
     jobs : int
         Number of processes.
     timeout_s : float

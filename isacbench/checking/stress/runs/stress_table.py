@@ -27,10 +27,6 @@ TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 def case_table(examined: Sequence[Examined]) -> pd.DataFrame:
     """Tabulate cases.
 
-    Parameters
-    ----------
-    examined : sequence of Examined
-
     Returns
     -------
     DataFrame
@@ -55,10 +51,6 @@ def case_table(examined: Sequence[Examined]) -> pd.DataFrame:
 def promise_table(examined: Sequence[Examined]) -> pd.DataFrame:
     """Tabulate promises.
 
-    Parameters
-    ----------
-    examined : sequence of Examined
-
     Returns
     -------
     DataFrame
@@ -79,14 +71,8 @@ def write_stress_tables(folder: Path, examined: Sequence[Examined], *, timeout_s
 
     Parameters
     ----------
-    folder : Path
-    examined : sequence of Examined
     timeout_s : float
         Longest time of a case in s, recorded.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -118,14 +104,6 @@ def write_stress_tables(folder: Path, examined: Sequence[Examined], *, timeout_s
 
 def open_stress_folder(folder: Path) -> AbstractContextManager[Path]:
     """Create the folder of a stress run, or enter one whose tables are to be replaced, and keep others out.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    context manager of Path
 
     Raises
     ------

@@ -77,11 +77,6 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
     ----------
     H. Rohling, "Radar CFAR thresholding in clutter and multiple target
     situations", IEEE Trans. AES 19(4), 1983: the one-look order statistic.
-
-    Examples
-    --------
-    >>> f"{osca_rate(7.437354, ((6, 9),) * 9):.6f}"
-    '0.001000'
     """
     _check_columns(columns)
     return _OscaLaw(columns, checked_looks(looks)).rate(factor)
@@ -109,13 +104,6 @@ def osca_factor(pfa: float, columns: tuple[tuple[int, int], ...], looks: int = 1
     ------
     InputError
         If `pfa`, `columns` or `looks` is out of range.
-
-    Examples
-    --------
-    The paper's 9 x 9 window, the cell under test inside it:
-
-    >>> round(osca_factor(1e-3, ((6, 9),) * 8 + ((6, 8),)), 6)
-    7.262139
     """
     _check_columns(columns)
     return solve_factor(_OscaLaw(columns, checked_looks(looks)).rate, pfa)

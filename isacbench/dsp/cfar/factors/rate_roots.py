@@ -60,10 +60,6 @@ def checked_looks(looks: int) -> int:
     looks : int
         Independent noise powers that each cell averages.
 
-    Returns
-    -------
-    int
-
     Raises
     ------
     InputError
@@ -82,10 +78,6 @@ def checked_training(n_training: int) -> int:
     n_training : int
         Number of training cells.
 
-    Returns
-    -------
-    int
-
     Raises
     ------
     InputError
@@ -101,13 +93,8 @@ def checked_factor(factor: float, pfa: float) -> float:
 
     Parameters
     ----------
-    factor : float
     pfa : float
         Probability of false alarm that it belongs to, for the message.
-
-    Returns
-    -------
-    float
 
     Raises
     ------

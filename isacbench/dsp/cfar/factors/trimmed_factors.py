@@ -91,11 +91,6 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
     ----------
     P. P. Gandhi, S. A. Kassam, "Analysis of CFAR processors in nonhomogeneous
     background", IEEE Trans. AES 24(4), 1988: one look.
-
-    Examples
-    --------
-    >>> round(tm_factor(1e-3, 72, (18, 18)), 6)
-    9.946539
     """
     check_pfa(pfa)
     _check_trimmed(n_training, trimmed)
