@@ -99,25 +99,6 @@ def variant_label(name: str, params: str) -> str:
     return spell_spec(name, {key: _told(value, _defaults) for key, value in unlike.items()})
 
 
-def labelled(records: pd.DataFrame) -> pd.DataFrame:
-    """Fill the column ``label`` of rows that an older isacbench has made.
-
-    Parameters
-    ----------
-    records : DataFrame
-
-    Returns
-    -------
-    DataFrame
-    """
-    is_bare = records["label"] == ""
-    if not is_bare.any():
-        return records
-    names = {variant: variant_label(*variant) for variant in variants_in(records[is_bare])}
-    filled = [names.get(variant, "") for variant in zip(records["estimator"], records["params"], strict=True)]
-    return records.assign(label=records["label"].where(~is_bare, filled))
-
-
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     """Name estimators for tables and figures: the bare name, with parameters where they are needed.
 

@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, typed
-from isacbench.bench.plan.labels import labelled
 from isacbench.bench.store.manifest import (
     ENTRIES,
     RUN_KEYS,
@@ -98,7 +97,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     )
     run = together.changed(
         label=str(out),
-        rows=labelled(typed(together.rows, row_columns(suite, described[SCORES]["columns"]))),
+        rows=typed(together.rows, row_columns(suite, described[SCORES]["columns"])),
         manifest=build_manifest(described, together.environments, sessions),
         read_scenes=lambda: scenes,
     )
@@ -111,9 +110,8 @@ def _open(folder: Path) -> Run:
     """Open a part, of which nothing may be missing."""
     run = Run.open(folder)
     if missing := [key for key in RUN_KEYS if key not in run.manifest]:
-        todo = "rescore" if missing[0] == SCORES else "resume"
         raise InputError(
-            f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); {todo} the run "
+            f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); resume the run "
             "with this version first"
         )
     if (run.rows["deviation"].notna() & ~run.is_whole()).any():
@@ -170,13 +168,7 @@ def _described(parts: Sequence[Run]) -> dict[str, Any]:
     """Description of the whole run: that of the first part, with the estimators of all."""
     first = parts[0].manifest
     described = {key: first[key] for key in RUN_KEYS}
-    if all(part.suite.estimators == parts[0].suite.estimators for part in parts):
-        for part in parts:
-            if any(part.manifest[key] != first[key] for key in ("scenes", "estimators")):
-                raise InputError(
-                    f"{parts[0].label} and {part.label}: the suites are equal, but their parameters or SNRs "
-                    "differ, because different versions wrote them"
-                )
+    if all(part.manifest[key] == first[key] for part in parts for key in ("estimators", "scenes")):
         return described
     entries: dict[tuple[str, str], Any] = {}
     texts: dict[tuple[str, str], str] = {}
@@ -185,11 +177,16 @@ def _described(parts: Sequence[Run]) -> dict[str, Any]:
         spelled = [text for spec in part.suite.estimators for text, _ in spec_variants(spec)]
         if len(spelled) != len(own) or any(scene[ENTRIES] != [*range(len(own))] for scene in scenes):
             raise InputError(
-                f"{part.label}: its estimators do not all meet every scene; of such runs only shards of one "
-                "run can be merged"
+                f"{part.label}: not all of its estimators meet every scene; only shards of one such run "
+                "can be merged"
             )
         for text, entry in zip(spelled, own, strict=True):
             key = entry["name"], canonical_json(entry["params"])
+            if text in texts.values() and key not in texts:
+                raise InputError(
+                    f"{parts[0].label} and {part.label}: the parameters of {text} differ, because different "
+                    "versions wrote them"
+                )
             entries.setdefault(key, entry)
             texts.setdefault(key, text)
     return {
