@@ -31,7 +31,7 @@ from isacbench.files.escaping import shortened
 from isacbench.specifications import spec_variants
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -83,27 +83,25 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
             "the parts describe"
         )
     together, positions = _without_repeats(together, positions)
-    started = datetime.now().astimezone()
-    wall_time_s, is_partial = (
-        sum(part.manifest["wall_time_s"] for part in parts),
-        len(positions) < plan.n_cells,
-    )
-    options = {"merged": [str(folder) for folder in folders]}
-    last = describe_session(started, wall_time_s, is_partial, options)
-    earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
-    sessions = [*sorted(earlier, key=lambda entry: entry["started"]), last]
-    scenes = Scenes(
-        suite, parts[0].scenarios, _draws(parts, [scene["name"] for scene in described["scenes"]])
-    )
+    sessions = _sessions(parts, len(positions) < plan.n_cells)
     run = together.changed(
         label=str(out),
         rows=typed(together.rows, row_columns(suite, described[SCORES]["columns"])),
         manifest=build_manifest(described, together.environments, sessions),
-        read_scenes=lambda: scenes,
+        read_scenes=lambda: Scenes(suite, parts[0].scenarios, _draws(parts, described["scenes"])),
     )
     with open_folder(out) as folder:
         run.save(folder)
     return Merged(run, plan.n_cells, _gaps(plan, positions))
+
+
+def _sessions(parts: Sequence[Run], is_partial: bool) -> list[dict[str, Any]]:
+    """Calls that worked on the parts, and this one."""
+    wall_time_s = sum(part.manifest["wall_time_s"] for part in parts)
+    options = {"merged": [part.label for part in parts]}
+    last = describe_session(datetime.now().astimezone(), wall_time_s, is_partial, options)
+    earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
+    return [*sorted(earlier, key=lambda entry: entry["started"]), last]
 
 
 def _open(folder: Path) -> Run:
@@ -225,12 +223,12 @@ def _require_agreement(one: Run, other: Run) -> None:
         )
 
 
-def _draws(parts: Sequence[Run], scenes: Sequence[str]) -> pd.DataFrame:
+def _draws(parts: Sequence[Run], scenes: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Scatterers that the parts drew, each trial of a scene once, in the order of the table."""
     draws = pd.concat([part.draws.assign(part=n) for n, part in enumerate(parts)], ignore_index=True)
     first = draws.groupby(["scenario", "trial"])["part"].transform("min")
     draws = draws[draws["part"] == first].drop(columns="part")
-    scene = pd.Index(scenes).get_indexer(pd.Index(draws["scenario"]))
+    scene = pd.Index([scene["name"] for scene in scenes]).get_indexer(pd.Index(draws["scenario"]))
     return draws.iloc[np.lexsort([draws["trial"].to_numpy(dtype=np.int64), scene])].reset_index(drop=True)
 
 

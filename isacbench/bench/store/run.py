@@ -19,7 +19,6 @@ from isacbench.bench.cells.record import (
     require_sound_records,
     stored_points,
     typed,
-    with_added,
 )
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store import run_folder as files
@@ -508,7 +507,7 @@ def _stored(folder: Path, manifest: Mapping[str, Any], is_strict: bool = False) 
 
 
 def _read_rows(path: Path) -> pd.DataFrame:
-    rows = with_added(read_table(path))
+    rows = read_table(path)
     if missing := [name for name in COLUMNS if name not in rows]:
         raise ValueError(f"{path.name} has no column {missing[0]}")
     if rows.duplicated(CLOUD_KEYS).any():

@@ -1,5 +1,4 @@
 import json
-import math
 import os
 import shutil
 
@@ -50,18 +49,6 @@ def test_a_run_is_read_back_as_it_was_written(written):
     assert table.columns.tolist() == results.rows.columns.tolist()
     assert table["estimator"].tolist() == results.rows["estimator"].tolist()
     np.testing.assert_allclose(table["deviation"], results.rows["deviation"], rtol=1e-12)
-
-
-def test_a_run_from_before_a_column_was_added_is_read_with_what_stands_for_before(written, monkeypatch):
-    results, folder = written
-    older = results.rows.drop(columns="recall")
-    older.to_parquet(folder / "results.parquet", index=False)
-    with pytest.raises(InputError, match="no column recall"):
-        Run.open(folder)
-    monkeypatch.setattr("isacbench.bench.cells.record.ADDED", {"recall": math.nan})
-    records = Run.open(folder).rows
-    assert records["recall"].isna().all()
-    pd.testing.assert_frame_equal(records[older.columns], older)
 
 
 def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugins, room_file, tmp_path):
@@ -174,12 +161,6 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     with replacing(path) as temporary:
         temporary.write_text("new")
     assert path.read_text() == "new"
-
-
-def test_an_empty_manifest_is_damage(written):
-    (written[1] / "manifest.json").write_text("{}")
-    with pytest.raises(InputError, match="damaged run"):
-        Run.open(written[1])
 
 
 def test_the_default_folder_is_named_after_suite_and_time():
