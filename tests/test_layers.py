@@ -10,7 +10,7 @@ import pytest
 
 from tests.documents.sources import FILES, ROOT, statements, trees
 
-BASE = {"errors", "checkout", "choices", "cores", "number_text"}
+BASE = {"charts", "errors", "checkout", "choices", "cores", "number_text"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},
@@ -60,8 +60,6 @@ LAYERS = {  # each may import what is named beside it, and nothing else
 }
 ALGORITHMS = {*BASE, "checked_arrays", "instrument", "model", "metrics", "dsp", "plugins"}
 KNOWN = {
-    ("isacbench.bench.suites", "isacbench.report"),
-    ("isacbench.bench.suites", "isacbench.bench.studies"),
     ("isacbench.bench.store.provenance", "isacbench.bench.workers.workbench"),  # not to import it
     ("isacbench.bench.workers.process_server", "isacbench.bench.workers.guarded_cells"),  # in workers
 }

@@ -248,7 +248,7 @@ def manifest_of(folder):
     return json.loads((folder / "manifest.json").read_text())
 
 
-@pytest.mark.parametrize("key", ["suite", "scenarios"])
+@pytest.mark.parametrize("key", ["suite", "scores", "scenarios"])
 def test_a_manifest_that_lacks_a_part_is_refused(refused, run_folder, key):
     manifest = manifest_of(run_folder)
     del manifest[key]
@@ -262,11 +262,9 @@ def test_rows_of_a_scenario_that_the_manifest_lacks_are_refused(run_folder, refu
     assert "its rows name the scenarios ['elsewhere']" in refused(Run.open, run_folder)
 
 
-@pytest.mark.parametrize("key", ["sessions", "scores"])
-def test_a_manifest_without_sessions_or_metrics_is_rescored(run_folder, key):
-    """Without metrics it is one of an older isacbench, which had ``paper`` alone."""
+def test_a_manifest_without_sessions_is_rescored(run_folder):
     manifest = manifest_of(run_folder)
-    del manifest[key]
+    del manifest["sessions"]
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
     assert not [change for change in rescore(run_folder).changes if change.n_rows]
     assert manifest_of(run_folder)["scores"]["metrics"]["paper"]["version"] == Paper.version

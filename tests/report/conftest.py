@@ -4,7 +4,7 @@ import json
 
 import pandas as pd
 import pytest
-from isacbench.report.tables.tables_by_kind import write_run_tables
+from isacbench.report.run_tables import write_run_tables
 
 from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS
 from isacbench.bench.store.run import Run

@@ -172,17 +172,8 @@ class Outcome:
 def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     """Put the columns of a table into their order and their types.
 
-    Parameters
-    ----------
-    records : DataFrame
-    columns : mapping of str to Any
-        Columns of the study, each with its value for rows without it.
-
-    Returns
-    -------
-    DataFrame
-        Columns as in `COLUMNS`, then those of the study, and then those of
-        `TIMING_COLUMNS` and `REFERENCE_COLUMNS` that the records have.
+    `columns` are those of the study, each with its value for rows without it. The order is that of `COLUMNS`,
+    then those of the study, and then those of `TIMING_COLUMNS` and `REFERENCE_COLUMNS` that the records have.
     """
     kinds = {name: KINDS[TYPES[name]] for name in COLUMNS}
     optional = {**TIMING_COLUMNS, **REFERENCE_COLUMNS}
@@ -194,17 +185,7 @@ def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def stored_points(records: pd.DataFrame) -> pd.Series[Any]:
-    """Number of points of the cloud that is stored for each row.
-
-    Parameters
-    ----------
-    records : DataFrame
-
-    Returns
-    -------
-    Series
-        ``n_estimated``, or ``n_stored`` of the rows of references.
-    """
+    """Number of points of the cloud that is stored for each row; of references ``n_stored``."""
     if N_STORED not in records:
         return records["n_estimated"]
     return records[N_STORED].fillna(records["n_estimated"])
@@ -213,15 +194,7 @@ def stored_points(records: pd.DataFrame) -> pd.Series[Any]:
 def require_sound_records(records: pd.DataFrame) -> None:
     """Refuse records whose columns have other types, or a status that this isacbench does not know.
 
-    Parameters
-    ----------
-    records : DataFrame
-        Any of the columns `COLUMNS`.
-
-    Raises
-    ------
-    ValueError
-        Naming the column.
+    ValueError names the column; any of the columns `COLUMNS` may be missing.
     """
     records.astype({name: KINDS[TYPES[name]] for name in COLUMNS if name in records})
     if "status" in records:

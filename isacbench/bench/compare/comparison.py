@@ -288,29 +288,8 @@ def compare_tables(
     of a scene are averaged over its trials, and tests and intervals are over
     scenes, all of them and each family of 20 or more.
 
-    Parameters
-    ----------
-    base, new : Run
-    tolerances : iterable of Tolerance
-        In addition to 5 % of the deviation, or instead.
-    alpha : float
-        Level of everything together, in each direction.
-    partners : mapping of (str, str) to (str, str)
-        Variant of the new run for variants of the base; all others are
-        partners of their equals.
-    is_between : bool
-        Whether the one pair of partners alone is compared.
-
-    Returns
-    -------
-    Comparison
-
-    Raises
-    ------
-    NotComparableError
-        If the runs measured different things.
-    InputError
-        If a tolerance or the level cannot be.
+    `tolerances` come in addition to 5 % of the deviation, or instead; `alpha` is the level of everything
+    together, in each direction. With `is_between` the one pair of `partners` alone is compared.
     """
     if not 0 < alpha < 0.5:
         raise InputError(f"alpha = {alpha!r}: allowed is a number above 0 and below 0.5")

@@ -197,39 +197,12 @@ def rank(
 
 
 def default_metric(records: pd.DataFrame) -> str:
-    """Score that a run is ranked by unless another one is asked for.
-
-    Parameters
-    ----------
-    records : DataFrame
-        As `isacbench.bench.compare.scene_scores.with_ratios` returns it.
-
-    Returns
-    -------
-    {"ratio", "hausdorff_sum_m"}
-        The second one without an oracle to form ratios with.
-    """
+    """Score that a run is ranked by: the ratio, or ``hausdorff_sum_m`` without an oracle to form it with."""
     return "ratio" if records["ratio"].notna().any() else "hausdorff_sum_m"
 
 
 def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
-    """Rank the estimators of a run that was read.
-
-    Parameters
-    ----------
-    run : Run
-    metric : str, optional
-    estimators : sequence of str, optional
-
-    Returns
-    -------
-    Ranking
-
-    Raises
-    ------
-    InputError
-        As `rank` raises it.
-    """
+    """Rank the estimators of a run that was read, as `rank` does."""
     if run.kind not in SCENE_KINDS:
         raise InputError(
             f"{run.label}: the scenarios of a suite of kind {run.kind!r} are no scenes to rank over; allowed "

@@ -108,19 +108,10 @@ def scene_groups(scenes: Iterable[str], families: Mapping[str, str]) -> dict[str
 
 
 def compared_scenes(manifest: Mapping[str, Any], scenes: Iterable[str]) -> dict[str, list[str]]:
-    """Group the scenes of a comparison, where it has enough of them to be the units.
+    """Group the scenes of a comparison as `scene_groups` does, where it has enough of them to be the units.
 
-    Parameters
-    ----------
-    manifest : mapping of str to Any
-    scenes : iterable of str
-        Scenarios with paired cells.
-
-    Returns
-    -------
-    dict of str to list of str
-        As `scene_groups` returns it. Empty for fewer than six scenes, and for suites
-        whose scenarios are no population: steps of a parameter, maps, users.
+    There is no group of fewer than six scenes, and of suites whose scenarios are no population: steps of a
+    parameter, maps, users.
     """
     names = list(dict.fromkeys(scenes))
     if len(names) < MIN_INTERVAL_TRIALS or manifest["suite"].get("kind", "imaging") not in SCENE_KINDS:
@@ -131,19 +122,9 @@ def compared_scenes(manifest: Mapping[str, Any], scenes: Iterable[str]) -> dict[
 def pool_scenes(rows: pd.DataFrame, groups: Mapping[str, Sequence[str]]) -> pd.DataFrame:
     """Put groups in the place of scenarios, and scenes in the place of trials.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        With the columns ``scenario``, ``estimator``, ``params``, ``snr_db``, ``trial``, ``base``, ``new``;
-        the scores are NaN in both or in none.
-    groups : mapping of str to sequence of str
-        Scenes by the name of their group.
-
-    Returns
-    -------
-    DataFrame
-        A row for each group, estimator, SNR and scene: the means over the scene's trials.
-        ``scenario`` holds the group, ``trial`` the scene.
+    `rows` have ``scenario``, ``estimator``, ``params``, ``snr_db``, ``trial``, ``base`` and ``new``, scores
+    that are NaN in both or in none; `groups` are scenes by the name of their group. Returned is a row for
+    each group, estimator, SNR and scene: the means over the scene's trials.
     """
     keys = ["scenario", *VARIANT, "snr_db"]
     means = rows.groupby(keys, sort=False)[["base", "new"]].mean().reset_index()
@@ -155,25 +136,11 @@ def pool_scenes(rows: pd.DataFrame, groups: Mapping[str, Sequence[str]]) -> pd.D
 
 
 def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequence[Variant]) -> SceneScores:
-    """Average a score within every scene, over the SNRs and trials at which all estimators have one.
+    """Average a score within every scene, over the SNRs and trials at which all ranked estimators have one.
 
     A cell that failed gets the worst score that any of the estimators has in
     the run. Left out it would make its estimator look better than one that
     tried and delivered a bad image.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run.
-    metric : str
-        One of their columns.
-    better : {"lower", "higher"}
-    ranked : sequence of (str, str)
-        Name and params of the estimators that must all have a score.
-
-    Returns
-    -------
-    SceneScores
     """
     rows = records[[*SCENE_CELL, *VARIANT]].assign(
         # Merged and stored rows may have categories, which would be grouped whether they occur or not.
@@ -215,22 +182,7 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
 def average_alone(
     records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
 ) -> pd.Series[float]:
-    """Average a score of one estimator within every scene, as far as it has one at the compared cells.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run.
-    metric : str
-    variant : (str, str)
-    cells : DataFrame
-        Of `SceneScores`.
-
-    Returns
-    -------
-    Series of float64
-        By scene; without scenes in which it has none.
-    """
+    """Average a score of one estimator within every scene, as far as it has one at the compared cells."""
     own = records[(records["estimator"] == variant[0]) & (records["params"] == variant[1])]
     own = own.astype({"scenario": object}).set_index(SCENE_CELL)
     values: pd.Series[float] = own[metric].astype(float).where(~failed(own)).reindex(cells.index)

@@ -32,22 +32,10 @@ PICTURE = "image.png"
 def worst_scenes(
     records: pd.DataFrame, manifest: Mapping[str, Any], scored: SceneScores, better: str
 ) -> pd.DataFrame:
-    """List the scenes in which each estimator has its worst scores.
+    """List the three scenes in which each estimator has its worst scores.
 
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of the run.
-    manifest : mapping of str to Any
-    scored : SceneScores
-    better : {"lower", "higher"}
-
-    Returns
-    -------
-    DataFrame
-        A row for each of three scenes of each estimator: ``estimator``,
-        ``params``, ``scenario``, ``family``, ``score`` of the scene; of its worst
-        cell ``snr_db``, ``trial``, ``cell_score`` and ``status``.
+    The columns are ``estimator``, ``params``, ``scenario``, ``family``, ``score`` of the scene; of its worst
+    cell ``snr_db``, ``trial``, ``cell_score`` and ``status``.
     """
     families, found = scene_families(manifest), []
     for variant in variants_in(scored.scenes.columns.to_frame()):

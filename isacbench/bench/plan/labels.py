@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from isacbench.charts import Variant, variants_in
+from isacbench.charts import Variant
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults, sees_truth
@@ -61,25 +61,6 @@ def variant_label(name: str, params: str) -> str:
     kinds: tuple[PluginKind, ...] = "estimator", "detector"
     unlike = next((found for kind in kinds if (found := _unlike_defaults(_defaults(kind, name), own))), {})
     return spell_spec(name, {key: _told(value) for key, value in unlike.items()})
-
-
-def labelled(records: pd.DataFrame) -> pd.DataFrame:
-    """Fill the column ``label`` of rows that an older isacbench has made.
-
-    Parameters
-    ----------
-    records : DataFrame
-
-    Returns
-    -------
-    DataFrame
-    """
-    is_bare = records["label"] == ""
-    if not is_bare.any():
-        return records
-    names = {variant: variant_label(*variant) for variant in variants_in(records[is_bare])}
-    filled = [names.get(variant, "") for variant in zip(records["estimator"], records["params"], strict=True)]
-    return records.assign(label=records["label"].where(~is_bare, filled))
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:

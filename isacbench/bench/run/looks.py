@@ -19,20 +19,10 @@ LOG = Path(isacbench.__file__).parents[1] / "results" / "looks.csv"
 
 
 def record_look(suite: Suite, log: Path = LOG) -> Path | None:
-    """Record that a suite looks at scenes for reporting, in a checkout of isacbench.
+    """Record that a suite looks at scenes for reporting, in a checkout of isacbench, whose log exists.
 
-    The same look, with the same estimators and code on the same day, is recorded once.
-
-    Parameters
-    ----------
-    suite : Suite
-    log : Path
-        A csv that exists.
-
-    Returns
-    -------
-    Path or None
-        The log where something was added.
+    The same look, with the same estimators and code on the same day, is recorded once. Returned is the log
+    where something was added.
     """
     specs = [spec for text in suite.scenarios if is_family_spec(text) for spec in family_specs(text)]
     seeds = [spec.parameters.seed for spec in specs if use_of_seed(spec.parameters.seed) == "reporting"]

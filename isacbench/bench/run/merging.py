@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, typed
-from isacbench.bench.plan.labels import labelled
 from isacbench.bench.store.manifest import (
     ENTRIES,
     RUN_KEYS,
@@ -32,7 +31,7 @@ from isacbench.files.escaping import shortened
 from isacbench.specifications import spec_variants
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -84,36 +83,33 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
             "the parts describe"
         )
     together, positions = _without_repeats(together, positions)
-    started = datetime.now().astimezone()
-    wall_time_s, is_partial = (
-        sum(part.manifest["wall_time_s"] for part in parts),
-        len(positions) < plan.n_cells,
-    )
-    options = {"merged": [str(folder) for folder in folders]}
-    last = describe_session(started, wall_time_s, is_partial, options)
-    earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
-    sessions = [*sorted(earlier, key=lambda entry: entry["started"]), last]
-    scenes = Scenes(
-        suite, parts[0].scenarios, _draws(parts, [scene["name"] for scene in described["scenes"]])
-    )
+    sessions = _sessions(parts, len(positions) < plan.n_cells)
     run = together.changed(
         label=str(out),
-        rows=labelled(typed(together.rows, row_columns(suite, described[SCORES]["columns"]))),
+        rows=typed(together.rows, row_columns(suite, described[SCORES]["columns"])),
         manifest=build_manifest(described, together.environments, sessions),
-        read_scenes=lambda: scenes,
+        read_scenes=lambda: Scenes(suite, parts[0].scenarios, _draws(parts, described["scenes"])),
     )
     with open_folder(out) as folder:
         run.save(folder)
     return Merged(run, plan.n_cells, _gaps(plan, positions))
 
 
+def _sessions(parts: Sequence[Run], is_partial: bool) -> list[dict[str, Any]]:
+    """Calls that worked on the parts, and this one."""
+    wall_time_s = sum(part.manifest["wall_time_s"] for part in parts)
+    options = {"merged": [part.label for part in parts]}
+    last = describe_session(datetime.now().astimezone(), wall_time_s, is_partial, options)
+    earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
+    return [*sorted(earlier, key=lambda entry: entry["started"]), last]
+
+
 def _open(folder: Path) -> Run:
     """Open a part, of which nothing may be missing."""
     run = Run.open(folder)
     if missing := [key for key in RUN_KEYS if key not in run.manifest]:
-        todo = "rescore" if missing[0] == SCORES else "resume"
         raise InputError(
-            f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); {todo} the run "
+            f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); resume the run "
             "with this version first"
         )
     if (run.rows["deviation"].notna() & ~run.is_whole()).any():
@@ -170,13 +166,7 @@ def _described(parts: Sequence[Run]) -> dict[str, Any]:
     """Description of the whole run: that of the first part, with the estimators of all."""
     first = parts[0].manifest
     described = {key: first[key] for key in RUN_KEYS}
-    if all(part.suite.estimators == parts[0].suite.estimators for part in parts):
-        for part in parts:
-            if any(part.manifest[key] != first[key] for key in ("scenes", "estimators")):
-                raise InputError(
-                    f"{parts[0].label} and {part.label}: the suites are equal, but their parameters or SNRs "
-                    "differ, because different versions wrote them"
-                )
+    if all(part.manifest[key] == first[key] for part in parts for key in ("estimators", "scenes")):
         return described
     entries: dict[tuple[str, str], Any] = {}
     texts: dict[tuple[str, str], str] = {}
@@ -185,11 +175,16 @@ def _described(parts: Sequence[Run]) -> dict[str, Any]:
         spelled = [text for spec in part.suite.estimators for text, _ in spec_variants(spec)]
         if len(spelled) != len(own) or any(scene[ENTRIES] != [*range(len(own))] for scene in scenes):
             raise InputError(
-                f"{part.label}: its estimators do not all meet every scene; of such runs only shards of one "
-                "run can be merged"
+                f"{part.label}: not all of its estimators meet every scene; only shards of one such run "
+                "can be merged"
             )
         for text, entry in zip(spelled, own, strict=True):
             key = entry["name"], canonical_json(entry["params"])
+            if text in texts.values() and key not in texts:
+                raise InputError(
+                    f"{parts[0].label} and {part.label}: the parameters of {text} differ, because different "
+                    "versions wrote them"
+                )
             entries.setdefault(key, entry)
             texts.setdefault(key, text)
     return {
@@ -228,12 +223,12 @@ def _require_agreement(one: Run, other: Run) -> None:
         )
 
 
-def _draws(parts: Sequence[Run], scenes: Sequence[str]) -> pd.DataFrame:
+def _draws(parts: Sequence[Run], scenes: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Scatterers that the parts drew, each trial of a scene once, in the order of the table."""
     draws = pd.concat([part.draws.assign(part=n) for n, part in enumerate(parts)], ignore_index=True)
     first = draws.groupby(["scenario", "trial"])["part"].transform("min")
     draws = draws[draws["part"] == first].drop(columns="part")
-    scene = pd.Index(scenes).get_indexer(pd.Index(draws["scenario"]))
+    scene = pd.Index([scene["name"] for scene in scenes]).get_indexer(pd.Index(draws["scenario"]))
     return draws.iloc[np.lexsort([draws["trial"].to_numpy(dtype=np.int64), scene])].reset_index(drop=True)
 
 

@@ -26,19 +26,8 @@ LINE_S = 60.0
 def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> Iterator[Progress]:
     """Show progress on a terminal, or in the log that stderr leads to.
 
-    Parameters
-    ----------
-    title : str
-        Name of the work.
-    noun : str
-        Name of its pieces.
-    is_idle : bool
-        True to redraw a bar only when a piece is done, and not in between.
-
-    Yields
-    ------
-    Progress
-        To be called after each piece.
+    `title` names the work, `noun` its pieces. With `is_idle` a bar is redrawn only when a piece is done. What
+    is yielded is called after each piece.
     """
     from rich.console import Console
 
@@ -59,23 +48,7 @@ def paced_progress(
     period_s: float,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
-    """Put progress into words, at most once in a period.
-
-    Parameters
-    ----------
-    noun : str
-        Name of the pieces.
-    tell : callable
-        Takes the text.
-    period_s : float
-        Time between two texts.
-    clock : callable
-        Returns the time in s.
-
-    Returns
-    -------
-    Progress
-    """
+    """Put progress into words, which `tell` takes, at most once in a period; `clock` has the time in s."""
     begun_s = told_s = clock()
     n_before: int | None = None
 

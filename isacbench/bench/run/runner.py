@@ -16,7 +16,6 @@ import pandas as pd
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, typed
 from isacbench.bench.cells.timing import repeats_wanted
 from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.store.journal import Journal
@@ -286,7 +285,7 @@ def run_suite(
         used = {name: known[name] for name in names if name in known}
         run = Run(
             str(folder),
-            labelled(typed(found.rows, columns)),
+            typed(found.rows, columns),
             with_sessions(manifest, used, sessions),
             read_clouds=lambda: clouds,
             read_scenes=lambda: Scenes(suite, job.scenarios, job.draws()),
@@ -329,7 +328,7 @@ def _begin(folder: Path, job: Job, kept: Run, is_less: bool) -> None:
     """
     journal = folder / JOURNAL
     if is_less or (journal.exists() and len(kept.rows)):
-        kept.changed(rows=labelled(typed(kept.rows, _columns(job)))).save_rows(folder)
+        kept.changed(rows=typed(kept.rows, _columns(job))).save_rows(folder)
     write_truth(folder, job.scenarios)
     write_manifest(folder, kept.manifest)
     journal.unlink(missing_ok=True)

@@ -22,24 +22,12 @@ from isacbench.bench.cells.record import (
 )
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.kinds.scenes import ImagedScene
-from isacbench.bench.plan.labels import labelled
+from isacbench.bench.store import run_folder as files
 from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.journal import read_journal
 from isacbench.bench.store.manifest import read_manifest, write_manifest
-from isacbench.bench.store.run_folder import (
-    CLOUDS,
-    DAMAGE,
-    DRAWS,
-    JOURNAL,
-    MANIFEST,
-    RECORDS,
-    RECORDS_CSV,
-    TRUTH,
-    damage_text,
-    damage_told,
-    replacing,
-)
-from isacbench.bench.store.score_columns import row_columns, stored_columns
+from isacbench.bench.store.run_folder import DAMAGE, damage_text, damage_told, replacing
+from isacbench.bench.store.score_columns import SCORES, row_columns, stored_columns
 from isacbench.bench.store.tables import read_table, without_formulas, write_csv_table, write_table
 from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
@@ -73,7 +61,7 @@ NO_IMAGE = (
 PLUGIN_KEYS = ("estimators", "detectors")
 """Keys of a suite that name plugins, on which no scene depends."""
 
-MEASURED = ("suite", "seed", "scenarios", "environments")
+MEASURED = ("suite", "seed", SCORES, "scenarios", "environments")
 """Parts of a manifest without which a run cannot be compared."""
 
 
@@ -120,8 +108,6 @@ class Run(Displayed):
         One row a cell, all columns.
     manifest : mapping of str to Any
         Content of ``manifest.json``: suite, seed, versions, machine.
-    is_finished : bool
-        False if it was killed, so that its folder has a journal.
     has_scenarios : bool
         False of a run that was published as rows alone.
     read_clouds, read_scenes : callable
@@ -131,7 +117,6 @@ class Run(Displayed):
     label: str
     rows: pd.DataFrame
     manifest: Mapping[str, Any]
-    is_finished: bool = True
     has_scenarios: bool = True
     read_clouds: Callable[[], CloudArray] | None = None
     read_scenes: Callable[[], Scenes] | None = None
@@ -143,14 +128,16 @@ class Run(Displayed):
         Damaged lines of a journal are left out with a warning.
         """
         manifest = read_manifest(folder)
-        if not is_there(folder / RECORDS) and not is_there(folder / JOURNAL):
-            raise InputError(f"{folder}: has no rows, {RECORDS} is missing; isacbench run into it makes them")
+        if not is_there(folder / files.RECORDS) and not is_there(folder / files.JOURNAL):
+            raise InputError(
+                f"{folder}: has no rows, {files.RECORDS} is missing; isacbench run into it makes them"
+            )
         with damage_told(folder):
             stored = _stored(folder, manifest, is_strict=True)
             if (is_older := stored.rows.duplicated(CLOUD_KEYS, keep="last").to_numpy()).any():
                 stored = stored.take(~is_older)
             columns = row_columns(restore_suite(manifest["suite"]), stored_columns(manifest))
-            rows = labelled(typed(stored.rows, columns))
+            rows = typed(stored.rows, columns)
             require_sound_records(rows)
             _require_described_scenarios(rows, manifest)
         return stored.changed(rows=rows)
@@ -161,7 +148,7 @@ class Run(Displayed):
 
         If a cell has several rows, the last one counts.
         """
-        return _stored(folder, _attempt(lambda _: read_manifest(folder), folder / MANIFEST) or {})
+        return _stored(folder, _attempt(lambda _: read_manifest(folder), folder / files.MANIFEST) or {})
 
     @classmethod
     def of_journal(cls, path: Path) -> Run:
@@ -251,15 +238,16 @@ class Run(Displayed):
 
     def require_finished(self) -> Run:
         """Return the run, or refuse one that was killed, or of which it is not known what it measured."""
-        if not self.is_finished:
+        if is_there(self.folder / files.JOURNAL):
             raise InputError(
                 f"{self.label}: the run is not finished; resume it with the same isacbench run command"
             )
-        names = self.rows["environment"].unique()
-        for wanted, present in ((MEASURED, self.manifest), (names, self.environments)):
+        made_by = self.rows["environment"].unique()
+        for wanted, present in ((MEASURED, self.manifest), (made_by, self.environments)):
             if missing := [str(name) for name in wanted if name not in present]:
                 raise InputError(
-                    f"{self.folder / MANIFEST}: {', '.join(missing)} missing; run it again with this version"
+                    f"{self.folder / files.MANIFEST}: {', '.join(missing)} missing; run it again with this "
+                    "version"
                 )
         return self
 
@@ -272,17 +260,17 @@ class Run(Displayed):
         """Write tables and manifest into an existing folder, and then remove the journal."""
         write_truth(folder, self.scenarios)
         if len(self.draws):
-            write_table(self.draws, folder / DRAWS)
+            write_table(self.draws, folder / files.DRAWS)
         self.save_rows(folder)
-        with replacing(folder / RECORDS_CSV) as path:
+        with replacing(folder / files.RECORDS_CSV) as path:
             write_csv_table(without_formulas(self.rows), path)
         write_manifest(folder, self.manifest)
-        (folder / JOURNAL).unlink(missing_ok=True)
+        (folder / files.JOURNAL).unlink(missing_ok=True)
 
     def save_rows(self, folder: Path) -> None:
         """Write rows and clouds, in place of older ones."""
-        write_table(self.cloud_array.table(self.rows), folder / CLOUDS)
-        write_table(self.rows, folder / RECORDS)
+        write_table(self.cloud_array.table(self.rows), folder / files.CLOUDS)
+        write_table(self.rows, folder / files.RECORDS)
 
     @cached_property
     def clouds(self) -> Mapping[CellKey, PointCloud]:
@@ -410,7 +398,7 @@ class Run(Displayed):
 
     def _description(self) -> Description:
         rows, suite = self.rows, self.manifest["suite"]
-        names = rows["estimator"].unique()
+        estimators = rows["estimator"].unique()
         n_variants = len(rows[["estimator", "params"]].drop_duplicates())
         statuses = rows.groupby("status", sort=False).size()
         return Description(
@@ -419,8 +407,8 @@ class Run(Displayed):
             {
                 "status": ", ".join(f"{number} {status}" for status, number in statuses.items()),
                 "scenarios": _listed(rows["scenario"].unique()),
-                "estimators": _listed(names)
-                + (f" in {n_variants} variants" if n_variants > len(names) else ""),
+                "estimators": _listed(estimators)
+                + (f" in {n_variants} variants" if n_variants > len(estimators) else ""),
                 "SNR": span(rows["snr_db"], "dB"),
                 "trials": str(rows["trial"].nunique()),
                 "started": str(self.manifest.get("started")),
@@ -469,7 +457,7 @@ def load_run(folder: str | Path) -> Run:
 def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
     """Write the scatterers of the scenarios of a run."""
     tables = [truth_table(scenario) for scenario in scenarios.values()]
-    write_table(pd.concat(tables, ignore_index=True), folder / TRUTH)
+    write_table(pd.concat(tables, ignore_index=True), folder / files.TRUTH)
 
 
 def rows_by_trial(table: pd.DataFrame) -> dict[Any, NDArray[np.intp]]:
@@ -502,21 +490,19 @@ class _Clouds(Mapping[CellKey, PointCloud]):
 
 def _stored(folder: Path, manifest: Mapping[str, Any], is_strict: bool = False) -> Run:
     """All rows of a folder as they are, of which the last one of a cell counts."""
-    rows = _attempt(_read_rows, folder / RECORDS, is_strict)
+    rows = _attempt(_read_rows, folder / files.RECORDS, is_strict)
     parts = []
     if rows is not None:
         read = partial(_read_clouds, folder, rows, is_strict)
         parts.append(Run(str(folder), rows, manifest, read_clouds=read))
-    is_finished = not is_there(folder / JOURNAL)
-    if not is_finished:
-        parts.append(Run.of_journal(folder / JOURNAL))
+    if is_there(folder / files.JOURNAL):
+        parts.append(Run.of_journal(folder / files.JOURNAL))
     run = Run.joined(parts)
     return replace(
         run,
         label=str(folder),
         manifest={**manifest, **run.manifest},
-        is_finished=is_finished,
-        has_scenarios=is_there(folder / TRUTH),
+        has_scenarios=is_there(folder / files.TRUTH),
     )
 
 
@@ -531,18 +517,18 @@ def _read_rows(path: Path) -> pd.DataFrame:
 
 def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> CloudArray:
     with damage_told(folder):
-        table = _attempt(read_table, folder / CLOUDS, is_strict)
+        table = _attempt(read_table, folder / files.CLOUDS, is_strict)
         return CloudArray.empty(len(rows)) if table is None else CloudArray.of_table(rows, table)
 
 
 def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:
     with damage_told(folder):
-        truth = read_table(folder / TRUTH)
+        truth = read_table(folder / files.TRUTH)
         scenarios = {
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        draws = _attempt(read_table, folder / DRAWS, is_strict=True)
+        draws = _attempt(read_table, folder / files.DRAWS, is_strict=True)
         if draws is None:
             draws = pd.DataFrame(columns=DRAW_COLUMNS)
         return Scenes(restore_suite(manifest["suite"]), scenarios, draws)
@@ -551,9 +537,9 @@ def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:
 def _require_described_scenarios(rows: pd.DataFrame, manifest: Mapping[str, Any]) -> None:
     """Refuse rows of scenarios that the manifest does not describe."""
     # Studies that derive scenes from a scenario name it in the column template, empty for a link's user.
-    names = rows["template" if "template" in rows else "scenario"].dropna().unique()
+    scenarios = rows["template" if "template" in rows else "scenario"].dropna().unique()
     described = manifest["scenarios"]
-    missing = set(names) - {"", *described, *manifest["suite"].get("maps", ())}
+    missing = set(scenarios) - {"", *described, *manifest["suite"].get("maps", ())}
     if missing:
         raise InputError(
             f"its rows name the scenarios {quoted(sorted(missing))}, which its manifest does not describe; "

@@ -28,19 +28,7 @@ def metrics_of(suite: Suite) -> Metrics:
 
 
 def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:
-    """Describe metrics and their columns for a manifest.
-
-    Parameters
-    ----------
-    metrics : Metrics
-    scenarios : iterable of Scenario
-        Have the kinds of objects.
-
-    Returns
-    -------
-    dict
-        In terms of JSON.
-    """
+    """Describe metrics and their columns for a manifest; scenarios have the kinds of objects."""
     kinds = sorted({kind for scenario in scenarios for kind in object_kinds(scenario)})
     columns = {name: asdict(column) for name, column in metrics.columns(kinds).items()}
     for column in columns.values():
@@ -50,55 +38,25 @@ def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str
 
 
 def stored_columns(manifest: Mapping[str, Any]) -> dict[str, ScoreColumn]:
-    """Columns of the scores of a run by their names in rows, as its manifest describes them.
-
-    Parameters
-    ----------
-    manifest : mapping of str to Any
-        One of an older isacbench has the columns of ``paper``.
-
-    Returns
-    -------
-    dict of str to ScoreColumn
-    """
-    described = manifest.get(SCORES) or describe_scores(Metrics(), ())
+    """Columns of the scores of a run by their names in rows, as its manifest describes them."""
     return {
         name: ScoreColumn(**{**column, "empty": math.nan if column["empty"] == "none" else column["empty"]})
-        for name, column in described["columns"].items()
+        for name, column in manifest[SCORES]["columns"].items()
     }
 
 
 def row_columns(suite: Suite, described: Mapping[str, Any]) -> dict[str, Any]:
     """Columns that the rows of a run have besides `COLUMNS`, each with its value for rows without it.
 
-    Parameters
-    ----------
-    suite : Suite
-    described : mapping of str to Any
-        Its scores, as `describe_scores` or `stored_columns` have them, by the names of columns.
-
-    Returns
-    -------
-    dict of str to Any
+    `described` are its scores, as `describe_scores` or `stored_columns` have them, by the names of columns.
     """
     further = [name for name in described if name not in COLUMNS]
     return {"label": "", **kind_of(suite).columns, **dict.fromkeys(further, math.nan)}
 
 
 def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
-    """Refuse a run whose cells were scored by other metrics, or other versions of them.
-
-    Parameters
-    ----------
-    manifest : mapping of str to Any
-    metrics : Metrics
-
-    Raises
-    ------
-    InputError
-        Naming the metric.
-    """
-    if "suite" not in manifest:  # damaged
+    """Refuse a run whose cells were scored by other metrics, or other versions of them, naming the metric."""
+    if SCORES not in manifest:  # damaged
         return
     wanted, stored = metrics.described(), stored_metrics(manifest)
     for name in wanted | stored:
@@ -114,31 +72,12 @@ def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
 
 
 def stored_metrics(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Version and parameters of the metrics of a run, by name.
-
-    Parameters
-    ----------
-    manifest : mapping of str to Any
-
-    Returns
-    -------
-    dict of str to dict
-    """
-    older = {"paper": {"version": manifest.get("metric", {}).get("version", 1), "params": {}}}
-    found: dict[str, dict[str, Any]] = manifest.get(SCORES, {}).get("metrics", older)
+    """Version and parameters of the metrics of a run, by name."""
+    found: dict[str, dict[str, Any]] = manifest[SCORES]["metrics"]
     return found
 
 
 def spell_metric(metric: Mapping[str, Any]) -> str:
-    """Spell version and parameters of a metric.
-
-    Parameters
-    ----------
-    metric : mapping of str to Any
-
-    Returns
-    -------
-    str
-    """
+    """Spell version and parameters of a metric."""
     params = "".join(f", {key} = {value}" for key, value in metric["params"].items())
     return f"version {metric['version']}{params}"

@@ -69,29 +69,12 @@ def page_content(
     metric: str | None = None,
     first: NDArray[np.bool_] | None = None,
 ) -> tuple[dict[str, Any], bytes]:
-    """Describe runs for a page.
+    """Describe runs for a page: its content in terms of JSON, and the clouds in it, packed.
 
-    Parameters
-    ----------
-    joined : JoinedRuns
-    metric : str, optional
-        The metric that is shown first; ranked even if it is none of `RANKED`. By default `DEFAULT_METRIC`
-        of fewer than six scenes, and what `rank` goes by of more.
-    first : ndarray of bool, optional
-        Rows whose clouds must be in the page.
-
-    Returns
-    -------
-    content : dict
-        In terms of JSON.
-    clouds : bytes
-        As `isacbench.report.html.packed_clouds.pack_clouds` makes it: the chosen clouds in the order of the
-        rows, then the truths.
-
-    Raises
-    ------
-    InputError
-        If the rows are more than a browser can hold.
+    `metric` is shown first, and ranked even if it is none of `RANKED`; by default `DEFAULT_METRIC` of fewer
+    than six scenes, and what `rank` goes by of more. Clouds of the rows `first` must be in the page; the
+    chosen ones are in the order of the rows, then come the truths. InputError if the rows are more than a
+    browser can hold.
     """
     records, names = joined.table.rows, list(joined.labels)
     if len(records) > MOST_ROWS:

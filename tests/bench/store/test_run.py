@@ -1,5 +1,6 @@
 """A run read back: rows as a table, clouds and truths by row or by key."""
 
+import json
 import shutil
 
 import numpy as np
@@ -148,3 +149,24 @@ def test_a_run_that_was_ended_early_is_read_from_its_journal(plugins, tiny, tmp_
     assert not (stored.folder / "results.parquet").exists()
     assert len(stored.rows) == 2
     assert len(stored.cloud(trial=1)) == 3
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda folder, _: (folder / "results.parquet").unlink(), r"no rows, results\.parquet is missing"),
+        (lambda folder, _: (folder / "journal.jsonl").touch(), "the run is not finished; resume it"),
+        (lambda _, manifest: manifest.pop("seed"), r"manifest\.json: seed missing.*run it again"),
+        (lambda _, manifest: manifest["environments"].pop("e1"), r"manifest\.json: e1 missing"),
+    ],
+)
+def test_a_run_that_is_not_finished_or_does_not_say_what_it_measured_is_not_compared(
+    made_run, written_run, spoil, message
+):
+    records, manifest = made_run()
+    folder = written_run("run", records, manifest)
+    assert Run.open(folder).require_finished().manifest == manifest
+    spoil(folder, manifest)
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=message):
+        Run.open(folder).require_finished()

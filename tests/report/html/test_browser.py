@@ -20,10 +20,9 @@ from isacbench.report.html.written_pages import (
     write_run_page,
 )
 from tests.conftest import slow_but
+from tests.report.html.conftest import known
 
 pytestmark = pytest.mark.first
-
-from tests.report.html.conftest import known
 
 READY = "body[data-ready]"
 NO_AXE = "no axe: pip install axe-playwright-python"
