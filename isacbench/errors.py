@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from types import ModuleType
 
 
 class InputError(ValueError):
@@ -114,3 +116,12 @@ def require(allowed: bool, name: str, value: object, limits: str) -> None:
     """
     if not allowed:
         raise InputError(f"{name} = {value!r}: allowed is {limits}")
+
+
+def import_extra(module: str, extra: str, what: str) -> ModuleType:
+    """Import a module that only an extra of isacbench installs; say which extra, where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise InputError(f"{what}: needs {library}: pip install 'isacbench[{extra}]'") from error

@@ -19,7 +19,6 @@ from .samples import (
     FORMATS,
     SHAPE,
     all_elements,
-    assert_gives,
     random_cube,
     sum_of_tiles,
     write_chunked_h5,
@@ -194,18 +193,6 @@ def test_an_npy_file_of_a_version_that_arrays_of_numbers_do_not_have_is_refused(
     data[6] = 3
     (tmp_path / "cube.npy").write_bytes(data)
     assert refusal(tmp_path / "cube.npy").startswith("cannot be read as npy: version (3, 0)")
-
-
-@pytest.mark.usefixtures("mat_files_read_as_by_users")
-def test_a_mat_file_is_read_by_a_process_whose_end_is_told(tmp_path):
-    path = tmp_path / "c.mat"
-    write_mat(path, cube=ARRAY, transmitted=ARRAY[:, :, 0, 0], notes="text")
-    with open_cube(path) as cube:
-        assert_gives(cube, ARRAY)
-    data = path.read_bytes()
-    part = np.array([7, ARRAY.nbytes // 2], "<u4").tobytes()
-    path.write_bytes(data.replace(part, bytes([99]) + part[1:]))
-    assert refusal(path) == "cannot be read as mat: SciPy's reader was ended by SIGSEGV"
 
 
 def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_parts(tmp_path, monkeypatch):

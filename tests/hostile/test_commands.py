@@ -62,7 +62,7 @@ def commands(path):
 
 WRITERS = {
     ".csv": {"pipe": ANY["a pipe"], "columns": CLOUDS[".csv"]["100 000 columns"], "UTF-16": ANY["UTF-16"]},
-    ".mat": {"pipe": ANY["a pipe"], "cells": CLOUDS[".mat"]["cells in cells"]},
+    ".mat": {"pipe": ANY["a pipe"], "cells": CLOUDS[".mat"]["cells"]},
     ".npy": {
         "pipe": ANY["a pipe"],
         "pickled": CLOUDS[".npy"]["Python objects"],

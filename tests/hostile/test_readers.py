@@ -12,8 +12,7 @@ import pytest
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes import cube, read_grid
-from isacbench.files import checked_files
-from isacbench.files.arrays import zarr_stores
+from isacbench.files import arrays, checked_files
 from isacbench.files.checked_files import binary_size
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files import point_files
@@ -121,6 +120,6 @@ def test_the_documentation_has_the_limits_that_hold():
     assert rows["a point cloud, in its file and as arrays"] == binary_size(checked_files.CLOUD_BYTES)
     assert rows["a transmitted grid, as complex128"] == binary_size(checked_files.GRID_BYTES)
     assert rows["a cube or a file that is read as a whole"] == binary_size(checked_files.HELD_BYTES)
-    assert rows["chunks of a zarr array"] == f"{zarr_stores.MOST_CHUNKS:,}".replace(",", " ")
+    assert rows["chunks of a zarr array"] == f"{arrays.MOST_CHUNKS:,}".replace(",", " ")
     assert rows["the source of a plugin"] == binary_size(checked_files.SOURCE_BYTES)
     assert rows["a manifest"] == binary_size(checked_files.MANIFEST_BYTES)
