@@ -146,22 +146,9 @@ def write_frame(
     dtype: DTypeLike = np.complex64,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a frame, already divided by the transmitted symbols, as a cube.
+    """Write a frame, already divided by the transmitted symbols, as a cube: a new file ``.npy`` or ``.zarr``.
 
-    Parameters
-    ----------
-    frame : FrameSimulator
-    path : str or Path
-        New file: ``.npy``, ``.h5``, ``.hdf5`` or ``.zarr``.
-    dtype : {complex64, complex128}
-        Precision of the file.
-    progress : callable, optional
-        Called with the number of subcarriers written and of all.
-
-    Raises
-    ------
-    InputError
-        If the file exists or cannot be written, or its name is of no format.
+    `progress` is called with the number of subcarriers written and of all.
     """
     n_subcarriers = frame.shape[0]
     with create_cube(path, frame.shape, dtype) as file:

@@ -14,7 +14,7 @@ import numpy as np
 from isacbench.checked_arrays import unmasked_array
 from isacbench.cubes.cube import CUBE_NAME, ComplexArray, require_cube
 from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
-from isacbench.errors import InputError
+from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_new
 
 if TYPE_CHECKING:
@@ -58,20 +58,9 @@ class CubeWriter:
         self.is_written = np.zeros(shape[0], dtype=bool)
 
     def write(self, first_subcarrier: int, block: ArrayLike) -> None:
-        """Write consecutive subcarriers; again, where they are already written.
+        """Write consecutive subcarriers (n, M, P, Q) in the cube's precision, also where some were written.
 
-        Parameters
-        ----------
-        first_subcarrier : int
-        block : array_like of complex, shape (n, M, P, Q)
-            Converted to the cube's precision.
-
-        Raises
-        ------
-        InputError
-            If the block is not complex or is masked, does not fit into the cube,
-            has numbers too large or too small for its precision, or cannot be
-            written.
+        Refused are numbers that are not complex, masked, or too large or too small for that precision.
         """
         given = unmasked_array(f"{self.path}: a block", block)
         if given.dtype.kind != "c" or given.shape[1:] != self.shape[1:]:
@@ -109,7 +98,7 @@ def create_cube(
     when the ``with`` block ends with all subcarriers written; otherwise it is
     removed.
 
-    An npy file is written in C order. HDF5 and zarr get chunks of about half a
+    An npy file is written in C order. Zarr gets chunks of about half a
     MiB of 2 x 2 elements (64 subcarriers and all symbols at the paper's size):
     one row and one column of a 16 x 16 array are in 15 of 64 chunks, so that
     23 % of the file is read for them, where C order costs at least half of it
@@ -120,8 +109,8 @@ def create_cube(
     Parameters
     ----------
     path : str or Path
-        File to create, of suffix npy, h5, hdf5 or zarr (a folder); the array
-        in HDF5 and zarr is named ``cube``.
+        File to create, of suffix npy or zarr (a folder, in which the array is
+        named ``cube``).
     shape : (int, int, int, int)
         Subcarriers N, symbols M, and elements P and Q.
     dtype : dtype
@@ -179,16 +168,6 @@ def create_cube(
 def chunk_lengths(shape: Shape, itemsize: int) -> Shape:
     """Lengths of a chunk: 2 x 2 elements, and along symbols and then subcarriers what makes half a MiB.
 
-    Parameters
-    ----------
-    shape : (int, int, int, int)
-    itemsize : int
-        Bytes of a number.
-
-    Returns
-    -------
-    (int, int, int, int)
-
     Examples
     --------
     >>> chunk_lengths((2048, 224, 16, 16), 8)
@@ -219,18 +198,8 @@ def _create_npy(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Writ
 
 
 @contextmanager
-def _create_hdf5(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
-    import h5py
-
-    chunks = chunk_lengths(shape, dtype.itemsize)
-    with h5py.File(path, "w") as file:
-        yield _write_into(file.create_dataset(CUBE_NAME, shape, dtype, chunks=chunks))
-
-
-@contextmanager
 def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
-    import zarr
-
+    zarr: Any = import_extra("zarr", "cubes", str(path))
     array = zarr.open_group(path, mode="w").create_array(
         CUBE_NAME,
         shape=shape,
@@ -240,22 +209,15 @@ def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
         # A chunk of zeros would otherwise look like one that was not written.
         config={"write_empty_chunks": True},
     )
-    yield _write_into(array)
-
-
-def _write_into(dataset: Any) -> Write:
-    """Make the function that writes blocks into an HDF5 dataset or a zarr array."""
 
     def write(first_subcarrier: int, block: ComplexArray) -> None:
-        dataset[first_subcarrier : first_subcarrier + len(block)] = block
+        array[first_subcarrier : first_subcarrier + len(block)] = block
 
-    return write
+    yield write
 
 
 _FORMATS: dict[str, Callable[[Path, Shape, np.dtype[Any]], AbstractContextManager[Write]]] = {
     ".npy": _create_npy,
-    ".h5": _create_hdf5,
-    ".hdf5": _create_hdf5,
     ".zarr": _create_zarr,
 }
 

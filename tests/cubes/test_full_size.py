@@ -33,7 +33,7 @@ def street():
     return load_scenario("street")
 
 
-@pytest.fixture(scope="module", params=[".npy", ".h5", ".zarr"])
+@pytest.fixture(scope="module", params=[".npy", ".zarr"])
 def frame(request, street, tmp_path_factory):
     """Path of the street's frame at 10 dB, complex64."""
     path = tmp_path_factory.mktemp("frame") / f"frame{request.param}"

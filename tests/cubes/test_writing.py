@@ -18,7 +18,7 @@ from isacbench.errors import InputError
 
 from .samples import SHAPE, assert_gives, random_cube
 
-FILES = ("cube.npy", "cube.h5", "cube.HDF5", "cube.zarr")
+FILES = ("cube.npy", "cube.NPY", "cube.zarr")
 
 
 def fill(path, blocks, then=lambda: None):
@@ -61,11 +61,10 @@ def test_an_npy_file_is_what_numpy_reads_and_writes(tmp_path):
     assert (tmp_path / "ours.npy").read_bytes() == (tmp_path / "numpys.npy").read_bytes()
 
 
-@pytest.mark.parametrize("filename", ["cube.h5", "cube.zarr"])
-def test_a_cube_of_zeros_is_complete(tmp_path, filename):
-    with create_cube(tmp_path / filename, SHAPE) as writer:
+def test_a_cube_of_zeros_is_complete(tmp_path):
+    with create_cube(tmp_path / "cube.zarr", SHAPE) as writer:
         writer.write(0, np.zeros(SHAPE, np.complex64))
-    with open_cube(tmp_path / filename) as cube:
+    with open_cube(tmp_path / "cube.zarr") as cube:
         assert_gives(cube, np.zeros(SHAPE, np.complex64))
 
 
@@ -115,7 +114,7 @@ def test_what_exists_is_not_overwritten_even_if_it_came_meanwhile(tmp_path, file
 @pytest.mark.parametrize(
     ("name", "shape", "dtype", "reason"),
     [
-        ("c.mat", SHAPE, "c8", "has suffix '.mat'; a cube is written as .npy, .h5, .hdf5, .zarr$"),
+        ("c.h5", SHAPE, "c8", "has suffix '.h5'; a cube is written as .npy, .zarr$"),
         ("c", SHAPE, "c8", "has no suffix"),
         ("none/c.npy", SHAPE, "c8", "its folder .*none does not exist$"),
         ("c.npy", SHAPE[:3], "c8", "has 3 axes"),
