@@ -69,14 +69,7 @@ class FrameSimulator:
         return system.n_subcarriers, system.n_symbols, n_p, n_q
 
     def blocks(self) -> Iterator[tuple[int, Complex]]:
-        """Blocks of consecutive subcarriers.
-
-        Yields
-        ------
-        first_subcarrier : int
-        block : ndarray of complex128, shape (n, n_symbols, P, Q)
-            Elements ascend as the scenario's array says.
-        """
+        """Blocks of consecutive subcarriers."""
         correction, array = self._correction(), self._scenario.array
         # The places of its elements in the frame are those of the frame's elements in the array.
         in_frame = np.ravel_multi_index(tuple(array.in_frame(array.positions).T), array.shape)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from isacbench.errors import InputError
 from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
-from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_writable
+from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import (
     POINT_COLUMNS,
@@ -114,7 +114,6 @@ def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
     """
     path = Path(path)
     write = _by_extension(path, _WRITERS)
-    require_writable(path)
     try:
         write(points, path)
     except OSError as error:

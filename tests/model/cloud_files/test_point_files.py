@@ -103,7 +103,7 @@ def test_a_missing_file_and_a_directory_are_refused(tmp_path: Path, suffix: str)
     assert refusal(path) == "does not exist"
     path.mkdir()
     assert refusal(path) == "is a folder, not a file"
-    with pytest.raises(InputError, match="cannot be written: is a folder, not a file"):
+    with pytest.raises(InputError, match="cannot be written: Is a directory"):
         PointCloud.empty().write(path)
 
 
