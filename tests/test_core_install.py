@@ -20,11 +20,11 @@ print(len(scenes), score(scenes[0], PointCloud.read("cloud.ply"))["n_estimated"]
 """
 
 REFUSED = """
-from isacbench.cubes import create_cube, open_cube
+from isacbench.cubes import open_cube, write_cube
 for take in (
     lambda: open_cube("cube.h5"),
     lambda: open_cube("cube.zarr"),
-    lambda: create_cube("new.zarr", (1, 1, 1, 1)).__enter__(),
+    lambda: write_cube("new.zarr", (1, 1, 1, 1), []),
     lambda: load_scenario("mesh-street"),
 ):
     try:

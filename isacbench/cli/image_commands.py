@@ -180,14 +180,15 @@ def simulate_command(
 ) -> None:
     """Write the full frame of a scenario; its image is that of the same SNR, trial and seed."""
     require_names([scenario])
-    from isacbench.cubes.simulating import FrameSimulator, write_frame
+    from isacbench.cubes.simulating import FrameSimulator
+    from isacbench.cubes.writing import write_cube
     from isacbench.model.scenes.scenario import load_scenario
 
     dtype = _dtype(precision)
     frame = FrameSimulator(load_scenario(scenario), _one_snr(snr), trial, seed)
     start = time.perf_counter()
     with progress_shown(out.name, "subcarriers") as show:
-        write_frame(frame, out, dtype, show)
+        write_cube(out, frame.shape, (block for _, block in frame.blocks()), dtype, show)
     size = " x ".join(map(str, frame.shape))
     n_bytes = math.prod(frame.shape) * dtype.itemsize
     say(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")

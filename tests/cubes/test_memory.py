@@ -20,7 +20,7 @@ PROBE = """
 import json, resource, sys
 from pathlib import Path
 import numpy as np
-from isacbench.cubes import create_cube, open_cube
+from isacbench.cubes import open_cube, write_cube
 
 def peak_mb():
     try:
@@ -56,10 +56,8 @@ WRITE = (
     PROBE
     + """
 def write(path, n):
-    with create_cube(path, (n, 128, 4, 4)) as writer:
-        block = np.ones((writer.block_subcarriers, *writer.shape[1:]), np.complex64)
-        for first in range(0, n, len(block)):
-            writer.write(first, block)
+    shape = n, 128, 4, 4
+    write_cube(path, shape, (np.ones((64, *shape[1:]), np.complex64) for _ in range(n // 64)))
 
 found = {}
 for path in paths:
