@@ -14,8 +14,8 @@ matrix product take a sixteenth of the time of those of a strided FFT
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -38,20 +38,13 @@ DOUBLE_BYTES = 16
 HEADER = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
 
 
-@dataclass(frozen=True)
-class Work:
-    """Numbers that come out, bytes read and written in main memory or on disk, and real operations."""
+AMOUNTS = {"cells": "", "bytes": "B", "operations": ""}
+"""Units of work: numbers that come out, bytes read and written in main memory or on disk, operations."""
 
-    cells: int
-    bytes: int
-    operations: int
-
-    def __add__(self, other: Work) -> Work:
-        return Work(self.cells + other.cells, self.bytes + other.bytes, self.operations + other.operations)
+Work = tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """A step of the chain: how it is done, what is computed, and what the full chain would compute."""
 
     name: str
@@ -59,9 +52,13 @@ class Step:
     computed: Work
     full: Work
 
+    def to_json(self) -> dict[str, Any]:
+        """Names of the amounts included."""
+        work = {part: dict(zip(AMOUNTS, getattr(self, part), strict=True)) for part in ("computed", "full")}
+        return {"name": self.name, "method": self.method, **work}
 
-@dataclass(frozen=True)
-class Cost:
+
+class Cost(NamedTuple):
     """Cost of an estimator's image of a frame.
 
     Attributes
@@ -82,20 +79,26 @@ class Cost:
     @property
     def total(self) -> Step:
         """Work of all steps, and that of the full chain."""
-        none = Work(0, 0, 0)
-        computed, full = ([getattr(step, part) for step in self.steps] for part in ("computed", "full"))
-        return Step("total", "", sum(computed, none), sum(full, none))
+        columns = [
+            zip(*(getattr(step, part) for step in self.steps), strict=True) for part in Step._fields[2:]
+        ]
+        computed, full = (tuple(map(sum, column)) for column in columns)
+        return Step("total", "", computed, full)
 
     def rows(self) -> list[list[str]]:
         """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""
-        simulated = [[f"{step.name} (simulated)", *_cells(step)[1:]] for step in self.simulation]
-        return [*(_cells(step) for step in (*self.steps, self.total)), *simulated]
+        simulated = [step._replace(name=f"{step.name} (simulated)") for step in self.simulation]
+        return [_cells(step) for step in (*self.steps, self.total, *simulated)]
 
     def to_json(self) -> dict[str, Any]:
         """Everything in terms of JSON."""
-        steps, simulation = ([asdict(step) for step in part] for part in (self.steps, self.simulation))
-        total = {part: asdict(getattr(self.total, part)) for part in ("computed", "full")}
-        return {**self.description, "steps": steps, "simulation": simulation, "total": total}
+        total = self.total.to_json()
+        return {
+            **self.description,
+            "steps": [step.to_json() for step in self.steps],
+            "simulation": [step.to_json() for step in self.simulation],
+            "total": {part: total[part] for part in ("computed", "full")},
+        }
 
 
 def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.complex64) -> Cost:
@@ -116,13 +119,13 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     e = {"plane": n_all, "cross": sum(lengths) - 1, "none": 0}[needs.elements]
     frame, gated = n * m * n_all, r * d * e
 
+    along_symbols, along_subcarriers = _fft_operations(m), _fft_operations(n)
     # Symbols are summed in blocks in the cache: only lines for an FFT are written.
     rows, is_partial = doppler_sums(gate.doppler_bins, m).rows, range_method(r, n) == "partial"
     sums = n * len(rows) * e
-    doppler = Work(
-        n * d * e, 0 if is_partial else 2 * sums * size, (8 if np.iscomplexobj(rows) else 4) * m * sums
-    )
-    along_range = sums * (8 * r if is_partial else _fft_operations(n))
+    row_operations = 8 if np.iscomplexobj(rows) else 4
+    doppler = n * d * e, 0 if is_partial else 2 * sums * size, row_operations * m * sums
+    along_range = sums * (8 * r if is_partial else along_subcarriers)
 
     averaged = e if needs.integration == "noncoherent" else 1
     mapped = r * d if needs.integration is not None else 0
@@ -141,45 +144,34 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     if needs.elements != "plane":
         n_points, operations = sum(lines), sum(line * _fft_operations(line) for line in lines)
 
+    detection = mapped, 16 * mapped * averaged, 4 * mapped * averaged
+    angles = n_cells * n_points, 16 * n_cells * e, n_cells * operations
+    all_angles = n * m * plane, size * n * m * (n_all + plane), n * m * plane * _fft_operations(plane)
+    how = f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins"
     steps = (
-        Step(
-            "read",
-            f"{e} of {n_all} elements",
-            Work(n * m * e, n * m * e * size, 0),
-            Work(frame, frame * size, 0),
-        ),
+        Step("read", f"{e} of {n_all} elements", (n * m * e, n * m * e * size, 0), (frame, frame * size, 0)),
         Step(
             "Doppler",
             f"partial DFT, {d} of {m} bins",
             doppler,
-            Work(frame, 2 * frame * size, frame * _fft_operations(m)),
+            (frame, 2 * frame * size, frame * along_symbols),
         ),
         Step(
             "range",
-            f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins",
-            Work(gated, 2 * gated * DOUBLE_BYTES, along_range),
-            Work(frame, 2 * frame * size, frame * _fft_operations(n)),
+            how,
+            (gated, 2 * gated * DOUBLE_BYTES, along_range),
+            (frame, 2 * frame * size, frame * along_subcarriers),
         ),
-        Step(
-            "detection",
-            power,
-            Work(mapped, 16 * mapped * averaged, 4 * mapped * averaged),
-            Work(n * m, size * frame, 4 * frame),
-        ),
-        Step(
-            "angles",
-            cells,
-            Work(n_cells * n_points, 16 * n_cells * e, n_cells * operations),
-            Work(n * m * plane, size * n * m * (n_all + plane), n * m * plane * _fft_operations(plane)),
-        ),
+        Step("detection", power, detection, (n * m, size * frame, 4 * frame)),
+        Step("angles", cells, angles, all_angles),
     )
 
     # Echoes are summed once a scene, those of one speed first. Noise is two normal numbers a cell.
     n_echoes, n_speeds = len(scenario.scatterers), np.unique(scenario.scatterers.velocity).size
     whole = r * d * n_all
-    echo = Work(whole, whole * DOUBLE_BYTES, 8 * (r * n_all * n_echoes + whole * n_speeds))
-    full_echo = Work(frame, frame * size, 8 * (n * n_all * n_echoes + frame * n_speeds))
-    noise, full_noise = Work(whole, whole * DOUBLE_BYTES, 2 * whole), Work(frame, frame * size, 2 * frame)
+    echo = whole, whole * DOUBLE_BYTES, 8 * (r * n_all * n_echoes + whole * n_speeds)
+    full_echo = frame, frame * size, 8 * (n * n_all * n_echoes + frame * n_speeds)
+    noise, full_noise = (whole, whole * DOUBLE_BYTES, 2 * whole), (frame, frame * size, 2 * frame)
     description = {
         "elements": {"read": e, "all": n_all},
         "needs": asdict(needs),
@@ -204,8 +196,7 @@ def _cells(step: Step) -> list[str]:
     from matplotlib.ticker import EngFormatter
 
     cells = [step.name, step.method]
-    for name, unit in (("cells", ""), ("bytes", "B"), ("operations", "")):
-        part, whole = getattr(step.computed, name), getattr(step.full, name)
+    for part, whole, unit in zip(step.computed, step.full, AMOUNTS.values(), strict=True):
         percent = 100 * part / whole if whole else math.nan
         share = f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
         cells += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]

@@ -31,9 +31,6 @@ Floats = NDArray[np.float64]
 BLANKS = r"\s+"
 """Separator of fields: any white space."""
 
-CHUNK_ROWS = 2**16
-"""Rows that are held as texts at once: a text takes ten times the memory of its number."""
-
 NO_ROW_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
 
 _COMMENT = re.compile(r"\s*(#|//)")
@@ -81,52 +78,40 @@ class CsvTable:
         commas, but not if all may set thousands apart and no semicolons say
         that they are decimal.
         """
-        mark: re.Match[str] | None = None
-        is_decimal = self.delimiter == ";"
-        values = np.empty((len(self.lines), len(wanted)))
-        names, at = [columns[k] for k in wanted], 0
-        for chunk in self._chunks(columns):
-            fields = chunk[:, wanted]
-            texts = fields.ravel().tolist()
-            joined = "\n".join(texts)
-            mark = mark or (_DECIMAL_MARK.search(joined) if self.delimiter != "," else None)
-            if mark and "," in mark[0]:
-                is_decimal = is_decimal or bool(_NO_THOUSANDS.search(joined))
-                texts = [text.translate(_SWAPPED) for text in texts]
-            numbers, rows = values[at : at + len(chunk)], self.numbers[at : at + len(chunk)]
-            try:
-                if "_" in joined or not joined.isascii():  # as `is_number`, for all at once
-                    raise ValueError
-                numbers[:] = np.reshape(np.array(texts, dtype=np.float64), numbers.shape)
-            except ValueError:
-                row, column = divmod(
-                    next(k for k, text in enumerate(texts) if not is_number(text)), len(wanted)
-                )
-                found = quoted(fields[row, column].strip(" "))
-                raise InputError(
-                    f"{self.path}: row {rows[row]}: column {names[column]} is {found}; expected a number"
-                ) from None
-            require_finite(self.path, numbers, names, rows)
-            at += len(chunk)
-        if mark and "," in mark[0] and not is_decimal:
+        names = [columns[k] for k in wanted]
+        fields = self._fields(columns)[:, wanted]
+        texts = fields.ravel().tolist()
+        joined = "\n".join(texts)
+        mark = _DECIMAL_MARK.search(joined) if self.delimiter != "," else None
+        if mark and "," in mark[0]:
+            texts = [text.translate(_SWAPPED) for text in texts]
+        try:
+            if "_" in joined or not joined.isascii():  # as `is_number`, for all at once
+                raise ValueError
+            values = np.reshape(np.array(texts, dtype=np.float64), fields.shape)
+        except ValueError:
+            row, column = divmod(next(k for k, text in enumerate(texts) if not is_number(text)), len(wanted))
+            raise InputError(
+                f"{self.path}: row {self.numbers[row]}: column {names[column]} is "
+                f"{quoted(fields[row, column].strip(' '))}; expected a number"
+            ) from None
+        require_finite(self.path, values, names, self.numbers)
+        if mark and "," in mark[0] and self.delimiter != ";" and not _NO_THOUSANDS.search(joined):
             raise InputError(
                 f"{self.path}: commas may be decimal or set thousands apart; allowed are decimal points"
             )
-        if at < len(self.lines):
-            raise InputError(f"{self.path}: has a line break within quotes; allowed is one line a row")
         return values
 
-    def _chunks(self, columns: Sequence[str]) -> Iterator[NDArray[np.object_]]:
-        """Texts (rows, fields) of some rows at a time."""
+    def _fields(self, columns: Sequence[str]) -> NDArray[np.object_]:
+        """Texts (rows, columns)."""
         import pandas as pd  # which takes longer to load than all that other formats need
 
         if not self.lines:
-            return
+            return np.empty((0, len(columns)), dtype=object)
         if (n_fields := len(self.fields(0))) > len(columns):
             self._refuse_count(0, n_fields, columns)
-        at = 0
         try:
-            with pd.read_csv(
+            fields = pd.read_csv(
                 io.StringIO("\n".join(self.lines)),
                 sep=self.delimiter,
                 header=None,
@@ -135,21 +120,20 @@ class CsvTable:
                 dtype=object,
                 na_filter=False,
                 skipinitialspace=True,
-                chunksize=CHUNK_ROWS,
-            ) as chunks:
-                for chunk in (frame.to_numpy() for frame in chunks):
-                    is_short = (chunk[:, -1] == "") & (self.delimiter == BLANKS)  # which pandas fills up
-                    if is_short.any():
-                        row = int(is_short.argmax())
-                        self._refuse_count(at + row, int((chunk[row] != "").sum()), columns)
-                    yield chunk
-                    at += len(chunk)
+            ).to_numpy()
         except pd.errors.ParserError as error:
             if long := re.search(r"in line (\d+), saw (\d+)", str(error)):
                 self._refuse_count(int(long[1]) - 1, long[2], columns)
             raise InputError(
                 f"{self.path}: cannot be read as csv: {shortened(str(error).strip())}"
             ) from error
+        if len(fields) < len(self.lines):
+            raise InputError(f"{self.path}: has a line break within quotes; allowed is one line a row")
+        is_short = (fields[:, -1] == "") & (self.delimiter == BLANKS)  # which pandas fills up
+        if is_short.any():
+            row = int(is_short.argmax())
+            self._refuse_count(row, int((fields[row] != "").sum()), columns)
+        return fields
 
     def _refuse_count(
         self, row: int, n_fields: int | str, columns: Sequence[str], remedy: str = ""
