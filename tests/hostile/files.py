@@ -165,6 +165,7 @@ NPY = {
     "nothing a number": npy((HUGE, 4), "|V0"),
     "empty text": npy((HUGE, 4), "<U0"),
     "an unknown type": npy((2, 4), "<q9"),
+    "another version": npy((2, 4), data=bytes(64), version=3),
     "a type of 1e9 bytes": npy((1,), "|V1000000000"),
 }
 
@@ -432,6 +433,9 @@ H5 = {
     "a link to another file": h5(linked),
     "1e18 cells": h5(unlimited),
     "a huge grid": h5(huge_grid),
+    "records of halves": h5(
+        lambda file, _path: file.update(cube=np.ones(CUBE.shape, [("r", "f2"), ("i", "f2")]))
+    ),
     "no dataset": h5(lambda file, _path: file.create_group("cube")),
     "text": h5(lambda file, _path: file.create_dataset("cube", data="text")),
     "references": h5(lambda file, _path: file.create_dataset("cube", (2,), h5py.ref_dtype)),

@@ -59,38 +59,27 @@ def commands(path):
     }[path.suffix]
 
 
-WRITERS = {
-    ".csv": {"pipe": ANY["a pipe"], "columns": CLOUDS[".csv"]["100 000 columns"], "UTF-16": ANY["UTF-16"]},
-    ".mat": {"pipe": ANY["a pipe"], "cells": CLOUDS[".mat"]["cells"]},
-    ".npy": {
-        "pipe": ANY["a pipe"],
-        "pickled": CLOUDS[".npy"]["Python objects"],
-        "huge": CLOUDS[".npy"]["1e18 cells"],
-    },
-    ".npz": {"pickled": CLOUDS[".npz"]["pickled"]},
-    ".ply": {"count": CLOUDS[".ply"]["5000 digits"], "device": ANY["a device"]},
-    ".h5": {"elsewhere": CUBES[".h5"]["numbers in a pipe"]},
-    ".zarr": {"folder": ANY["a folder"]},
-    ".toml": {
-        "pipe": ANY["a pipe"],
-        "100 MB": TOML["100 MB"],
-        "deep": TOML["arrays in arrays"],
-        "digits": TOML["a number of many digits"],
-    },
-    ".py": {"pipe": ANY["a pipe"], "terabyte": ANY["a terabyte"], "link": ANY["a link to itself"]},
+HOSTILE = {
+    ".csv": CLOUDS[".csv"]["100 000 columns"],
+    ".mat": CLOUDS[".mat"]["cells"],
+    ".npy": CLOUDS[".npy"]["Python objects"],
+    ".npz": CLOUDS[".npz"]["pickled"],
+    ".ply": CLOUDS[".ply"]["5000 digits"],
+    ".h5": CUBES[".h5"]["numbers in a pipe"],
+    ".zarr": ANY["a folder"],
+    ".toml": TOML["arrays in arrays"],
+    ".py": ANY["a terabyte"],
 }
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", HOSTILE)
 def test_every_command_that_reads_a_file_refuses_a_hostile_one(tmp_path, told, suffix):
-    for kind, write in WRITERS[suffix].items():
-        path = tmp_path / kind / f"a\x1b[31m\u202e{{red}}[red]\n{suffix}"
-        path.parent.mkdir()
-        write(path)
-        before = sorted(tmp_path.rglob("*"))
-        for arguments in commands(path).values():
-            assert "red" in told(*arguments)
-        assert sorted(tmp_path.rglob("*")) == before, kind
+    path = tmp_path / f"a\x1b[31m\u202e{{red}}[red]\n{suffix}"
+    HOSTILE[suffix](path)
+    before = sorted(tmp_path.rglob("*"))
+    for arguments in commands(path).values():
+        assert "red" in told(*arguments)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.parametrize("command", ["report", "rescore", "compare", "compare new", "merge"])

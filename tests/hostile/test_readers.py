@@ -79,13 +79,6 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tiny):
     assert PluginFile.read(plugin).source == "x = 1\n"
 
 
-def test_lines_end_as_they_do_anywhere(tmp_path):
-    path = tmp_path / "cloud.csv"
-    for ends in ("\n", "\r\n", "\r"):
-        path.write_bytes(ends.join(["x,y,z,v", "1,2,3,4", "", "5,6,7,8"]).encode())
-        assert PointCloud.read(path).to_array()[:, :4].tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]], repr(ends)
-
-
 def test_what_is_no_text_is_told_with_its_byte_however_far_into_the_file(tmp_path, refused):
     path = tmp_path / "cloud.csv"
     good = b"x,y,z,v\n" + b"1,2,3,4\n" * 10_000
