@@ -20,27 +20,11 @@ KINDS = {"f": "real numbers", "i": "whole numbers", "c": "real or complex number
 
 
 def checked_array(what: str, values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """Convert values to an array of a type, if that loses nothing.
+    """Convert values to an array of a type, if that loses nothing; else refuse them by their name, `what`.
 
-    Parameters
-    ----------
-    what : str
-        Name of the values, for the message.
-    values : array_like
-        Numbers. Neither masked, nor with a unit, nor a table with named columns.
-    dtype : dtype
-        A type of float, int or complex. float32 and complex64 leave values of
-        higher precision as they are.
-
-    Returns
-    -------
-    ndarray
-        The values themselves if nothing is to be converted.
-
-    Raises
-    ------
-    InputError
-        Naming the values, what is wrong with them, and what is allowed.
+    The type is of float, int or complex; float32 and complex64 leave values of
+    higher precision as they are. Values are neither masked, nor have they a
+    unit, nor names of columns. What needs no conversion is not copied.
 
     Examples
     --------
@@ -65,24 +49,7 @@ def checked_array(what: str, values: ArrayLike, dtype: DTypeLike = np.float64) -
 
 
 def unmasked_array(what: str, values: ArrayLike) -> NDArray[Any]:
-    """Convert values to an array of whatever type they have, if they have no mask, name or unit.
-
-    Parameters
-    ----------
-    what : str
-        Name of the values, for the message.
-    values : array_like
-
-    Returns
-    -------
-    ndarray
-        The values themselves if they are a plain array.
-
-    Raises
-    ------
-    InputError
-        If values are masked, have names or a unit, or are of different lengths.
-    """
+    """Convert values to an array of whatever type they have, if they have no mask, names or unit."""
     if type(values) is np.ndarray and values.dtype.names is None:
         return values
     _require_plain(what, values)
@@ -114,14 +81,7 @@ def _require_plain(what: str, values: Any) -> None:
 def named_columns(values: object) -> dict[str, Any] | None:
     """Find the columns of a table: a DataFrame, a structured array, an Arrow table, a mapping, a named tuple.
 
-    Parameters
-    ----------
-    values : object
-
-    Returns
-    -------
-    dict of str to object, or None
-        None for what has no names of columns. Ascending numbers are no names.
+    None for what has no names of columns. Ascending numbers are no names.
 
     Examples
     --------

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from types import ModuleType
 
 
 class InputError(ValueError):
@@ -28,17 +30,6 @@ class InputWarning(UserWarning):
 def nearest(name: str, allowed: Iterable[str]) -> str | None:
     """Find the name that was probably meant by one that does not exist.
 
-    Parameters
-    ----------
-    name : str
-    allowed : iterable of str
-        Names that exist.
-
-    Returns
-    -------
-    str or None
-        None where no name is similar.
-
     Examples
     --------
     >>> nearest("16-qam", ["qpsk", "16qam"]), nearest("QPSK", ["qpsk", "16qam"])
@@ -56,16 +47,6 @@ def nearest(name: str, allowed: Iterable[str]) -> str | None:
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     """Answer a name that does not exist with the nearest one that does, and with all of them.
 
-    Parameters
-    ----------
-    name : str
-    allowed : iterable of str
-        Names that exist.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> did_you_mean("quik", ["paper", "quick"])
@@ -78,39 +59,20 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
 
 
 def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
-    """Build the exception for a name of some kind that does not exist.
-
-    Parameters
-    ----------
-    what : str
-        Kind of thing that is looked for, such as ``"scenario"``.
-    name : str
-    allowed : iterable of str
-        Names that exist.
-
-    Returns
-    -------
-    InputError
-    """
+    """Build the exception for a name of some kind that does not exist."""
     return InputError(f"unknown {what} {name!r}: {did_you_mean(name, allowed)}")
 
 
 def require(allowed: bool, name: str, value: object, limits: str) -> None:
-    """Refuse a parameter whose value is not allowed.
-
-    Parameters
-    ----------
-    allowed : bool
-        True if the value is allowed.
-    name : str
-    value : object
-    limits : str
-        Allowed values, in words.
-
-    Raises
-    ------
-    InputError
-        Naming parameter, value and what is allowed.
-    """
+    """Refuse a parameter whose value is not allowed."""
     if not allowed:
         raise InputError(f"{name} = {value!r}: allowed is {limits}")
+
+
+def import_extra(module: str, extra: str, what: str) -> ModuleType:
+    """Import a module that only an extra of isacbench installs; say which extra, where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise InputError(f"{what}: needs {library}: pip install 'isacbench[{extra}]'") from error

@@ -51,21 +51,7 @@ def parse_spec(text: str) -> Spec:
     """Parse ``name[param=value,...]``.
 
     A value is an integer, a float, ``true``, ``false``, a bare word, a text in double
-    quotes as in JSON, a tuple of such in parentheses, or a nested ``name[...]``.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    Spec
-        Name and parameters; nested specs are `Spec` again.
-
-    Raises
-    ------
-    InputError
-        If the text is broken, or a grid.
+    quotes as in JSON, a tuple of such in parentheses, or a nested ``name[...]``. A grid is refused.
 
     Examples
     --------
@@ -85,23 +71,8 @@ def parse_spec(text: str) -> Spec:
 def spec_variants(text: str) -> list[SpelledVariant]:
     """Parse a specification in which any value may be a list of alternatives, ``param=[value,...]``.
 
-    Parameters
-    ----------
-    text : str
-        As `parse_spec` takes it. Alternatives may stand in nested
-        specifications and in tuples.
-
-    Returns
-    -------
-    list of SpelledVariant
-        Every combination of alternatives, that of the last parameter varying
-        fastest; a single one where there are no alternatives.
-
-    Raises
-    ------
-    InputError
-        If the text is broken, or a list of alternatives is empty, repeats itself
-        or makes more than `MAX_VARIANTS` combinations.
+    Alternatives may stand in nested specifications and in tuples. There is a
+    variant for every combination, that of the last parameter varying fastest.
 
     Examples
     --------
@@ -112,18 +83,7 @@ def spec_variants(text: str) -> list[SpelledVariant]:
 
 
 def spell_spec(name: str, params: Mapping[str, Any]) -> str:
-    """Spell a name and parameters as `parse_spec` reads them.
-
-    Parameters
-    ----------
-    name : str
-    params : mapping of str to Any
-        In terms of JSON, as the column ``params`` of a run has them: tuples
-        are lists, and a detector is an object with its ``name``.
-
-    Returns
-    -------
-    str
+    """Spell a name and parameters, in terms of JSON as a run has them, as `parse_spec` reads them.
 
     Examples
     --------
@@ -136,15 +96,6 @@ def spell_spec(name: str, params: Mapping[str, Any]) -> str:
 
 def spell_value(value: Any) -> str:
     """Spell the value of a parameter, as `spell_spec` does.
-
-    Parameters
-    ----------
-    value : object
-        In terms of JSON.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -167,15 +118,6 @@ def spell_value(value: Any) -> str:
 
 def is_word(text: str) -> bool:
     """Tell whether a specification can hold a text as it is, as a name or a value, without quotes.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    bool
-        False for numbers, truth values and ``none``, too.
 
     Examples
     --------

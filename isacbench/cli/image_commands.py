@@ -168,7 +168,7 @@ def image_command(
 
 @app.command("simulate")
 def simulate_command(
-    out: Annotated[Path, Option("-o", "--out", help="New file: .npy, .h5, .hdf5 or .zarr.")],
+    out: Annotated[Path, Option("-o", "--out", help="New file: .npy or .zarr.")],
     scenario: ScenarioName = "street",
     snr: Annotated[str, Option(metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
     trial: Annotated[int, Option(min=0, help="Number of the noise draw.")] = 0,
@@ -177,14 +177,15 @@ def simulate_command(
 ) -> None:
     """Write the full frame of a scenario; its image is that of the same SNR, trial and seed."""
     require_names([scenario])
-    from isacbench.cubes.simulating import FrameSimulator, write_frame
+    from isacbench.cubes.simulating import FrameSimulator
+    from isacbench.cubes.writing import write_cube
     from isacbench.model.scenes.scenario import load_scenario
 
     dtype = _dtype(precision)
     frame = FrameSimulator(load_scenario(scenario), _one_snr(snr), trial, seed)
     start = time.perf_counter()
     with progress_shown(out.name, "subcarriers") as show:
-        write_frame(frame, out, dtype, show)
+        write_cube(out, frame.shape, (block for _, block in frame.blocks()), dtype, show)
     size = " x ".join(map(str, frame.shape))
     n_bytes = math.prod(frame.shape) * dtype.itemsize
     say(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")
@@ -201,21 +202,18 @@ def plan_command(
     """Compare the cost of an image of a recorded frame with that of the full 4-D chain."""
     register(plugin)
     require_names([scenario], [estimator])
-    from isacbench.cubes.image_cost import plan_image
+    from isacbench.charts import text_table
+    from isacbench.cubes.image_cost import HEADER, image_cost
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.registry import build_estimator
-    from isacbench.report.texts.image_plan import describe_plan, plan_grids, plan_lines
 
     scene = load_scenario(scenario)
-    planned = plan_image(scene, build_estimator(estimator), _dtype(precision))
+    cost = image_cost(scene, build_estimator(estimator), _dtype(precision))
     if as_json:
-        print_json(describe_plan(planned))
+        print_json(cost.to_json())
         return
-    say(f"{scene.name}, {estimator}")
-    for line in plan_lines(planned, scene.system):
-        say(line)
-    for grid in plan_grids(planned):
-        print_table(grid)
+    title = f"{scene.name}, {estimator}: recorded frame, compared with the full 4-D chain"
+    print_table(text_table(title, HEADER, cost.rows()))
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
 
 

@@ -2,14 +2,12 @@
 
 from isacbench.cubes.cube import TILE_BYTES, Cube, Tile, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
-from isacbench.cubes.writing import CubeWriter, create_cube
+from isacbench.cubes.writing import write_cube
 
 __all__ = [
     "TILE_BYTES",
     "Cube",
-    "CubeWriter",
     "Tile",
-    "create_cube",
     "frame_observation",
     "frame_summary",
     "image_cost",
@@ -19,4 +17,5 @@ __all__ = [
     "require_shape",
     "simulating",
     "transform",
+    "write_cube",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from itertools import permutations
@@ -12,13 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.checked_arrays import unmasked_array
+from isacbench.cubes.tiling import Extent, chunked_extents, pick, strided_extents
 from isacbench.errors import InputError
 from isacbench.files.checked_files import GRID_BYTES, binary_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from isacbench.cubes.tiling import Extent, Indices
+    from isacbench.files.arrays import StoredArray
     from isacbench.model.array import VirtualArray
     from isacbench.model.numerology import System
 
@@ -56,7 +57,7 @@ class Tile(NamedTuple):
     load: Callable[[], ComplexArray]
 
 
-class Cube(ABC):
+class Cube:
     """A recorded frame: one complex number for every subcarrier, symbol and array element.
 
     Closed at the end of a ``with`` block.
@@ -81,27 +82,37 @@ class Cube(ABC):
     Parameters
     ----------
     name : str
-    shape : tuple of int
-    dtype : dtype
+    array : ndarray or StoredArray
+        Four axes of complex64 or complex128 in any order: ``array[box]`` is
+        read, tile by tile, in its chunks or along its largest strides. Neither
+        copied nor written to.
+    tile_bytes : int, optional
+        Memory that a tile may touch; one chunk at least.
 
     Raises
     ------
     InputError
-        If an array of that shape and type is no cube.
+        If the array is no cube, or parts of it were never written.
 
-    See Also
+    Examples
     --------
-    isacbench.cubes.opening.open_cube
+    >>> cube = Cube("array", np.ones((8, 4, 2, 2), np.complex64))
+    >>> [tile.load().shape for tile in cube.tiles(np.array([[0, 0], [1, 1]]))]
+    [(8, 4, 2)]
     """
 
-    def __init__(self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    def __init__(self, name: str, array: NDArray[Any] | StoredArray, tile_bytes: int = TILE_BYTES) -> None:
+        self.is_held = isinstance(array, np.ndarray)
+        self._array = unmasked_array(name, array) if isinstance(array, np.ndarray) else array
         self.name = name
-        self.shape = require_cube(name, shape, dtype)
-        self.dtype = dtype.newbyteorder("=")
+        self.shape = require_cube(name, array.shape, array.dtype)
+        self.dtype = array.dtype.newbyteorder("=")
         self.transmitted: ComplexArray | None = None
         self.unused = ""
-        self.is_held = False
         self.close: Callable[[], None] = lambda: None
+        self._tile_cells = tile_bytes // self.dtype.itemsize
+        if not isinstance(self._array, np.ndarray):
+            self._array.require_filled()
 
     def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
         """Cut the cube of some elements into disjoint tiles.
@@ -128,13 +139,21 @@ class Cube(ABC):
             for extent in self._extents(elements):
                 yield Tile(*extent, partial(self._load, extent, elements[extent.elements]))
 
-    @abstractmethod
-    def _extents(self, elements: Indices) -> Iterator[Extent]:
-        """Cut the cube of some elements (e, 2), one at least, into extents."""
+    def _extents(self, elements: NDArray[np.intp]) -> Iterator[Extent]:
+        if chunks := getattr(self._array, "chunks", None):
+            return chunked_extents(self.shape, chunks, elements, self._tile_cells)
+        assert self._array.strides is not None
+        return strided_extents(self.shape, self._array.strides, elements, self._tile_cells)
 
-    @abstractmethod
-    def _load(self, extent: Extent, elements: Indices) -> ComplexArray:
-        """Read the values (subcarriers, symbols, e) of an extent and its elements (e, 2)."""
+    def _load(self, extent: Extent, elements: NDArray[np.intp]) -> ComplexArray:
+        """Read the smallest box around the elements (e, 2) of an extent, and take them from it."""
+        first, last = elements.min(axis=0), elements.max(axis=0)
+        around = (slice(p, q + 1) for p, q in zip(first.tolist(), last.tolist(), strict=True))
+        try:
+            values = self._array[extent.subcarriers, extent.symbols, *around]
+        except Exception as error:  # Damaged chunks surface as anything that a library of codecs can raise.
+            raise InputError(f"{self.name}: is damaged: {error}") from error
+        return pick(values, elements - first).astype(self.dtype, copy=False)
 
     def __enter__(self) -> Self:
         return self
@@ -144,40 +163,12 @@ class Cube(ABC):
 
 
 def is_complex(dtype: np.dtype[Any]) -> bool:
-    """Tell if a type is complex64 or complex128, in any byte order.
-
-    Parameters
-    ----------
-    dtype : dtype
-
-    Returns
-    -------
-    bool
-    """
+    """Tell if a type is complex64 or complex128, in any byte order."""
     return dtype.kind == "c" and dtype.itemsize in (8, 16)
 
 
 def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, int, int, int]:
-    """Refuse an array that is no cube.
-
-    Parameters
-    ----------
-    name : str
-        Name in messages.
-    shape : tuple of int
-    dtype : dtype
-
-    Returns
-    -------
-    (int, int, int, int)
-        The shape.
-
-    Raises
-    ------
-    InputError
-        If the numbers are not complex64 or complex128, the axes not four, or
-        one of them empty.
-    """
+    """Refuse an array that is no cube, and return its shape."""
     if not is_complex(dtype):
         raise InputError(f"{name}: holds {dtype.newbyteorder('=')}; a cube takes complex64 or complex128")
     if len(shape) != 4:
@@ -190,21 +181,7 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
 
 
 def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """Refuse an array that is no transmitted grid.
-
-    Parameters
-    ----------
-    name : str
-        Name in messages.
-    shape : tuple of int
-    dtype : dtype
-
-    Raises
-    ------
-    InputError
-        If it holds no numbers, the axes are not two, or one of them is empty,
-        or it takes more than 256 MiB.
-    """
+    """Refuse an array that is no transmitted grid."""
     if not (is_complex(dtype) or dtype.kind in "iuf"):
         raise InputError(
             f"{name}: holds {dtype.newbyteorder('=')}; "
@@ -223,21 +200,7 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
 
 
 def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
-    """Refuse a cube that does not fit the radio of a scenario.
-
-    Parameters
-    ----------
-    cube : Cube
-    system : System
-        Has the subcarriers and symbols that are wanted.
-    array : VirtualArray
-        Has the elements along u and along w that are wanted.
-
-    Raises
-    ------
-    InputError
-        If the shape is another, saying so when the axes look permuted.
-    """
+    """Refuse a cube that does not fit the radio of a scenario, saying so when the axes look permuted."""
     wanted = (system.n_subcarriers, system.n_symbols, *array.shape)
     if cube.shape != wanted:
         raise InputError(

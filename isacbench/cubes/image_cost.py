@@ -14,49 +14,37 @@ matrix product take a sixteenth of the time of those of a strided FFT
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.partial_dft import RangeMethod, doppler_sums, range_method
-from isacbench.model.gate import Gate, build_gate
+from isacbench.dsp.partial_dft import doppler_sums, range_method
+from isacbench.model.gate import build_gate
 from isacbench.plugins.contracts import needs_of
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
     from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Estimator, Needs
+    from isacbench.plugins.contracts import Estimator
 
 ANGLE_OVERSAMPLING = 3
 """Points of an angle FFT an element, as many as `fft4d` takes on the paper's array."""
 
+DOUBLE_BYTES = 16
+"""Of a complex number of a cell of the gate."""
 
-@dataclass(frozen=True)
-class Work:
-    """An amount of work.
-
-    Attributes
-    ----------
-    cells : int
-        Numbers that come out.
-    bytes : int
-        Read and written in main memory or on disk.
-    operations : int
-        Real additions and multiplications.
-    """
-
-    cells: int
-    bytes: int
-    operations: int
-
-    def __add__(self, other: Work) -> Work:
-        return Work(self.cells + other.cells, self.bytes + other.bytes, self.operations + other.operations)
+HEADER = ["step", "computed", "cells", "of full", "bytes", "of full", "operations", "of full"]
 
 
-@dataclass(frozen=True)
-class Step:
+AMOUNTS = {"cells": "", "bytes": "B", "operations": ""}
+"""Units of work: numbers that come out, bytes read and written in main memory or on disk, operations."""
+
+Work = tuple[int, ...]
+
+
+class Step(NamedTuple):
     """A step of the chain: how it is done, what is computed, and what the full chain would compute."""
 
     name: str
@@ -64,21 +52,19 @@ class Step:
     computed: Work
     full: Work
 
+    def to_json(self) -> dict[str, Any]:
+        """Names of the amounts included."""
+        work = {part: dict(zip(AMOUNTS, getattr(self, part), strict=True)) for part in ("computed", "full")}
+        return {"name": self.name, "method": self.method, **work}
 
-@dataclass(frozen=True)
-class ImagePlan:
+
+class Cost(NamedTuple):
     """Cost of an estimator's image of a frame.
 
     Attributes
     ----------
-    gate : Gate
-    needs : Needs
-        Input that the estimator declares to read.
-    range_method : {"partial", "fft"}
-    n_elements, n_all_elements : int
-        Elements that are read, and those of the array.
-    dtype : dtype
-        Of the cube, in which blocks are transformed.
+    description : dict
+        Elements, needs, bins and precision, in terms of JSON.
     steps : tuple of Step
         In their order.
     simulation : tuple of Step
@@ -86,172 +72,132 @@ class ImagePlan:
         closed form instead of recorded.
     """
 
-    gate: Gate
-    needs: Needs
-    range_method: RangeMethod
-    n_elements: int
-    n_all_elements: int
-    dtype: np.dtype[Any]
+    description: dict[str, Any]
     steps: tuple[Step, ...]
     simulation: tuple[Step, ...]
 
     @property
-    def total(self) -> tuple[Work, Work]:
+    def total(self) -> Step:
         """Work of all steps, and that of the full chain."""
-        none = Work(0, 0, 0)
-        return (
-            sum((step.computed for step in self.steps), none),
-            sum((step.full for step in self.steps), none),
-        )
+        columns = [
+            zip(*(getattr(step, part) for step in self.steps), strict=True) for part in Step._fields[2:]
+        ]
+        computed, full = (tuple(map(sum, column)) for column in columns)
+        return Step("total", "", computed, full)
+
+    def rows(self) -> list[list[str]]:
+        """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""
+        simulated = [step._replace(name=f"{step.name} (simulated)") for step in self.simulation]
+        return [_cells(step) for step in (*self.steps, self.total, *simulated)]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything in terms of JSON."""
+        total = self.total.to_json()
+        return {
+            **self.description,
+            "steps": [step.to_json() for step in self.steps],
+            "simulation": [step.to_json() for step in self.simulation],
+            "total": {part: total[part] for part in ("computed", "full")},
+        }
 
 
-def plan_image(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.complex64) -> ImagePlan:
-    """Plan the image of a recorded frame.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    estimator : Estimator
-    dtype : dtype_like
-        Of the cube.
-
-    Returns
-    -------
-    ImagePlan
+def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.complex64) -> Cost:
+    """Count the work of an image of a recorded frame, whose numbers are of a type.
 
     Examples
     --------
     >>> from isacbench import get_estimator, load_scenario
-    >>> plan = plan_image(load_scenario("street"), get_estimator("music2d", integration="element"))
-    >>> plan.n_elements, plan.gate.shape
-    (31, (89, 33))
+    >>> cost = image_cost(load_scenario("street"), get_estimator("music2d", integration="element"))
+    >>> [step.method for step in cost.steps[:2]]
+    ['31 of 256 elements', 'partial DFT, 33 of 224 bins']
     """
     needs = needs_of(estimator)
     scenario.require_default("a recorded frame", "mimo")
     gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
-    n_p, n_q = scenario.array.shape
-    n_elements = {"plane": n_p * n_q, "cross": n_p + n_q - 1, "none": 0}[needs.elements]
-    sizes = _Sizes(scenario, gate, needs, n_elements, np.dtype(dtype).itemsize)
-    steps = (sizes.read(), sizes.doppler(), sizes.range(), sizes.detection(), sizes.angles())
-    return ImagePlan(
-        gate=gate,
-        needs=needs,
-        range_method=sizes.range_method,
-        n_elements=n_elements,
-        n_all_elements=n_p * n_q,
-        dtype=np.dtype(dtype),
-        steps=steps,
-        simulation=(sizes.echo(scenario), sizes.noise()),
+    n, m, lengths = scenario.system.n_subcarriers, scenario.system.n_symbols, scenario.array.shape
+    (r, d), size, n_all = gate.shape, np.dtype(dtype).itemsize, math.prod(lengths)
+    e = {"plane": n_all, "cross": sum(lengths) - 1, "none": 0}[needs.elements]
+    frame, gated = n * m * n_all, r * d * e
+
+    along_symbols, along_subcarriers = _fft_operations(m), _fft_operations(n)
+    # Symbols are summed in blocks in the cache: only lines for an FFT are written.
+    rows, is_partial = doppler_sums(gate.doppler_bins, m).rows, range_method(r, n) == "partial"
+    sums = n * len(rows) * e
+    row_operations = 8 if np.iscomplexobj(rows) else 4
+    doppler = n * d * e, 0 if is_partial else 2 * sums * size, row_operations * m * sums
+    along_range = sums * (8 * r if is_partial else along_subcarriers)
+
+    averaged = e if needs.integration == "noncoherent" else 1
+    mapped = r * d if needs.integration is not None else 0
+    power = f"power of {averaged} element{'s' * (averaged > 1)}" if mapped else "no map"
+
+    # Directions in units of an angle FFT of a cell: an estimator's own operations are not known.
+    reachable = int(np.count_nonzero(gate.reachable))
+    n_cells, cells = {
+        "gate": (r * d, "all cells of the gate"),
+        "detected": (reachable, f"detected cells, at most the {reachable} reachable ones"),
+        "none": (0, "no cell"),
+    }[needs.cells]
+    lines = [ANGLE_OVERSAMPLING * length for length in lengths]
+    plane = math.prod(lines)
+    n_points, operations = plane, plane * _fft_operations(plane)
+    if needs.elements != "plane":
+        n_points, operations = sum(lines), sum(line * _fft_operations(line) for line in lines)
+
+    detection = mapped, 16 * mapped * averaged, 4 * mapped * averaged
+    angles = n_cells * n_points, 16 * n_cells * e, n_cells * operations
+    all_angles = n * m * plane, size * n * m * (n_all + plane), n * m * plane * _fft_operations(plane)
+    how = f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins"
+    steps = (
+        Step("read", f"{e} of {n_all} elements", (n * m * e, n * m * e * size, 0), (frame, frame * size, 0)),
+        Step(
+            "Doppler",
+            f"partial DFT, {d} of {m} bins",
+            doppler,
+            (frame, 2 * frame * size, frame * along_symbols),
+        ),
+        Step(
+            "range",
+            how,
+            (gated, 2 * gated * DOUBLE_BYTES, along_range),
+            (frame, 2 * frame * size, frame * along_subcarriers),
+        ),
+        Step("detection", power, detection, (n * m, size * frame, 4 * frame)),
+        Step("angles", cells, angles, all_angles),
     )
 
-
-class _Sizes:
-    """Sizes of the full chain and of the part that is needed, and the work that follows for every step."""
-
-    def __init__(self, scenario: Scenario, gate: Gate, needs: Needs, n_elements: int, itemsize: int) -> None:
-        system = scenario.system
-        self.n, self.m, self.shape = system.n_subcarriers, system.n_symbols, scenario.array.shape
-        self.r, self.d = gate.shape
-        self.e, self.all = n_elements, self.shape[0] * self.shape[1]
-        self.gate, self.needs, self.itemsize = gate, needs, itemsize
-        self.range_method = range_method(self.r, self.n)
-        rows = doppler_sums(gate.doppler_bins, self.m).rows
-        self.k, self.operations_a_row = len(rows), 8 if np.iscomplexobj(rows) else 4
-
-    def read(self) -> Step:
-        """Numbers of the frame that are touched, once."""
-
-        def work(n_elements: int) -> Work:
-            n_cells = self.n * self.m * n_elements
-            return Work(n_cells, n_cells * self.itemsize, 0)
-
-        return Step("read", f"{self.e} of {self.all} elements", work(self.e), work(self.all))
-
-    def doppler(self) -> Step:
-        """Transform over symbols of blocks in the cache: what has been read is not written again."""
-        n_sums = self.n * self.k * self.e
-        lines = n_sums if self.range_method == "fft" else 0
-        n_all = self.n * self.m * self.all
-        return Step(
-            "Doppler",
-            f"partial DFT, {self.d} of {self.m} bins",
-            Work(
-                self.n * self.d * self.e,
-                2 * lines * self.itemsize,
-                self.operations_a_row * self.m * n_sums,
-            ),
-            Work(n_all, 2 * n_all * self.itemsize, n_all * _fft_operations(self.m)),
-        )
-
-    def range(self) -> Step:
-        """Transform over subcarriers."""
-        n_cells, n_all = self.r * self.d * self.e, self.n * self.m * self.all
-        if self.range_method == "partial":
-            method, operations = "partial DFT", 8 * self.n * self.r * self.k * self.e
-        else:
-            method, operations = "FFT", self.n * self.k * self.e * _fft_operations(self.n)
-        return Step(
-            "range",
-            f"{method}, {self.r} of {self.n} bins",
-            Work(n_cells, 2 * n_cells * np.dtype(np.complex128).itemsize, operations),
-            Work(n_all, 2 * n_all * self.itemsize, n_all * _fft_operations(self.n)),
-        )
-
-    def detection(self) -> Step:
-        """Power of every cell, averaged over elements, and its test."""
-        averaged = self.e if self.needs.integration == "noncoherent" else 1
-        n_cells = self.r * self.d if self.needs.integration is not None else 0
-        n_all = self.n * self.m
-        return Step(
-            "detection",
-            "no map"
-            if self.needs.integration is None
-            else f"power of {averaged} element{'s' * (averaged > 1)}",
-            Work(n_cells, 16 * n_cells * averaged, 4 * n_cells * averaged),
-            Work(n_all, self.itemsize * n_all * self.all, 4 * n_all * self.all),
-        )
-
-    def angles(self) -> Step:
-        """Directions, in units of an angle FFT of a cell: an estimator's own operations are not known."""
-        reachable = int(np.count_nonzero(self.gate.reachable))
-        n_cells = {"gate": self.r * self.d, "detected": reachable, "none": 0}[self.needs.cells]
-        lines = [ANGLE_OVERSAMPLING * n for n in self.shape]
-        plane = lines[0] * lines[1]
-        each = sum(n * _fft_operations(n) for n in lines)
-        full = plane * _fft_operations(plane)
-        n_points, operations = (plane, full) if self.needs.elements == "plane" else (sum(lines), each)
-        n_all = self.n * self.m
-        method = {
-            "gate": "all cells of the gate",
-            "detected": f"detected cells, at most the {reachable} reachable ones",
-            "none": "no cell",
-        }[self.needs.cells]
-        return Step(
-            "angles",
-            method,
-            Work(n_cells * n_points, 16 * n_cells * self.e, n_cells * operations),
-            Work(n_all * plane, self.itemsize * n_all * (self.all + plane), n_all * full),
-        )
-
-    def echo(self, scenario: Scenario) -> Step:
-        """Echoes of all scatterers in closed form, once a scene: those of one speed are summed first."""
-        n_echoes, n_speeds = len(scenario.scatterers), np.unique(scenario.scatterers.velocity).size
-
-        def work(n_range: int, n_doppler: int, itemsize: int) -> Work:
-            n_cells = n_range * n_doppler * self.all
-            sums = n_range * self.all * n_echoes + n_cells * n_speeds
-            return Work(n_cells, n_cells * itemsize, 8 * sums)
-
-        computed = work(self.r, self.d, np.dtype(np.complex128).itemsize)
-        return Step("echo", "cells of the gate", computed, work(self.n, self.m, self.itemsize))
-
-    def noise(self) -> Step:
-        """Noise of a trial, two normal numbers a cell; every SNR scales the same ones."""
-        n_cells, n_all = self.r * self.d * self.all, self.n * self.m * self.all
-        computed = Work(n_cells, n_cells * np.dtype(np.complex128).itemsize, 2 * n_cells)
-        return Step("noise", "cells of the gate", computed, Work(n_all, n_all * self.itemsize, 2 * n_all))
+    # Echoes are summed once a scene, those of one speed first. Noise is two normal numbers a cell.
+    n_echoes, n_speeds = len(scenario.scatterers), np.unique(scenario.scatterers.velocity).size
+    whole = r * d * n_all
+    echo = whole, whole * DOUBLE_BYTES, 8 * (r * n_all * n_echoes + whole * n_speeds)
+    full_echo = frame, frame * size, 8 * (n * n_all * n_echoes + frame * n_speeds)
+    noise, full_noise = (whole, whole * DOUBLE_BYTES, 2 * whole), (frame, frame * size, 2 * frame)
+    description = {
+        "elements": {"read": e, "all": n_all},
+        "needs": asdict(needs),
+        "range_bins": [int(gate.range_bins[0]), int(gate.range_bins[-1])],
+        "doppler_bins": [int(gate.doppler_bins[0]), int(gate.doppler_bins[-1])],
+        "range_method": "partial" if is_partial else "fft",
+        "dtype": str(np.dtype(dtype)),
+    }
+    name = "cells of the gate"
+    return Cost(
+        description, steps, (Step("echo", name, echo, full_echo), Step("noise", name, noise, full_noise))
+    )
 
 
 def _fft_operations(n: int) -> int:
     """Operations a point of an FFT of a length."""
     return round(5 * math.log2(max(n, 2)))
+
+
+def _cells(step: Step) -> list[str]:
+    """Name, method, and amounts of work in three digits and a prefix, such as 1.23 k, each with its share."""
+    from matplotlib.ticker import EngFormatter
+
+    cells = [step.name, step.method]
+    for part, whole, unit in zip(step.computed, step.full, AMOUNTS.values(), strict=True):
+        percent = 100 * part / whole if whole else math.nan
+        share = f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
+        cells += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
+    return cells

@@ -7,25 +7,30 @@ import sys
 import warnings
 from collections import Counter
 from contextlib import closing
+from dataclasses import replace
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.cubes.array_cubes import ArrayCube
-from isacbench.cubes.chunked import ChunkedCube
 from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.arrays.array_files import FORMATS, listed, listed_arrays
-from isacbench.files.arrays.hdf5_files import dataset_array
-from isacbench.files.arrays.stored_arrays import SPARSE, TEXTS, ChunkedArray, StoredArray
-from isacbench.files.arrays.zarr_stores import zarr_array
+from isacbench.files.arrays import (
+    FORMATS,
+    SPARSE,
+    TEXTS,
+    Entries,
+    StoredArray,
+    hdf5_array,
+    listed,
+    listed_arrays,
+    zarr_array,
+)
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
 
 if TYPE_CHECKING:
     from isacbench.cubes.cube import ComplexArray
-    from isacbench.files.arrays.stored_arrays import ArrayFile
 
 READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
 """Formats that can be read in parts."""
@@ -76,26 +81,16 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
 
 
 def reopen_cube(source: Any, tile_bytes: int = TILE_BYTES) -> Cube:
-    """Open a recorded cube as `open_cube` does, without its warning.
-
-    Parameters
-    ----------
-    source : ndarray, h5py.Dataset, zarr.Array, str, Path or Cube
-    tile_bytes : int
-
-    Returns
-    -------
-    Cube
-    """
+    """Open a recorded cube as `open_cube` does, without its warning."""
     if isinstance(source, str | Path):
         return _open_file(Path(source), tile_bytes)
     if isinstance(source, Cube):
         return source
     if isinstance(source, np.ndarray):
-        return ArrayCube(source, tile_bytes=tile_bytes)
+        return Cube("array", source, tile_bytes)
     if _is_a(source, "h5py", "Dataset"):
         name = f"{source.file.filename}: {source.name}"
-        return _cube_of(name, dataset_array(source, name), tile_bytes)
+        return _cube_of(name, hdf5_array(source, name), tile_bytes)
     if _is_a(source, "zarr", "Array"):
         name = str(source.store_path)
         return _cube_of(name, zarr_array(source, name), tile_bytes)
@@ -132,10 +127,9 @@ def read_grid(path: str | Path) -> ComplexArray:
     path = Path(path)
     _require_format(path)
     with listed_arrays(path) as file, closing(file):
-        name, stored = _only_array(path, file, GRID_NAME, _named_grid(file), 2)
+        name, stored = _only_array(path, file.arrays, GRID_NAME, _named_grid(file.arrays), 2)
         grid = _read_grid(path, name, stored)
-        used = {name, *_named_cube(file)}
-        unused = _unused(path, file, used, grid.shape, "grid")
+        unused = _unused(path, file.arrays, {name, *_named_cube(file.arrays)}, grid.shape, "grid")
     _warn(unused)
     return grid
 
@@ -144,12 +138,12 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
     """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
     with listed_arrays(path) as file:
-        name, stored = _only_array(path, file, CUBE_NAME, _named_cube(file), 4)
+        name, stored = _only_array(path, file.arrays, CUBE_NAME, _named_cube(file.arrays), 4)
         cube = _cube_of(_called(path, name), stored, tile_bytes)
         cube.close = file.close
         used = {name}
-        if named_grid := _named_grid(file):
-            name, grid = _only_array(path, file, GRID_NAME, named_grid, 2)
+        if named_grid := _named_grid(file.arrays):
+            name, grid = _only_array(path, file.arrays, GRID_NAME, named_grid, 2)
             cube.transmitted = _read_grid(path, name, grid)
             used.add(name)
             if grid.shape != cube.shape[:2]:
@@ -157,15 +151,15 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
                     f"{path}: {name} has shape {grid.shape}; the cube needs a grid of "
                     f"shape {cube.shape[:2]}: (subcarriers, symbols)"
                 )
-        cube.unused = _unused(path, file, used, cube.shape[:2], "cube")
+        cube.unused = _unused(path, file.arrays, used, cube.shape[:2], "cube")
     return cube
 
 
-def _unused(path: Path, file: ArrayFile, used: set[str], shape: tuple[int, ...], beside: str) -> str:
+def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
     """Say what may be data of the frame beside what is used, and refuse what may be the grid."""
-    arrays = [file.arrays[name] for name in used if isinstance(file.arrays[name], StoredArray)]
-    others = {name: entry for name, entry in file.arrays.items() if name not in used and entry not in arrays}
-    has_grid = bool(_named_grid(file))
+    arrays = [entries[name] for name in used if isinstance(entries[name], StoredArray)]
+    others = {name: entry for name, entry in entries.items() if name not in used and entry not in arrays}
+    has_grid = bool(_named_grid(entries))
     unclear = {
         name: entry
         for name, entry in others.items()
@@ -176,11 +170,7 @@ def _unused(path: Path, file: ArrayFile, used: set[str], shape: tuple[int, ...],
             f"{path}: holds {listed(unclear)} beside the {beside}, which may be the transmitted grid; "
             f"allowed is one array named {GRID_NAME!r}"
         )
-    unused = {
-        name: entry
-        for name, entry in others.items()
-        if _may_be_data(entry, shape) and ("@" not in name or _is_complex(entry))
-    }
+    unused = {name: entry for name, entry in others.items() if _may_be_data(name, entry, shape)}
     return f"{path}: does not use {listed(unused)}" if unused else ""
 
 
@@ -190,56 +180,64 @@ def _warn(sentence: str) -> None:
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
-    """Make a cube of a stored array: read in chunks, memory-mapped, or read as a whole."""
-    if isinstance(stored, ChunkedArray):
-        return ChunkedCube(name, stored, tile_bytes)
-    shape = require_cube(name, stored.shape + stored.dropped_ones, stored.dtype)
-    if stored.is_mapped:
-        return ArrayCube(stored.read(), name, tile_bytes, remap=stored.read)
+    """Make a cube of a stored array: read in parts where its format allows it, or else as a whole."""
+    ones = (1,) * (4 - len(stored.shape)) if stored.drops_ones else ()
+    shape = require_cube(name, stored.shape + ones, stored.dtype)
+    if stored.chunks or stored.strides:
+        return Cube(name, _with_axes(stored, ones), tile_bytes)
     if stored.n_bytes > HELD_BYTES:
         raise InputError(
             f"{name}: {stored} takes {binary_size(stored.n_bytes)}; allowed are at most "
             f"{binary_size(HELD_BYTES)} in a file that is read as a whole, and any size in {READ_IN_PARTS}"
         )
-    return ArrayCube(stored.read().reshape(shape), name, tile_bytes)
+    return Cube(name, stored.whole().reshape(shape), tile_bytes)
+
+
+def _with_axes(stored: StoredArray, ones: tuple[int, ...]) -> StoredArray:
+    """Give an array in chunks back the trailing axes of length one that its program dropped."""
+    if not ones or not stored.chunks:
+        return stored
+    n_axes = len(stored.shape)
+
+    def read(box: tuple[slice, ...]) -> ComplexArray:
+        return stored.read(box[:n_axes])[(..., *(None for _ in ones))]
+
+    return replace(stored, shape=stored.shape + ones, chunks=stored.chunks + ones, read=read)
 
 
 def _read_grid(path: Path, name: str, stored: StoredArray) -> ComplexArray:
     """Read a transmitted grid in C order and native byte order; real numbers become complex128."""
     require_grid(_called(path, name), stored.shape, stored.dtype)
-    values = stored.read()
+    values = stored.whole()
     dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
     return np.ascontiguousarray(values, dtype=dtype)
 
 
 def _only_array(
-    path: Path, file: ArrayFile, wanted: str, named: list[str], n_axes: int
+    path: Path, entries: Entries, wanted: str, named: list[str], n_axes: int
 ) -> tuple[str, StoredArray]:
     """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
-    arrays = {
-        name: array
-        for name, array in file.arrays.items()
-        if isinstance(array, StoredArray) and "@" not in name
-    }
+    inner = {name: entry for name, entry in entries.items() if "@" not in name}
+    arrays = {name: entry for name, entry in inner.items() if isinstance(entry, StoredArray)}
     fitting = [name for name, array in arrays.items() if not name or len(array.shape) == n_axes]
     at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
     names = named or at_root or fitting
-    if names and names[0] in arrays and len({id(file.arrays[name]) for name in names}) == 1:
+    if names and names[0] in arrays and len({id(entries[name]) for name in names}) == 1:
         return names[0], arrays[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
-    held = {name: file.arrays[name] for name in named or file.arrays if named or "@" not in name}
+    held = {name: entries[name] for name in named} or inner
     raise InputError(
         f"{path}: needs an array named {wanted!r}{others}; it holds {listed(held) or 'no arrays'}"
     )
 
 
-def _named_cube(file: ArrayFile) -> list[str]:
-    return [name for name in file.arrays if _parts(name)[-1] == CUBE_NAME]
+def _named_cube(entries: Entries) -> list[str]:
+    return [name for name in entries if _parts(name)[-1] == CUBE_NAME]
 
 
-def _named_grid(file: ArrayFile) -> list[str]:
+def _named_grid(entries: Entries) -> list[str]:
     """Names of all that is called the transmitted grid, or lies in a group that is."""
-    return [name for name in file.arrays if GRID_NAME in _parts(name)]
+    return [name for name in entries if GRID_NAME in _parts(name)]
 
 
 def _parts(name: str) -> list[str]:
@@ -262,20 +260,17 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
     return may_fit or (_is_called_grid(name) and prod(entry.shape) > 1)
 
 
-def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
+def _may_be_data(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may hold samples of the frame; scalars, texts, axes and small real tables do not."""
     if isinstance(entry, str):
-        return entry not in TEXTS
+        return entry not in TEXTS and "@" not in name
+    if entry.dtype.kind in "SUT" or ("@" in name and entry.dtype.kind != "c"):
+        return False
     n = prod(entry.shape)
     least = {"c": 2, "V": 1, "O": 1}.get(entry.dtype.kind, prod(shape))
     # One number, or its real and imaginary part, a subcarrier or a symbol.
     is_along_axis = n > 1 and (_is_vector(entry, shape) or (n / 2 in shape and 2 in entry.shape))
-    may_fit = (n >= least or is_along_axis) and not _is_axis(entry, shape)
-    return may_fit and entry.dtype.kind not in "SUT"
-
-
-def _is_complex(entry: StoredArray | str) -> bool:
-    return isinstance(entry, StoredArray) and entry.dtype.kind == "c"
+    return (n >= least or is_along_axis) and not _is_axis(entry, shape)
 
 
 def _is_vector(entry: StoredArray, shape: tuple[int, ...]) -> bool:
@@ -287,7 +282,7 @@ def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
     """Tell if an array is a real number, or a vector that ascends or descends as frequencies and times do."""
     if entry.dtype.kind not in "biuf" or not _is_vector(entry, shape):
         return False
-    steps = np.diff(entry.read().ravel().astype(np.float64))
+    steps = np.diff(entry.whole().ravel().astype(np.float64))
     return bool((steps >= 0).all() or (steps <= 0).all())
 
 

@@ -10,21 +10,17 @@ others. An image of the cube is then the image of the observation.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.cores import available_cores, one_blas_thread
-from isacbench.cubes.writing import create_cube
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.model.echo import Simulator, random_stream, resource_grid, transmitted_noise, white_gaussian
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from numpy.typing import DTypeLike
 
     from isacbench.model.scene import Scenario
 
@@ -69,14 +65,7 @@ class FrameSimulator:
         return system.n_subcarriers, system.n_symbols, n_p, n_q
 
     def blocks(self) -> Iterator[tuple[int, Complex]]:
-        """Blocks of consecutive subcarriers.
-
-        Yields
-        ------
-        first_subcarrier : int
-        block : ndarray of complex128, shape (n, n_symbols, P, Q)
-            Elements ascend as the scenario's array says.
-        """
+        """Blocks of consecutive subcarriers."""
         correction, array = self._correction(), self._scenario.array
         # The places of its elements in the frame are those of the frame's elements in the array.
         in_frame = np.ravel_multi_index(tuple(array.in_frame(array.positions).T), array.shape)
@@ -138,40 +127,3 @@ class FrameSimulator:
             for first in range(0, len(blocks), n_threads):
                 together = blocks[first : first + n_threads]
                 yield from zip(together, threads.map(one_blas_thread()(work), together), strict=True)
-
-
-def write_frame(
-    frame: FrameSimulator,
-    path: str | Path,
-    dtype: DTypeLike = np.complex64,
-    progress: Callable[[int, int], None] | None = None,
-) -> None:
-    """Write a frame, already divided by the transmitted symbols, as a cube.
-
-    Parameters
-    ----------
-    frame : FrameSimulator
-    path : str or Path
-        New file: ``.npy``, ``.h5``, ``.hdf5`` or ``.zarr``.
-    dtype : {complex64, complex128}
-        Precision of the file.
-    progress : callable, optional
-        Called with the number of subcarriers written and of all.
-
-    Raises
-    ------
-    InputError
-        If the file exists or cannot be written, or its name is of no format.
-    """
-    n_subcarriers = frame.shape[0]
-    with create_cube(path, frame.shape, dtype) as file:
-        # Whole chunks of the file: parts of them would be compressed and written again and again.
-        waiting: list[NDArray[np.complexfloating[Any, Any]]] = []
-        for first, block in frame.blocks():
-            waiting.append(block.astype(dtype))
-            n_waiting, n_done = sum(map(len, waiting)), first + len(block)
-            if n_waiting >= file.block_subcarriers or n_done == n_subcarriers:
-                file.write(n_done - n_waiting, np.concatenate(waiting))
-                waiting.clear()
-            if progress is not None:
-                progress(n_done, n_subcarriers)

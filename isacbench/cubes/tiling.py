@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    Lengths = tuple[int, ...]
+
 Indices = NDArray[np.intp]
 
 SUBCARRIERS, SYMBOLS, ELEMENTS = range(3)
@@ -23,67 +25,74 @@ SUBCARRIER_MULTIPLE = 16
 
 
 class Extent(NamedTuple):
-    """Part of a cube that a tile covers.
-
-    Attributes
-    ----------
-    subcarriers, symbols : slice
-    elements : ndarray of intp, shape (e,)
-        Indices into the requested list.
-    """
+    """Part of a cube that a tile covers: subcarriers, symbols, and indices into the list of elements."""
 
     subcarriers: slice
     symbols: slice
     elements: Indices
 
 
+def strided_extents(shape: Lengths, strides: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
+    """Cut an array in memory or in a mapped file into extents of at most so many cells.
+
+    It is cut along the axis of its largest stride: a C-ordered array along
+    subcarriers, where tiles of all elements are views and those of a few are
+    gathered. An array whose elements are outermost, such as one in Fortran
+    order, is cut along elements: all tiles are views.
+    """
+    address = elements @ np.array(strides[2:], dtype=np.intp)
+    by_address = np.argsort(address, kind="stable")
+    # An axis of length one has no stride.
+    lengths = [abs(stride) if n > 1 else 0 for stride, n in zip(strides, shape, strict=True)]
+    by_axis = {SUBCARRIERS: lengths[0], SYMBOLS: lengths[1], ELEMENTS: max(lengths[2:])}
+    nesting = sorted(by_axis, key=by_axis.__getitem__, reverse=True)
+    n_elements, groups = shape[2] * shape[3], [by_address]
+    if nesting[-1] != ELEMENTS:
+        # Elements that are not requested are not touched, and equidistant ones need no copy.
+        n_elements = len(elements)
+        groups = [by_address[run] for run in progressions(address[by_address])]
+    return extents(shape[:2], groups, box_lengths((*shape[:2], n_elements), nesting, cells), nesting)
+
+
+def chunked_extents(shape: Lengths, chunks: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
+    """Cut an array that a file keeps in chunks into extents of about so many cells.
+
+    An extent is made of whole chunks that are one behind the other along
+    subcarriers and symbols and hold the same elements.
+    """
+    n_subcarriers, n_symbols, n_p, n_q = map(min, chunks, shape)
+    n_chunks = (-(-shape[0] // n_subcarriers), -(-shape[1] // n_symbols))
+    room = cells // (n_subcarriers * n_symbols * n_p * n_q)
+    counts = box_lengths(n_chunks, (SUBCARRIERS, SYMBOLS), room)
+    in_order = np.lexsort((elements[:, 1], elements[:, 0]))  # in which they lie in a chunk
+    _, chunk_of = np.unique(elements[in_order] // chunks[2:], axis=0, return_inverse=True)
+    groups = [in_order[chunk_of.ravel() == chunk] for chunk in range(chunk_of.max() + 1)]
+    box = counts[SUBCARRIERS] * n_subcarriers, counts[SYMBOLS] * n_symbols, len(elements)
+    return extents(shape[:2], groups, box, (SUBCARRIERS, SYMBOLS, ELEMENTS))
+
+
 def extents(
     lengths: Sequence[int], groups: Sequence[Indices], box: Sequence[int], nesting: Sequence[int]
 ) -> Iterator[Extent]:
-    """Cut an array into extents, the innermost axis of the nesting changing fastest.
+    """Cut subcarriers, symbols and groups of elements into boxes of a largest size.
 
-    Parameters
-    ----------
-    lengths : sequence of int
-        Subcarriers and symbols of the cube.
-    groups : sequence of ndarray of intp
-        Indices of the elements that may share a tile.
-    box : (int, int, int)
-        Largest number of subcarriers, symbols and elements of a tile.
-    nesting : sequence of int
-        The three axes from the outermost, of largest stride, to the innermost.
-
-    Yields
-    ------
-    Extent
+    The innermost axis of the nesting, which begins with the largest stride, changes fastest.
     """
     steps: tuple[list[Any], ...] = (
-        sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
-        sliced(lengths[SYMBOLS], box[SYMBOLS]),
-        [group[part] for group in groups for part in sliced(len(group), box[ELEMENTS])],
+        _sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
+        _sliced(lengths[SYMBOLS], box[SYMBOLS]),
+        [group[part] for group in groups for part in _sliced(len(group), box[ELEMENTS])],
     )
     for choice in product(*(steps[axis] for axis in nesting)):
         by_axis = dict(zip(nesting, choice, strict=True))
         yield Extent(by_axis[SUBCARRIERS], by_axis[SYMBOLS], by_axis[ELEMENTS])
 
 
-def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> tuple[int, ...]:
+def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> Lengths:
     """Lengths of a box of limited size, cut along as few of the outermost axes as possible.
 
-    Parameters
-    ----------
-    lengths : sequence of int
-        Cells along every axis, subcarriers first.
-    nesting : sequence of int
-        Axes from the outermost, of largest stride, to the innermost.
-    cells : int
-        Largest number of cells; a box has at least one.
-
-    Returns
-    -------
-    tuple of int
-        If the subcarriers are cut, their number is a multiple of 16 where more
-        than 16 fit.
+    If the subcarriers, the first axis, are cut, their number is a multiple of
+    16 where more than 16 fit. A box has at least one cell.
 
     Examples
     --------
@@ -101,36 +110,8 @@ def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> t
     return tuple(box)
 
 
-def sliced(length: int, size: int) -> list[slice]:
-    """Cut an axis into slices of a size, the last one shorter.
-
-    Parameters
-    ----------
-    length, size : int
-
-    Returns
-    -------
-    list of slice
-
-    Examples
-    --------
-    >>> sliced(5, 2)
-    [slice(0, 2, None), slice(2, 4, None), slice(4, 5, None)]
-    """
-    return [slice(start, min(start + size, length)) for start in range(0, length, size)]
-
-
 def progressions(values: Indices) -> list[slice]:
     """Cut a sequence of integers into arithmetic progressions, each as long as possible.
-
-    Parameters
-    ----------
-    values : ndarray of intp, shape (n,)
-
-    Returns
-    -------
-    list of slice
-        Slices of `values`.
 
     Examples
     --------
@@ -147,19 +128,10 @@ def progressions(values: Indices) -> list[slice]:
 
 
 def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
-    """Take some elements of an array whose last two axes are P and Q.
+    """Take elements (e, 2), one at least, of an array (n, m, P, Q).
 
-    Parameters
-    ----------
-    block : ndarray, shape (n, m, P, Q)
-    elements : ndarray of intp, shape (e, 2)
-        Indices (p, q), at least one, all inside the array.
-
-    Returns
-    -------
-    ndarray, shape (n, m, e)
-        A read-only view where the elements are equidistant in memory, such as
-        all of them in order, one row or one column; otherwise a copy.
+    A read-only view where the elements are equidistant in memory, such as all
+    of them in order, one row or one column; otherwise a copy.
     """
     p, q = elements.T
     steps = np.diff(elements @ np.array(block.strides[2:], dtype=np.intp))
@@ -170,15 +142,6 @@ def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
     return as_strided(first, (*first.shape, len(elements)), (*first.strides, step), writeable=False)
 
 
-def native(values: NDArray[Any]) -> NDArray[Any]:
-    """Convert values to native byte order; copy them only if they are not in it.
-
-    Parameters
-    ----------
-    values : ndarray
-
-    Returns
-    -------
-    ndarray
-    """
-    return values.astype(values.dtype.newbyteorder("="), copy=False)
+def _sliced(length: int, size: int) -> list[slice]:
+    """Cut an axis into slices of a size, the last one shorter."""
+    return [slice(start, min(start + size, length)) for start in range(0, length, size)]

@@ -71,29 +71,11 @@ class GateTransform:
         factors: NDArray[np.complexfloating[Any, Any]] | None = None,
         workers: int | None = None,
     ) -> NDArray[np.complex128]:
-        """Transform some elements of a cube.
+        """Transform elements (e, 2) of a cube to cells (n_range, n_doppler, e).
 
-        Parameters
-        ----------
-        cube : Cube
-        elements : ndarray of int, shape (e, 2)
-            Places (p, q).
-        factors : ndarray of complex, shape (n_subcarriers, n_symbols), optional
-            Factor of each resource element, applied first.
-        workers : int, optional
-            Threads; by default all cores.
-
-        Returns
-        -------
-        ndarray of complex128, shape (n_range, n_doppler, e)
-            Sums over the symbols of a block are made in the cube's precision,
-            those over subcarriers in double.
-
-        Raises
-        ------
-        InputError
-            If what was read holds NaN or infinity, naming the first, or is too
-            large for its precision.
+        Factors of the resource elements are applied first. Sums over the
+        symbols of a block are made in the cube's precision, those over
+        subcarriers in double. What is not finite or too large is refused.
         """
         n_workers = available_cores() if workers is None else workers
         # Numbers that are not finite are looked for once, at the end.

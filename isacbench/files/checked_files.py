@@ -1,8 +1,4 @@
-"""Files that users name: checked before they are opened, read up to a limit, written only in place.
-
-A path may lead to something other than a file by mistake: a pipe without a
-writer, an endless device, a link to a file elsewhere.
-"""
+"""Files that users name: checked before they are opened, read up to a limit, never overwritten by mistake."""
 
 from __future__ import annotations
 
@@ -37,31 +33,19 @@ PICTURES = ".png", ".pdf", ".svg"
 
 
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
-    """Refuse a path that is not a regular file of at most the largest size.
+    """Refuse a path that is not a regular file of at most the largest size; return its size.
 
-    Parameters
-    ----------
-    path : Path
-        Symbolic links are followed.
-    limit_bytes : int, optional
-        Largest size.
-    missing : str
-        Words for a file that does not exist.
-
-    Returns
-    -------
-    int
-        Size in bytes.
-
-    Raises
-    ------
-    InputError
-        If it does not exist, is not a regular file or is too large.
+    `missing` are the words for a file that does not exist.
     """
-    found = _looked_at(path)
-    if found is None:
-        raise InputError(f"{path}: {missing}")
-    _require_regular(path, found)
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path}: {missing}") from None
+    except (OSError, ValueError) as error:
+        raise AccessError(f"{path}: cannot be accessed: {_reason(error)}") from error
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
+        raise InputError(f"{path}: is {kind}, not a file")
     if limit_bytes is not None and found.st_size > limit_bytes:
         raise InputError(
             f"{path}: has {binary_size(found.st_size)}; allowed are at most {binary_size(limit_bytes)}"
@@ -70,17 +54,7 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
 
 
 def require_utf8(path: Path) -> None:
-    """Refuse a name that no table, page or file of text can hold.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    AccessError
-        If it is not UTF-8.
-    """
+    """Refuse a name that no table, page or file of text can hold."""
     try:
         str(path).encode()
     except UnicodeEncodeError as error:
@@ -88,90 +62,26 @@ def require_utf8(path: Path) -> None:
 
 
 def is_there(path: Path) -> bool:
-    """Tell if a path exists, also as a symbolic link whose target is missing.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
-    try:
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
-    return True
-
-
-def require_writable(path: Path) -> None:
-    """Refuse to write to a path that is not a file, such as a pipe or a folder.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If it is a folder, a pipe or a device.
-    """
-    found = _looked_at(path)
-    if found is not None:
-        _require_regular(path, found, "cannot be written: ")
+    """Tell if a path exists, also as a symbolic link whose target is missing."""
+    return os.path.lexists(path)
 
 
 def require_picture(path: Path) -> None:
-    """Refuse a picture without an extension of a format that can be drawn.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If it is not .png, .pdf or .svg.
-    """
+    """Refuse a picture without an extension of a format that can be drawn."""
     if path.suffix.lower() not in PICTURES:
         raise InputError(f"{path}: a picture takes the extension .png, .pdf or .svg")
 
 
 def require_replaceable(path: Path) -> None:
-    """Refuse a file that could not be written or replaced; call it before the work whose result it takes.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If its folder does not exist, or it is a symbolic link, a folder, a
-        pipe or a device.
-    """
-    require_writable(path)
-    if path.is_symlink():
-        raise _elsewhere(path)
+    """Refuse a file that could not be written or replaced; call it before the work whose result it takes."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: cannot be written: is not a file")
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
 def require_new(path: Path) -> None:
-    """Refuse to overwrite, and to write where no folder is.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If the path exists, or its folder does not.
-    """
+    """Refuse to overwrite, and to write where no folder is."""
     if is_there(path):
         raise InputError(f"{path}: exists already and is not overwritten")
     if not path.parent.is_dir():
@@ -179,25 +89,7 @@ def require_new(path: Path) -> None:
 
 
 def read_text(path: Path, limit_bytes: int, missing: str = "does not exist") -> str:
-    """Read a file of UTF-8 text, with or without a byte order mark, up to a limit.
-
-    Parameters
-    ----------
-    path : Path
-    limit_bytes : int
-        Largest size.
-    missing : str
-        Words for a file that does not exist.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        As `require_file` does; or if it cannot be read or is not UTF-8 text.
-    """
+    """Read a file of UTF-8 text, with or without a byte order mark, of at most the largest size."""
     require_file(path, limit_bytes, missing)
     try:
         return path.read_bytes().decode("utf-8-sig")
@@ -212,23 +104,11 @@ def require_inside(path: Path, *folders: Path) -> None:
 
     A file from somebody else must not make a user's program read files of the
     user elsewhere, and quote them in messages.
-
-    Parameters
-    ----------
-    path : Path
-        Named or found path.
-    *folders : Path
-        Allowed folders, the first one for messages.
-
-    Raises
-    ------
-    InputError
-        If the path, or the target of its symbolic links, lies elsewhere.
     """
     try:
         target = path.resolve()
         inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
-    except (OSError, RuntimeError, ValueError) as error:  # a name that is too long, links in a circle, NUL
+    except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
     if not inside:
         raise InputError(
@@ -238,48 +118,12 @@ def require_inside(path: Path, *folders: Path) -> None:
 
 
 def open_own(path: Path, flags: int) -> int:
-    """Open a file of isacbench for writing, never through a symbolic link.
-
-    Parameters
-    ----------
-    path : Path
-        Created, if it does not exist.
-    flags : int
-        As `os.open` takes them: how to write.
-
-    Returns
-    -------
-    int
-        File descriptor.
-
-    Raises
-    ------
-    InputError
-        If it is a symbolic link, a pipe or a device.
-    OSError
-        If the system refuses.
-    """
-    if path.is_symlink():
-        raise _elsewhere(path)
-    if not path.is_dir():  # the system reports a folder itself
-        require_writable(path)
-    return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    """Open or create a file of isacbench for writing, never through a symbolic link."""
+    return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
 
 
 def make_own_folder(path: Path) -> None:
-    """Make a folder if it does not exist, never through a symbolic link.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If it is a symbolic link, or cannot be written.
-    """
-    if path.is_symlink():
-        raise _elsewhere(path)
+    """Make a folder if it does not exist."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -288,14 +132,6 @@ def make_own_folder(path: Path) -> None:
 
 def binary_size(n_bytes: int) -> str:
     """Write a number of bytes in units of 1024.
-
-    Parameters
-    ----------
-    n_bytes : int
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -308,25 +144,5 @@ def binary_size(n_bytes: int) -> str:
     return f"{n_bytes} bytes"
 
 
-def _looked_at(path: Path) -> os.stat_result | None:
-    """Status of a path; None if it does not exist."""
-    try:
-        return path.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (OSError, ValueError) as error:  # too long, no permission, links in a circle, NUL
-        raise AccessError(f"{path}: cannot be accessed: {_reason(error)}") from error
-
-
-def _require_regular(path: Path, found: os.stat_result, prefix: str = "") -> None:
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
-        raise InputError(f"{path}: {prefix}is {kind}, not a file")
-
-
 def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
-
-
-def _elsewhere(path: Path) -> InputError:
-    return InputError(f"{path}: is a symbolic link; give a file or folder that is not a link")

@@ -21,14 +21,6 @@ MARKDOWN = str.maketrans(
 def visible(text: str) -> str:
     r"""Spell control characters as Python does, so that a terminal shows them instead of obeying them.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> visible("a\x1b[31mb\n")
@@ -38,47 +30,18 @@ def visible(text: str) -> str:
 
 
 def visible_lines(text: str) -> str:
-    """Spell control characters other than line breaks as Python does.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-    """
+    """Spell control characters other than line breaks as Python does."""
     return "\n".join(map(visible, text.split("\n")))
 
 
 def visible_json(text: str) -> str:
-    """Spell control characters other than line breaks as JSON does.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-        JSON of the same meaning.
-    """
+    """Spell control characters other than line breaks as JSON does."""
     lines = text.split("\n")
     return "\n".join(HIDDEN.sub(lambda match: f"\\u{ord(match[0]):04x}", line) for line in lines)
 
 
 def quoted(value: object, most: int = MOST_QUOTED) -> str:
     """Write a value from outside as Python does, without its middle where it is too long for a message.
-
-    Parameters
-    ----------
-    value : object
-    most : int
-        Largest number of characters.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -90,16 +53,6 @@ def quoted(value: object, most: int = MOST_QUOTED) -> str:
 
 def shortened(text: str, most: int = MOST_QUOTED) -> str:
     """Leave out the middle of a text that is too long.
-
-    Parameters
-    ----------
-    text : str
-    most : int
-        Largest number of characters.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -113,16 +66,6 @@ def shortened(text: str, most: int = MOST_QUOTED) -> str:
 def counted(number: int, noun: str) -> str:
     """Write a number of things with a noun in the singular or plural.
 
-    Parameters
-    ----------
-    number : int
-    noun : str
-        In the singular.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> counted(1, "point"), counted(2, "point")
@@ -133,14 +76,6 @@ def counted(number: int, noun: str) -> str:
 
 def in_markdown(text: str) -> str:
     r"""Write text so that Markdown shows it as it is: no tags, no links, no code, no end of a cell.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
 
     Examples
     --------

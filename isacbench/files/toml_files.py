@@ -22,42 +22,14 @@ PACKAGE = "isacbench_scenarios"
 
 
 def builtin_names(folder: str = ".") -> list[str]:
-    """Names of the TOML files that ship in a folder of the scenario package, sorted.
-
-    Parameters
-    ----------
-    folder : str
-        Folder of the scenario package.
-
-    Returns
-    -------
-    list of str
-        Sorted.
-    """
+    """Names of the TOML files that ship in a folder of the scenario package, sorted."""
     return sorted(path.stem for path in _builtin_folder(folder).glob("*.toml"))
 
 
 def find_toml(name_or_path: str | Path, what: str, folder: str = ".", others: str = "") -> Path:
-    """Find a TOML file by its built-in name, or by path if it has the suffix ``.toml``.
+    """Find a TOML file by its built-in name in a folder, or by path if it has the suffix ``.toml``.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-    what : str
-        Kind in messages: ``"scenario"`` or ``"suite"``.
-    folder : str
-        Folder of the scenario package that holds the built-in ones.
-    others : str
-        What else the caller allows, for the message about an unknown name.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If there is no such name or file.
+    `what` is its kind in messages, and `others` what the caller allows besides.
     """
     path = Path(name_or_path)
     if path.suffix == ".toml":
@@ -74,25 +46,7 @@ def find_toml(name_or_path: str | Path, what: str, folder: str = ".", others: st
 
 
 def read_toml(path: Path, model: type[Table]) -> Table:
-    """Read and validate a TOML file.
-
-    Parameters
-    ----------
-    path : Path
-    model : type of BaseModel
-        Table to validate against.
-
-    Returns
-    -------
-    BaseModel
-        Instance of the model.
-
-    Raises
-    ------
-    InputError
-        Naming the file, an offending key, its value and what is allowed; or
-        if it is larger than 1 MiB or nested too deeply.
-    """
+    """Read a TOML file and validate it; refuse an offending key with its value and what is allowed."""
     text = read_text(path, TOML_BYTES, missing="cannot be read: No such file or directory")
     try:
         return model.model_validate(tomllib.loads(text))
@@ -109,16 +63,6 @@ def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
 
     Of several mistakes an unknown key comes first: a key that seems to be
     missing is often there, but misspelt.
-
-    Parameters
-    ----------
-    error : ValidationError
-    model : type of BaseModel
-        The model that refused.
-
-    Returns
-    -------
-    str
     """
     mistake = min(error.errors(include_url=False), key=lambda mistake: mistake["type"] != "extra_forbidden")
     kind, location = mistake["type"], mistake["loc"]

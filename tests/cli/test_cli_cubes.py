@@ -76,12 +76,6 @@ def test_the_image_of_a_written_frame_is_that_of_the_simulation(scenario, frame,
     np.testing.assert_allclose(*values, rtol=1e-3, atol=1e-6)
 
 
-def test_a_frame_of_double_precision_is_written_on_demand(scenario, tmp_path):
-    path = tmp_path / "frame.npy"
-    assert run("simulate", "-s", scenario, "--snr", 300, "--precision", "double", "-o", path).exit_code == 0
-    assert np.load(path, mmap_mode="r").dtype == np.complex128
-
-
 def test_a_transmitted_grid_beside_the_cube_is_taken_into_account(scenario, frame, tmp_path):
     cube = np.load(frame)
     transmitted = np.exp(2j * np.pi * np.random.default_rng(1).random(cube.shape[:2]))
@@ -134,20 +128,6 @@ def test_options_that_do_not_go_together_are_told(scenario):
         ("--ascending +u,+w", "--cube"),
     ):
         hold_to_one_line(run("image", "-s", scenario, *words.split()), message)
-
-
-def test_a_frame_is_never_written_over_another_file(scenario, frame):
-    before = frame.read_bytes()
-    shown = run("simulate", "-s", scenario, "-o", frame)
-    assert shown.exit_code == 2
-    assert "exists" in shown.stderr
-    assert frame.read_bytes() == before
-
-
-def test_a_frame_takes_a_format_that_can_be_streamed(scenario, tmp_path):
-    for name in ("frame.mat", "frame"):
-        hold_to_one_line(run("simulate", "-s", scenario, "-o", tmp_path / name), ".npy")
-        assert not (tmp_path / name).exists()
 
 
 def test_a_frame_and_an_image_may_be_free_of_noise(scenario, tmp_path):

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.cubes import open_cube
-from isacbench.cubes.chunked import ChunkedCube
-from isacbench.files.arrays.stored_arrays import ChunkedArray
+from isacbench.cubes.cube import Cube
+from isacbench.files.arrays import StoredArray
 
 from .samples import (
     all_elements,
@@ -73,10 +73,7 @@ def test_whatever_the_chunks_tiles_add_up_and_read_only_chunks_of_requested_elem
         read_chunks.append((n.start, m.start, p.start // chunks[2], q.start // chunks[3]))
         return array[box]
 
-    stored = ChunkedArray(
-        array.shape, array.dtype, array.copy, chunks=chunks, read_box=read, require_filled=lambda: None
-    )
-    cube = ChunkedCube("c", stored, tile_bytes)
+    cube = Cube("c", StoredArray(array.shape, array.dtype, read, chunks=chunks), tile_bytes)
     assert np.array_equal(sum_of_tiles(cube, elements), of_elements(array, elements))
     assert {place[2:] for place in read_chunks} == wanted
     assert len({*read_chunks}) == len(read_chunks)

@@ -197,16 +197,6 @@ def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
 
 
 @pytest.mark.parametrize("kind", OF_SEVERAL)
-def test_of_several_arrays_none_is_guessed(tmp_path, kind):
-    write, filename = FORMATS[kind]
-    write(tmp_path / filename, first=random_cube(), second=random_cube())
-    with pytest.raises(InputError, match="needs an array named 'cube'") as refused:
-        open_cube(tmp_path / filename)
-    for name in ("first", "second"):
-        assert f"{name} (complex64 of shape {SHAPE})" in str(refused.value)
-
-
-@pytest.mark.parametrize("kind", OF_SEVERAL)
 def test_a_grid_that_does_not_fit_the_cube_beside_it_is_refused(tmp_path, kind):
     write, filename = FORMATS[kind]
     write(tmp_path / filename, cube=random_cube(), transmitted=GRID[:, :-1])

@@ -17,7 +17,7 @@ def test_the_examples_run_and_write_cubes_that_are_read(tmp_path, monkeypatch):
     for example in examples:
         exec(example, names)
     written = {path.name for path in tmp_path.iterdir()}
-    assert written == {"cube.npy", "element-major.npy", "cube.npz", "cube.h5", "cube.zarr", "streamed.h5"}
+    assert written == {"cube.npy", "element-major.npy", "cube.npz", "cube.h5", "cube.zarr", "streamed.zarr"}
     for name in written:
         with open_cube(name) as cube:
             assert_gives(cube, names["echo"])

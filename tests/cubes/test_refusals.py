@@ -11,7 +11,7 @@ import pytest
 import zarr
 
 from isacbench.cubes import open_cube, read_grid, require_shape
-from isacbench.errors import InputError, InputWarning
+from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.numerology import System
 
@@ -19,7 +19,6 @@ from .samples import (
     FORMATS,
     SHAPE,
     all_elements,
-    assert_gives,
     random_cube,
     sum_of_tiles,
     write_chunked_h5,
@@ -67,15 +66,6 @@ def test_an_array_that_is_no_cube_is_refused(tmp_path, array, reason):
     assert re.match(f"cube: {reason}", refusal(tmp_path / "cube.npz"))
 
 
-@pytest.mark.parametrize("part", ["f2", "i4"])
-def test_records_of_other_numbers_than_single_or_double_are_refused(tmp_path, part):
-    with h5py.File(tmp_path / "cube.h5", "w") as file:
-        file["cube"] = np.ones(SHAPE, [("real", part), ("imag", part)])
-    assert refusal(tmp_path / "cube.h5").startswith(
-        f"cube: holds [('real', '<{part}'), ('imag', '<{part}')];"
-    )
-
-
 def test_other_things_than_arrays_and_paths_are_refused():
     with pytest.raises(InputError, match=r"^a cube is a NumPy array, .* or a path, not list$"):
         open_cube([[1j]])
@@ -104,16 +94,6 @@ def test_a_path_that_is_no_file_of_a_known_format_is_refused(tmp_path, opening):
     assert refusal(tmp_path / "cube.h5", opening) == "is a folder, not a file"
 
 
-@pytest.mark.parametrize("name", ["c.npy", "c.npz", "c.mat", "c.h5", "c.zarr", "c.zip"])
-def test_what_is_not_of_its_format_is_refused(tmp_path, name):
-    for content in (b"", b"neither this nor that", bytes(1000)):
-        (tmp_path / name).write_bytes(content)
-        for opening in (open_cube, read_grid):
-            assert re.match(r"cannot be read as \w+: .+", refusal(tmp_path / name, opening)), content
-    (tmp_path / "folder.zarr").mkdir()
-    assert refusal(tmp_path / "folder.zarr").startswith("cannot be read as zarr: ")
-
-
 @pytest.mark.parametrize("kind", [kind for kind, (_, name) in FORMATS.items() if not name.endswith(".zarr")])
 def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind):
     write, filename = FORMATS[kind]
@@ -135,15 +115,6 @@ def test_a_truncated_npy_file_says_how_much_it_lacks(tmp_path, order):
         file.truncate(size - 1)
     wanted = f"is truncated: complex64 of shape {SHAPE} takes {size} bytes, the file has {size - 1}"
     assert refusal(path) == wanted
-
-
-def test_an_array_of_python_objects_is_no_cube(tmp_path):
-    objects = np.full(SHAPE, None)
-    with pytest.raises(InputError, match=r"^array: holds object"):
-        open_cube(objects)
-    np.savez(tmp_path / "c.npz", cube=ARRAY, notes=objects)
-    with pytest.warns(InputWarning, match="does not use notes"), open_cube(tmp_path / "c.npz") as cube:
-        assert cube.shape == SHAPE
 
 
 def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
@@ -186,26 +157,6 @@ def test_a_stored_array_that_is_shorter_than_its_header_says_is_refused(tmp_path
             f"cube: is truncated: complex64 of shape {SHAPE} takes {len(data)} bytes, "
             f"the file has {len(data) - 8}"
         )
-
-
-def test_an_npy_file_of_a_version_that_arrays_of_numbers_do_not_have_is_refused(tmp_path):
-    np.save(tmp_path / "cube.npy", ARRAY)
-    data = bytearray((tmp_path / "cube.npy").read_bytes())
-    data[6] = 3
-    (tmp_path / "cube.npy").write_bytes(data)
-    assert refusal(tmp_path / "cube.npy").startswith("cannot be read as npy: version (3, 0)")
-
-
-@pytest.mark.usefixtures("mat_files_read_as_by_users")
-def test_a_mat_file_is_read_by_a_process_whose_end_is_told(tmp_path):
-    path = tmp_path / "c.mat"
-    write_mat(path, cube=ARRAY, transmitted=ARRAY[:, :, 0, 0], notes="text")
-    with open_cube(path) as cube:
-        assert_gives(cube, ARRAY)
-    data = path.read_bytes()
-    part = np.array([7, ARRAY.nbytes // 2], "<u4").tobytes()
-    path.write_bytes(data.replace(part, bytes([99]) + part[1:]))
-    assert refusal(path) == "cannot be read as mat: SciPy's reader was ended by SIGSEGV"
 
 
 def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_parts(tmp_path, monkeypatch):

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench import observe, observe_cube
-from isacbench.cubes.simulating import FrameSimulator, write_frame
+from isacbench.cubes.simulating import FrameSimulator
+from isacbench.cubes.writing import write_cube
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.model.array import VirtualArray
 from isacbench.model.gate import build_gate
@@ -66,7 +67,8 @@ def test_the_image_of_a_written_frame_is_that_of_the_observation(small_street, t
     path = tmp_path / "frame.npy"
     shown = []
     frame = FrameSimulator(small_street, 10.0, 3)
-    write_frame(frame, path, np.complex128, lambda n_done, n: shown.append((n_done, n)))
+    blocks = (block for _, block in frame.blocks())
+    write_cube(path, frame.shape, blocks, np.complex128, lambda n_done, n: shown.append((n_done, n)))
     assert shown[-1] == (512, 512)
     assert np.load(path, mmap_mode="r").dtype == np.complex128
     cloud = Music2d().estimate(observe_cube(path, small_street))

@@ -16,8 +16,6 @@ from isacbench.report.drawing.style import new_figure
 from isacbench.report.figures import run_figures
 from tests.conftest import TINY, TINY_POINTS
 
-from ..files.mat_readers import mat_files_read_in_forks  # noqa: F401
-
 HANGS_S = 120
 """Nobody waits longer; whatever is slow on a busy machine is far from it."""
 

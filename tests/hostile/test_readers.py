@@ -12,8 +12,7 @@ import pytest
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes import cube, read_grid
-from isacbench.files import checked_files
-from isacbench.files.arrays import zarr_stores
+from isacbench.files import arrays, checked_files
 from isacbench.files.checked_files import binary_size
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files import point_files
@@ -80,13 +79,6 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tiny):
     assert PluginFile.read(plugin).source == "x = 1\n"
 
 
-def test_lines_end_as_they_do_anywhere(tmp_path):
-    path = tmp_path / "cloud.csv"
-    for ends in ("\n", "\r\n", "\r"):
-        path.write_bytes(ends.join(["x,y,z,v", "1,2,3,4", "", "5,6,7,8"]).encode())
-        assert PointCloud.read(path).to_array()[:, :4].tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]], repr(ends)
-
-
 def test_what_is_no_text_is_told_with_its_byte_however_far_into_the_file(tmp_path, refused):
     path = tmp_path / "cloud.csv"
     good = b"x,y,z,v\n" + b"1,2,3,4\n" * 10_000
@@ -121,6 +113,6 @@ def test_the_documentation_has_the_limits_that_hold():
     assert rows["a point cloud, in its file and as arrays"] == binary_size(checked_files.CLOUD_BYTES)
     assert rows["a transmitted grid, as complex128"] == binary_size(checked_files.GRID_BYTES)
     assert rows["a cube or a file that is read as a whole"] == binary_size(checked_files.HELD_BYTES)
-    assert rows["chunks of a zarr array"] == f"{zarr_stores.MOST_CHUNKS:,}".replace(",", " ")
+    assert rows["chunks of a zarr array"] == f"{arrays.MOST_CHUNKS:,}".replace(",", " ")
     assert rows["the source of a plugin"] == binary_size(checked_files.SOURCE_BYTES)
     assert rows["a manifest"] == binary_size(checked_files.MANIFEST_BYTES)

@@ -32,43 +32,19 @@ from .files import ANY, Trap, content
 
 @pytest.fixture
 def run_folder(made, tmp_path):
-    """Return a copy of that folder, beside which something lies that must stay as it is."""
-    (tmp_path / "outside").mkdir()
-    shutil.copytree(made[1], tmp_path / "inside" / "run")
-    return tmp_path / "inside" / "run"
-
-
-def outside(run_folder):
-    """Paths outside of the folder, with the contents of files."""
-    paths = sorted((run_folder.parents[1] / "outside").rglob("*"))
-    return {path: path.read_bytes() if path.is_file() else None for path in paths}
+    """Return a copy of that folder."""
+    return shutil.copytree(made[1], tmp_path / "run")
 
 
 # What stands in the place of a file
 
 
-def link_out(path):
-    """The file itself, moved out of the folder, and a symbolic link to it."""
-    target = path.parents[2] / "outside" / path.name
-    path.with_name(f"{path.name}.whole").rename(target)
-    path.symlink_to(target)
-
-
-NO_FILES = ["a pipe", "a folder", "a link to nothing"]
 FILES = ["manifest.json", "results.parquet", "clouds.parquet", "truth.parquet"]
 PLACED = {
-    **{name: ANY[name] for name in (*NO_FILES, "nothing in it", "pickled", "a page of zeros")},
-    "a link out of the folder": link_out,
+    **{name: ANY[name] for name in ("a folder", "nothing in it", "pickled", "a page of zeros")},
     "parquet signature": content(b"PAR1" + bytes(100) + b"PAR1"),
     "a list": content(b"[]"),
 }
-
-
-def place(run_folder, name, write):
-    path = run_folder / name
-    path.rename(path.with_name(f"{name}.whole"))
-    write(path)
-    path.with_name(f"{name}.whole").unlink(missing_ok=True)
 
 
 def read_all(folder):
@@ -80,88 +56,22 @@ def read_all(folder):
 @pytest.mark.parametrize("name", FILES)
 def test_no_hostile_file_is_a_part_of_a_run(refused, made, tmp_path, name):
     for kind, write in PLACED.items():
-        (tmp_path / kind / "outside").mkdir(parents=True)
-        run_folder = tmp_path / kind / "inside" / "run"
-        shutil.copytree(made[1], run_folder)
-        place(run_folder, name, write)
-        before = outside(run_folder)
+        run_folder = shutil.copytree(made[1], tmp_path / kind / "run")
+        (run_folder / name).unlink()
+        write(run_folder / name)
         refused(read_all, run_folder)
         refused(rescore, run_folder)
         refused(lambda folder: merge([folder, folder], folder.with_name("merged")), run_folder)
-        assert outside(run_folder) == before, kind
     assert not list(tmp_path.rglob("UNPICKLED"))
 
 
-def test_no_hostile_file_is_a_journal(refused, made, tmp_path):
-    for name in NO_FILES:
-        run_folder = shutil.copytree(made[1], tmp_path / name)
-        ANY[name](run_folder / "journal.jsonl")
-        refused(Run.open, run_folder)
-        refused(lambda folder: run_suite(made[0], out=folder), run_folder)
-
-
 # Writing
-
-
-REPLACED = [
-    "manifest.json",
-    "results.parquet",
-    "results.csv",
-    "summary.csv",
-    "summary.md",
-    ".manifest.json.part",
-    ".results.parquet.part",
-    ".clouds.parquet.part",
-    ".truth.parquet.part",
-    ".results.csv.part",
-    ".summary.csv.part",
-    "figures/deviation.png",
-    "figures/.deviation.png.part",
-]
-KINDS = ["file", "nothing", "pipe"]
-
-
-def put_link(run_folder, kind, name):
-    """Put a symbolic link in the place of a file, to a target outside of the folder."""
-    path = run_folder / name
-    target = run_folder.parents[1] / "outside" / f"{kind} {path.name}"
-    if kind == "folder":
-        target.mkdir()
-    elif kind == "file":
-        target.write_text("precious")
-    elif kind == "pipe":
-        os.mkfifo(target)
-    path.parent.mkdir(exist_ok=True)
-    path.unlink(missing_ok=True)
-    path.symlink_to(target)
 
 
 def run_and_report(suite, run_folder):
     results = run_suite(suite, out=run_folder)
     write_run_tables(results)
     draw_run(results)
-
-
-@pytest.mark.usefixtures("written_empty")
-def test_links_out_of_the_folder_are_replaced(made, run_folder, bounded):
-    for number, name in enumerate(REPLACED):
-        put_link(run_folder, KINDS[number % 3], name)
-    before = outside(run_folder)
-    with bounded(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        run_and_report(made[0], run_folder)
-    assert outside(run_folder) == before
-    assert not any((run_folder / name).is_symlink() for name in REPLACED if not name.endswith(".part"))
-
-
-@pytest.mark.usefixtures("written_empty")
-@pytest.mark.parametrize("name", [".lock", "journal.jsonl", "figures"])
-def test_a_link_in_the_place_of_what_is_not_replaced_is_refused(made, run_folder, refused, name):
-    for kind in KINDS if name != "figures" else ["folder"]:
-        put_link(run_folder, kind, name)
-        before = outside(run_folder)
-        refused(lambda _path: run_and_report(made[0], run_folder), run_folder / name)
-        assert outside(run_folder) == before, kind
 
 
 @pytest.mark.usefixtures("written_empty")

@@ -10,7 +10,7 @@ from isacbench.bench.kinds.lone_targets import scene_bound
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes.frame_observation import observe_cube
-from isacbench.cubes.image_cost import plan_image
+from isacbench.cubes.image_cost import image_cost
 from isacbench.cubes.simulating import FrameSimulator
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
@@ -178,7 +178,7 @@ def test_what_does_not_model_turns_refuses_them(taking_turns, mimo):
         (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
         (lambda: FrameSimulator(scenario, 10.0), "a simulated frame"),
         (lambda: observe_cube(np.zeros((240, 112, 4, 4), np.complex64), scenario), "a recorded frame"),
-        (lambda: plan_image(scenario, get_estimator("fft4d")), "a recorded frame"),
+        (lambda: image_cost(scenario, get_estimator("fft4d")), "a recorded frame"),
     ):
         with pytest.raises(InputError, match=rf"^\[array\] mimo = '{mimo}': allowed is 'ideal' for {task}$"):
             refused()

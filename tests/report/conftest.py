@@ -4,11 +4,11 @@ import json
 
 import pandas as pd
 import pytest
-from isacbench.report.run_tables import write_run_tables
 
 from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS
 from isacbench.bench.store.run import Run
 from isacbench.report.figures import run_figures
+from isacbench.report.run_tables import write_run_tables
 
 SCORES = ["density", "velocity_nmse", "chamfer_m", "gospa_m", "precision", "recall"]
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted, shortened
-from isacbench.model.cloud_files.power_names import require_no_other_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
     from pathlib import Path
 
 POINT_COLUMNS = ["x", "y", "z", "v", "power"]
@@ -19,17 +18,27 @@ POINT_COLUMNS = ["x", "y", "z", "v", "power"]
 _BESIDE_OTHER_V = re.compile(r"(.*[_ ])?(t?u|s)", re.IGNORECASE)
 """Names of a texture or a colour, whose v is no velocity."""
 
+_PANDAS_INDEX = re.compile(r"level_\d+|__index_level_\d+__")
+"""Names that pandas gives to numbers of rows."""
+
+_ALIKE = {
+    "v": (
+        "velocity|(?<![a-z])vel|doppler|speed|range.?rate|(?<![a-z])vr(?![a-z])|^v([^a-z]|$)",
+        "velocity",
+        "the name velocity for m/s, positive when approaching, or nothing like it for unknown velocities",
+    ),
+    "power": (
+        "pow|pwr|amplitude|intensity|magnitude|strength|reflect|gain|section|energy|level|rcs|snr|rssi"
+        "|(?<![a-z])(ampl?s?|mags?|p|sigma|dbs?m?)(?![a-z])",
+        "power",
+        "the name power for powers relative to a unit scatterer, or nothing like it for points of power 1",
+    ),
+}
+"""Names under which other programs store a column, what it is called, and what is allowed."""
+
 
 def plain_name(name: str) -> str:
     """Spell the name of a column as isacbench does.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -40,27 +49,17 @@ def plain_name(name: str) -> str:
     return "v" if plain == "velocity" else plain
 
 
+def names_points(names: Sequence[str]) -> bool:
+    """Tell if x, y and z are among some names."""
+    return {"x", "y", "z"} <= {plain_name(name) for name in names}
+
+
 def find_columns(path: Path, place: str, names: Sequence[str]) -> dict[str, int]:
-    """Find the columns of a cloud among others.
+    """Find the columns of a cloud among the names that a file has at a place.
 
-    Parameters
-    ----------
-    path : Path
-        File to name in messages.
-    place : str
-        Where it has these names.
-    names : sequence of str
-
-    Returns
-    -------
-    dict of str to int
-        Indices of x, y, z and, if there, v and power, in this order.
-
-    Raises
-    ------
-    InputError
-        If x, y or z is missing, two columns may be the same, a v is of a
-        texture, or another name may be that of the velocity or power.
+    Returns the indices of x, y, z and, if there, v and power, in this order.
+    Refuses two columns that may be the same, a v of a texture, and another
+    name that may be that of the velocity or the power.
     """
     plain = [plain_name(name) for name in names]
     texture = next(filter(_BESIDE_OTHER_V.fullmatch, names), None)
@@ -79,6 +78,15 @@ def find_columns(path: Path, place: str, names: Sequence[str]) -> dict[str, int]
         )
     found = {name: plain.index(name) for name in POINT_COLUMNS if name in plain}
     require_no_other_names(
-        path, found, [name for index, name in enumerate(names) if plain[index] not in found]
+        path, found, [name for name, one in zip(names, plain, strict=True) if one not in found]
     )
     return found
+
+
+def require_no_other_names(path: Path, columns: Collection[str], others: Sequence[str]) -> None:
+    """Refuse what may be velocity or power, where no column is named so: all points would get none or 1."""
+    for column, (like, name, allowed) in _ALIKE.items():
+        alike = re.compile(like, re.IGNORECASE)
+        found = ", ".join(one for one in others if alike.search(one) and not _PANDAS_INDEX.fullmatch(one))
+        if column not in columns and found:
+            raise InputError(f"{path}: has no {name}, but {shortened(found)}; allowed is {allowed}")

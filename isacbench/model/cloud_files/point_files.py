@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import closing
 from math import prod
 from pathlib import Path
@@ -12,23 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError
-from isacbench.files.arrays.array_files import listed, listed_arrays
-from isacbench.files.arrays.stored_arrays import TEXTS, StoredArray
-from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_writable
+from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
+from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file
 from isacbench.files.escaping import quoted, shortened
-from isacbench.files.text_table import (
-    TextTable,
-    check_finite,
-    delimiter_of,
-    fields_of,
-    format_rows,
-    parse_numbers,
-    read_text_rows,
+from isacbench.model.cloud_files.columns import (
+    POINT_COLUMNS,
+    find_columns,
+    plain_name,
+    require_no_other_names,
 )
-from isacbench.model.cloud_files.columns import POINT_COLUMNS, find_columns, plain_name
+from isacbench.model.cloud_files.csv_tables import (
+    NO_ROW_NUMBERS,
+    counts,
+    quotes_first_alone,
+    read_csv_table,
+    require_finite,
+)
 from isacbench.model.cloud_files.ply import read_ply, write_ply
-from isacbench.model.cloud_files.power_names import require_no_other_names
-from isacbench.number_text import is_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -38,7 +37,6 @@ T = TypeVar("T")
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
 _OBJECT = "object"
-_NO_ROW_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
 _TAKES = "takes xyz (n, 3), optionally velocity (n) and power (n)"
 
 
@@ -111,23 +109,11 @@ def read_point_table(path: str | Path) -> dict[str, Floats]:
 def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
     """Write the points of a cloud, so that reading them returns the same doubles.
 
-    Parameters
-    ----------
-    points : mapping of str to ndarray of float64, shape (n,)
-        Columns x, y, z in m, v in m/s if it is known, and power; any number of rows.
-    path : str or Path
-        File to write, or to overwrite; its extension, one of csv, npy, npz,
-        mat and ply, decides the format.
-
-    Raises
-    ------
-    InputError
-        If the extension is another, the format cannot hold the columns, or
-        the file cannot be written.
+    The columns are those that `read_point_table` returns; the extension decides the format. A file is
+    overwritten.
     """
     path = Path(path)
     write = _by_extension(path, _WRITERS)
-    require_writable(path)
     try:
         write(points, path)
     except OSError as error:
@@ -137,28 +123,15 @@ def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
 def read_points_csv(path: str | Path) -> Points:
     """Read the scatterers of a scenario: header ``x,y,z,v``, optionally ``amplitude`` and ``object``.
 
-    Parameters
-    ----------
-    path : str or Path
-        The csv file, spelled as those of clouds may be.
-
-    Returns
-    -------
-    Points
-        At least one.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or holds no points, on a missing or another
-        column, or on a value that is not a finite number.
+    The csv file is spelled as those of clouds may be, without other columns. It has one row at least.
     """
     path = Path(path)
-    table, names, place = _csv_table(path)
-    plain = [plain_name(name) for name in names]
-    unknown = [name for name in names if name and plain_name(name) not in (*_SCATTERER, _OBJECT)]
+    table = read_csv_table(path)
+    plain = [plain_name(name) for name in table.names]
+    known = (*_SCATTERER, _OBJECT)
+    unknown = [name for name, one in zip(table.names, plain, strict=True) if name and one not in known]
     missing = [name for name in _SCATTERER[:-1] if name not in plain]
-    twice = [name for name in (*_SCATTERER, _OBJECT) if plain.count(name) > 1]
+    twice = [name for name in known if plain.count(name) > 1]
     for fault, found in (
         ("unknown column {}", [*map(quoted, unknown)]),
         ("column {} appears twice", twice),
@@ -166,18 +139,18 @@ def read_points_csv(path: str | Path) -> Points:
     ):
         if found:
             raise InputError(
-                f"{path}: {place}: {fault.format(found[0])}; the file takes the columns x, y, z, v and "
+                f"{path}: {table.place}: {fault.format(found[0])}; the file takes the columns x, y, z, v and "
                 "optionally amplitude and object"
             )
     if not table.lines:
         raise InputError(f"{path}: holds no points below its header")
     wanted = [name for name in _SCATTERER if name in plain]
-    values = parse_numbers(path, table, names, [plain.index(name) for name in wanted])
+    values = table.values(table.names, [plain.index(name) for name in wanted])
     amplitude = values[:, 4] if "amplitude" in plain else np.ones(len(values))
     objects: tuple[str, ...] = ()
     if _OBJECT in plain:
         column = plain.index(_OBJECT)
-        objects = tuple(fields_of(path, line, table.delimiter)[column] for line in table.lines)
+        objects = tuple(table.fields(row)[column] for row in range(len(table.lines)))
     return Points(values[:, :3], values[:, 3], amplitude, objects)
 
 
@@ -190,60 +163,32 @@ def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
         raise InputError(f"{path}: has {found}; a cloud takes {', '.join(handlers)}") from None
 
 
-def _csv_table(path: Path) -> tuple[TextTable, list[str], str]:
-    """Rows of a csv file, the names of its columns, none if it has no header, and where these stand."""
-    table, comments = read_text_rows(path)
-    if not table.lines:
-        raise InputError(f"{path}: is empty; at least the header x,y,z is required")
-    first = fields_of(path, table.lines[0], table.delimiter)
-    place = f"row {table.numbers[0]}"
-    if any(is_number(field.replace(",", ".")) for field in first) and not _name_points(first):
-        return table, _commented_names(path, comments, first), place
-    below = table._replace(lines=table.lines[1:], numbers=table.numbers[1:])
-    names = ["", *first] if _has_row_names(path, below, first) else first
-    return below, names, place
-
-
-def _name_points(fields: list[str]) -> bool:
-    return {"x", "y", "z"} <= {plain_name(field) for field in fields}
-
-
-def _commented_names(path: Path, comments: list[str], first: list[str]) -> list[str]:
-    """Names in a comment above rows without a header, as CloudCompare and NumPy write them."""
-    names: list[str] = []
-    for line in comments:
-        if {"x", "y", "z"} <= {*re.findall(r"\w+", line.lower())}:
-            names = fields_of(path, line, delimiter_of(line))
-            if len(names) != len(first) or not _name_points(names):
-                raise InputError(
-                    f"{path}: the comment {quoted(line)} may name the {len(first)} columns; allowed is a "
-                    "header line with a name for each"
-                )
-    return names
-
-
-def _has_row_names(path: Path, table: TextTable, names: list[str]) -> bool:
-    """Tell if rows begin with a name that the header does not announce, as those that R writes.
-
-    A number is a name only if it is quoted alone, or counts two rows or more.
-    Any other is refused, because a name of a column may be missing.
-    """
-    first = fields_of(path, table.lines[0], table.delimiter) if table.lines else []
-    if len(first) != len(names) + 1 or not first[-1]:
-        return False
-    if _quotes_first_alone(table.lines[0]) or not is_number(first[0].replace(",", ".")):
-        return True
-    if len(table.lines) > 1 and _counts(first[0], parse_numbers(path, table, ["", *names], [0])[:, 0]):
-        return True
-    raise InputError(
-        f"{path}: row {table.numbers[0]}: {len(first)} fields instead of {len(names)} "
-        f"({shortened(', '.join(names))}); allowed are a name for each, or {_NO_ROW_NUMBERS}"
-    )
-
-
-def _quotes_first_alone(line: str) -> bool:
-    """Tell if a row begins in quotes, and has fields without, as R writes the names of rows."""
-    return line.lstrip().startswith('"') and bool(re.search(r"\w", re.sub('"[^"]*"', "", line)))
+def _read_csv(path: Path) -> dict[str, Floats]:
+    table = read_csv_table(path)
+    if table.names:
+        found = find_columns(path, table.place, table.names)
+        return dict(zip(found, table.values(table.names, [*found.values()]).T, strict=True))
+    first = table.fields(0)
+    numbers = [*map(str, range(len(first)))]
+    if first in (numbers, ["", *numbers[:-1]]):
+        raise InputError(
+            f"{path}: {table.place}: may be a header that numbers the columns; allowed are the names x, y, z "
+            f"... and {NO_ROW_NUMBERS}"
+        )
+    if len(first) not in (3, 4, 5):
+        raise InputError(
+            f"{path}: {table.place}: {len(first)} fields; without a header a cloud takes 3, 4 or 5 "
+            f"({', '.join(POINT_COLUMNS)})" + (f", in {NO_ROW_NUMBERS}" if len(first) == 6 else "")
+        )
+    columns = POINT_COLUMNS[: len(first)]
+    values = table.values(columns, range(len(first)))
+    is_named = quotes_first_alone(table.lines[0]) or counts(first[0], values[:, 0]) or _may_number(values)
+    if len(first) > len("xyz") and is_named:
+        raise InputError(
+            f"{path}: the first column may number the rows, and may be x as well; allowed is a header, or "
+            f"{NO_ROW_NUMBERS}"
+        )
+    return dict(zip(columns, values.T, strict=True))
 
 
 def _may_number(values: Floats) -> bool:
@@ -252,42 +197,11 @@ def _may_number(values: Floats) -> bool:
     return is_whole[0] and not is_whole.all() and 1 < len(values) == len(np.unique(values[:, 0]))
 
 
-def _counts(first: str, values: Floats) -> bool:
-    """Tell if values are the numbers of rows, from 0 or 1."""
-    return first in ("0", "1") and np.array_equal(values, np.arange(len(values)) + int(first))
-
-
-def _read_csv(path: Path) -> dict[str, Floats]:
-    table, names, place = _csv_table(path)
-    if names:
-        found = find_columns(path, place, names)
-        return dict(zip(found, parse_numbers(path, table, names, [*found.values()]).T, strict=True))
-    first = fields_of(path, table.lines[0], table.delimiter)
-    numbers = [*map(str, range(len(first)))]
-    if first in (numbers, ["", *numbers[:-1]]):
-        raise InputError(
-            f"{path}: {place}: may be a header that numbers the columns; allowed are the names x, y, z ... "
-            f"and {_NO_ROW_NUMBERS}"
-        )
-    if len(first) not in (3, 4, 5):
-        raise InputError(
-            f"{path}: {place}: {len(first)} fields; without a header a cloud takes 3, 4 or 5 "
-            f"({', '.join(POINT_COLUMNS)})" + (f", in {_NO_ROW_NUMBERS}" if len(first) == 6 else "")
-        )
-    columns = POINT_COLUMNS[: len(first)]
-    values = parse_numbers(path, table, columns, range(len(first)))
-    is_named = _quotes_first_alone(table.lines[0]) or _counts(first[0], values[:, 0]) or _may_number(values)
-    if len(first) > len("xyz") and is_named:
-        raise InputError(
-            f"{path}: the first column may number the rows, and may be x as well; allowed is a header, or "
-            f"{_NO_ROW_NUMBERS}"
-        )
-    return dict(zip(columns, values.T, strict=True))
-
-
 def _write_csv(points: Mapping[str, Floats], path: Path) -> None:
-    rows = format_rows(np.column_stack([*points.values()]), delimiter=",")
-    path.write_text("\n".join([",".join(points), *rows, ""]), encoding="ascii", newline="\n")
+    import pandas as pd
+
+    with path.open("w", encoding="ascii", newline="") as file:  # pandas has words of its own for a refusal
+        pd.DataFrame(points).to_csv(file, index=False, lineterminator="\n")
 
 
 def _read_arrays(path: Path) -> dict[str, Floats]:
@@ -298,7 +212,7 @@ def _read_arrays(path: Path) -> dict[str, Floats]:
             raise InputError(
                 f"{path}: its arrays take more than the {binary_size(CLOUD_BYTES)} that are allowed"
             )
-        first, *others = [array.read() for array in chosen.values()]
+        first, *others = [array.whole() for array in chosen.values()]
         values = np.column_stack([first, *(other.ravel() for other in others)])
         columns = POINT_COLUMNS[: values.shape[1]]
         if "xyz" in chosen:  # and no table has this name
@@ -307,11 +221,11 @@ def _read_arrays(path: Path) -> dict[str, Floats]:
         beside = [name for name, array in rest.items() if _may_be_of_points(array, len(values))]
         require_no_other_names(path, columns, beside)
     values = values.astype(np.float64, copy=False)
-    check_finite(path, values, columns, range(1, len(values) + 1))
+    require_finite(path, values, columns, range(1, len(values) + 1))
     return dict(zip(columns, values.T, strict=True))
 
 
-def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> dict[str, StoredArray]:
+def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
     """Find the arrays that make a cloud: the table, or xyz and, if there, velocity and power."""
     if "xyz" in arrays or "velocity" in arrays:
         return _parts(path, arrays)
@@ -337,9 +251,7 @@ def _chosen_arrays(path: Path, arrays: Mapping[str, StoredArray | str]) -> dict[
     )
 
 
-def _require_no_other_points(
-    path: Path, arrays: Mapping[str, StoredArray | str], table: tuple[str, StoredArray]
-) -> None:
+def _require_no_other_points(path: Path, arrays: Entries, table: tuple[str, StoredArray]) -> None:
     """Refuse a table without a name, such as the pose of a sensor, where other arrays may be the points."""
     n, n_columns = table[1].shape
     others: dict[str, StoredArray | str] = {
@@ -355,7 +267,7 @@ def _require_no_other_points(
         )
 
 
-def _parts(path: Path, arrays: Mapping[str, StoredArray | str]) -> dict[str, StoredArray]:
+def _parts(path: Path, arrays: Entries) -> dict[str, StoredArray]:
     """Find the arrays xyz and, if there, velocity and power."""
     if "xyz" not in arrays:
         raise InputError(f"{path}: has no array xyz, but {_TAKES}")

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from isacbench.errors import InputError
+from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.files.escaping import quoted
 from isacbench.number_text import is_number
@@ -44,31 +44,13 @@ LEAST_SIDE_M = 0.05
 
 
 def read_mesh(path: Path, scale: float | None, up: str | None, span_m: float) -> Floats:
-    """Read the triangles of a mesh or a city.
+    """Read the triangles (n, 3, 3) of a mesh or a city, corners in m and z up.
 
-    Parameters
-    ----------
-    path : Path
-        File, or folder with one scene list of Mitsuba (``.xml``).
-    scale : float, optional
-        Metres in a unit of the file. By default it is 1, and the size is checked.
-    up : {"y", "z"}, optional
-        Axis of the file that is up. By default z, and y in glTF as its standard
-        says, unless trimesh wrote it, which keeps z.
-    span_m : float
-        Diagonal of the region, which the size is checked by.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3, 3)
-        Corners in m, z up.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, has no triangles, or has a bounding box of another unit.
+    The path is that of a file, or of a folder with one scene list of Mitsuba. Without a scale, the metres in
+    a unit of the file, it is 1, and the size is checked by the diagonal of the region, `span_m`. By default z
+    is up, and y in glTF as its standard says, unless trimesh wrote it, which keeps z.
     """
-    if _is_folder(path):
+    if path.is_dir():
         path = _only_list(path)
     triangles = _listed_triangles(path) if path.suffix.lower() == ".xml" else _file_triangles(path, up)
     if up == "y" and path.suffix.lower() == ".xml":
@@ -84,16 +66,7 @@ def read_mesh(path: Path, scale: float | None, up: str | None, span_m: float) ->
 
 
 def box_of(triangles: Floats) -> str:
-    """Describe a bounding box.
-
-    Parameters
-    ----------
-    triangles : ndarray of float64, shape (n, 3, 3)
-
-    Returns
-    -------
-    str
-    """
+    """Describe a bounding box."""
     limits = zip("xyz", triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1)), strict=True)
     return ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in limits) + " m"
 
@@ -118,15 +91,13 @@ def _file_triangles(path: Path, up: str | None) -> Floats:
     if kind in GLTF:
         wrote = _require_plain_gltf(path, content)
         up = up or ("z" if "trimesh" in wrote else "y")
-    from trimesh import load_scene
-    from trimesh.resolvers import FilePathResolver
-
+    trimesh: Any = import_extra("trimesh", "meshes", str(path))
     try:
         # The resolver refuses buffers outside the folder of the file.
-        scene: Any = load_scene(
+        scene = trimesh.load_scene(
             io.BytesIO(content),
             file_type=kind[1:],
-            resolver=FilePathResolver(str(path)),
+            resolver=trimesh.resolvers.FilePathResolver(str(path)),
             process=False,
             skip_materials=True,
         )
@@ -176,13 +147,6 @@ def _y_up(triangles: Floats) -> Floats:
     return np.stack([x, -z, y], axis=-1)
 
 
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be accessed: {error.strerror}") from error
-
-
 def _only_list(folder: Path) -> Path:
     lists = sorted(folder.glob("*.xml"))
     if len(lists) != 1:
@@ -220,12 +184,9 @@ def _matrix(step: ElementTree.Element, path: Path) -> Floats:
         values = [_number(word) for word in step.get("value", "").replace(",", " ").split()]
         given = [_number(step.get(axis, "1" if step.tag == "scale" else "0")) for axis in "xyz"]
         matrix = np.eye(4)
-        if (
-            values
-            and len(values) != NUMBERS.get(step.tag, 3)
-            and not (step.tag == "scale" and len(values) == 1)
-        ):
-            raise ValueError(f"{len(values)} numbers; allowed are {NUMBERS.get(step.tag, 3)}")
+        n_allowed = NUMBERS.get(step.tag, 3)
+        if values and len(values) not in ((1, 3) if step.tag == "scale" else (n_allowed,)):
+            raise ValueError(f"{len(values)} numbers; allowed are {n_allowed}")
         if step.tag == "matrix":
             matrix = np.reshape(values or matrix, (4, 4))
         elif step.tag == "translate":

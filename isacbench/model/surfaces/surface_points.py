@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from isacbench.errors import InputError
+from isacbench.errors import InputError, import_extra
 from isacbench.model.number_limits import require_places
 
 if TYPE_CHECKING:
@@ -27,6 +27,9 @@ SAME_M = 0.02
 
 MOST_CANDIDATES = 20_000_000
 """Largest number of places of which points are chosen."""
+
+SAMPLED = "the surface of a mesh, a cylinder or an ellipsoid"
+"""What is sampled, in messages."""
 
 CANDIDATES = 3
 """Candidates along a side of a cell."""
@@ -62,8 +65,7 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
         If the area and the spacing would give more than `MOST_SURFACE_POINTS`, thin
         parts more than `MOST_CANDIDATES`, or a coordinate is not finite.
     """
-    from trimesh.triangles import closest_point
-
+    trimesh: Any = import_extra("trimesh.triangles", "meshes", SAMPLED)
     require_places("surface", triangles)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area_m2 = np.linalg.norm(normals, axis=1) / 2
@@ -88,7 +90,7 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
     cell = np.floor((candidates - lower) / pitch).clip(0, n_cells - 1)
     cell, face = _distinct(np.column_stack([side[face], cell, face]).astype(int))
     middle = lower + (cell[:, 1:] + 0.5) * pitch
-    points = closest_point(triangles[face], middle)
+    points = trimesh.closest_point(triangles[face], middle)
     off_middle_m = np.linalg.norm(points - middle, axis=1).round(6)
     order = np.lexsort([face, off_middle_m, *cell.T])
     is_first = np.append(True, (cell[order][1:] != cell[order][:-1]).any(axis=1))
@@ -111,10 +113,9 @@ def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
     ndarray of float64, shape (n, 3, 3)
         The same array if all lies in the box.
     """
-    from trimesh.intersections import slice_faces_plane
-
     if (triangles >= lower).all() and (triangles <= upper).all():
         return triangles
+    trimesh: Any = import_extra("trimesh.intersections", "meshes", SAMPLED)
     for axis in range(3):
         for corner, sign in ((lower, 1.0), (upper, -1.0)):
             is_near = (sign * (triangles[:, :, axis] - corner[axis]) >= -SLACK_M).any(axis=1)
@@ -123,7 +124,9 @@ def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
                 corners = triangles.reshape(-1, 3)
                 faces = np.arange(len(corners)).reshape(-1, 3)
                 inwards = sign * np.eye(3)[axis]
-                vertices, faces, _ = slice_faces_plane(corners, faces, inwards, corner - SLACK_M * inwards)
+                vertices, faces, _ = trimesh.slice_faces_plane(
+                    corners, faces, inwards, corner - SLACK_M * inwards
+                )
                 triangles = vertices[faces]
     return np.clip(triangles, lower, upper)
 

@@ -1,10 +1,11 @@
-"""Points that the base station sees past all surfaces of a scene, found by batched ray casting."""
+"""Points that the base station sees past all surfaces of a scene."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,17 +16,17 @@ if TYPE_CHECKING:
 TOLERANCE_M = 0.02
 """Distance before a point up to which a surface does not hide it: it is the one the point lies on."""
 
-BESIDE_M = 3e-4
-"""Distance of the rays beside that to a point: beyond the rounding of single precision at 1 km."""
-
-STEP_M = 3e-4
-"""Distance behind a surface from which a ray goes on."""
-
 TINY = 1e-300
 """Least length that is divided by."""
 
-MOST_RAYS = 1000
-"""Rays that are cast at once: in double precision each looks at hundreds of triangles of a city."""
+MOST_PAIRS = 2**20
+"""Rays and triangles that are looked at together."""
+
+MARGIN = 1e-6
+"""Width around a triangle, as a chord of the unit sphere, in which rays are looked at: beyond rounding."""
+
+WIDEST = np.sqrt(2)
+"""Chord of a hemisphere: of wider triangles all rays are looked at."""
 
 NO_PART = -1
 """Part of a point that every surface can hide."""
@@ -46,7 +47,8 @@ def seen_points(
     point_part : ndarray of int, shape (n,)
         Part that does not hide the point, or `NO_PART`.
     triangles : ndarray of float64, shape (m, 3, 3)
-        Corners. Both sides hide; nothing need be closed.
+        Corners. Both sides hide; nothing need be closed. What touches the base
+        station hides nothing.
     face_part : ndarray of int, shape (m,)
 
     Returns
@@ -55,73 +57,44 @@ def seen_points(
 
     Notes
     -----
-    Embree casts rays in single precision, which misses or leaks within 0.1 mm
-    of an edge, and not alike on all processors. Where the ray to a point and
-    four around it do not agree, double precision decides. Without Embree, all
-    rays are cast in double precision.
+    All rays start at the base station. One meets a triangle if it lies on the
+    same side of the three planes through the station and an edge; two triangles
+    share the plane of a common edge to the last digit, so that no ray leaks
+    between them. A tree of the rays' directions finds those near a triangle.
     """
+    is_hidden = np.zeros(len(xyz), dtype=bool)
     if not len(triangles) or not len(xyz):
-        return np.ones(len(xyz), dtype=bool)
-    from trimesh import Trimesh
-    from trimesh.ray.ray_triangle import RayMeshIntersector
-
-    corners = (triangles - base_station_m).reshape(-1, 3)
-    mesh = Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
-    places = xyz - base_station_m
-
-    def hidden(tracer: Any, which: Integers, beside: Floats) -> NDArray[np.bool_]:
-        chunks = np.array_split(which, -(-len(which) // MOST_RAYS))
-        offsets = np.broadcast_to(beside, places.shape)
-        parts = [_hidden(tracer, places[few] + offsets[few], point_part[few], face_part) for few in chunks]
-        return np.concatenate(parts)
-
-    everything = np.arange(len(places))
-    is_hidden = hidden(mesh.ray, everything, np.zeros(3))
-    if isinstance(mesh.ray, RayMeshIntersector):
         return ~is_hidden
-    beside = np.array([hidden(mesh.ray, everything, offset) for offset in _beside(places)])
-    disputed = np.flatnonzero((beside != is_hidden).any(axis=0))
-    if disputed.size:
-        is_hidden[disputed] = hidden(RayMeshIntersector(mesh), disputed, np.zeros(3))
+    places, corners = xyz - base_station_m, triangles - base_station_m
+    distance_m = np.linalg.norm(places, axis=1)
+    directions = places / np.maximum(distance_m, TINY)[:, None]
+    planes = np.cross(corners, np.roll(corners, -1, axis=1))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    heights = np.einsum("ij,ij->i", normals, corners[:, 0])
+    tree, (middles, chords) = cKDTree(directions), _caps(corners)
+    step = max(1, MOST_PAIRS // len(xyz))
+    for faces in (
+        np.arange(first, min(first + step, len(corners))) for first in range(0, len(corners), step)
+    ):
+        near = tree.query_ball_point(middles[faces], chords[faces])
+        face = np.repeat(faces, [len(rays) for rays in near])
+        ray = np.concatenate([np.array(rays, dtype=np.intp) for rays in near])
+        is_other = (point_part[ray] == NO_PART) | (face_part[face] != point_part[ray])
+        ray, face = ray[is_other], face[is_other]
+        sides = np.einsum("ik,ijk->ij", directions[ray], planes[face])
+        is_within = (sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)
+        towards = np.einsum("ij,ij->i", directions[ray], normals[face])
+        met_m = np.divide(heights[face], towards, out=np.full(len(face), np.inf), where=towards != 0)
+        is_hidden[ray[is_within & (met_m > TOLERANCE_M) & (met_m < distance_m[ray] - TOLERANCE_M)]] = True
     return ~is_hidden
 
 
-def _hidden(tracer: Any, targets: Floats, point_part: Integers, face_part: Integers) -> NDArray[np.bool_]:
-    """Tell which targets lie behind a triangle of another part, seen from the origin."""
-    mesh = tracer.mesh
-    distance_m = np.linalg.norm(targets, axis=1)
-    directions = targets / np.maximum(distance_m, TINY)[:, None]
-    is_hidden = np.zeros(len(targets), dtype=bool)
-    # What touches the base station hides nothing.
-    live, start_m = np.flatnonzero(distance_m > TOLERANCE_M), np.full(len(targets), TOLERANCE_M)
-    while live.size:
-        origins = directions[live] * start_m[live, None]
-        first = tracer.intersects_first(origins, directions[live])
-        live, first = live[first >= 0], first[first >= 0]
-        met_m = _distances(mesh, first, directions[live])
-        is_before = met_m < distance_m[live] - TOLERANCE_M
-        live, first, met_m = live[is_before], first[is_before], met_m[is_before]
-        is_own = (point_part[live] != NO_PART) & (face_part[first] == point_part[live])
-        is_hidden[live[~is_own]] = True
-        # Past a triangle of the point's own part, the ray goes on.
-        live = live[is_own]
-        start_m[live] = np.maximum(met_m[is_own], start_m[live]) + STEP_M
-    return is_hidden
-
-
-def _distances(mesh: Any, faces: Integers, directions: Floats) -> Floats:
-    """Distances from the origin at which rays meet the planes of triangles; infinite within a plane."""
-    normals, corners = mesh.face_normals[faces], mesh.triangles[faces, 0]
-    towards = np.einsum("ij,ij->i", normals, directions)
-    height_m = np.einsum("ij,ij->i", normals, corners)
-    distances_m: Floats = np.divide(height_m, towards, out=np.full(len(faces), np.inf), where=towards != 0)
-    return distances_m
-
-
-def _beside(places: Floats) -> list[Floats]:
-    """Offsets (n, 3) across the line of sight, to four sides."""
-    is_along_x = np.abs(places[:, :1]) > np.abs(places[:, 1:2])
-    across = np.cross(places, np.where(is_along_x, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]))
-    sides = across, np.cross(places, across)
-    units = [side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), TINY) for side in sides]
-    return [sign * BESIDE_M * unit for unit in units for sign in (-1.0, 1.0)]
+def _caps(corners: Floats) -> tuple[Floats, Floats]:
+    """Caps of the unit sphere around triangles seen from its centre: middles (m, 3), and chords (m,)."""
+    distances_m = np.linalg.norm(corners, axis=2, keepdims=True)
+    units = corners / np.maximum(distances_m, TINY)
+    middles = units.mean(axis=1)
+    middles /= np.maximum(np.linalg.norm(middles, axis=1, keepdims=True), TINY)
+    chords = np.linalg.norm(units - middles[:, None], axis=2).max(axis=1) + MARGIN
+    is_wide = (chords > WIDEST) | (distances_m <= TINY).any(axis=(1, 2))
+    return middles, np.where(is_wide, 2 + MARGIN, chords)

@@ -1,3 +1,3 @@
 """Texts for the terminal."""
 
-__all__ = ["contract_findings", "image_plan", "stress_findings"]
+__all__ = ["contract_findings", "stress_findings"]
