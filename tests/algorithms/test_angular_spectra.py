@@ -8,7 +8,6 @@ from isacbench_algorithms.iaa2d import Iaa2d
 
 import isacbench
 from isacbench.checking.promises.small_scenes import RESOLVED, observed
-from isacbench.errors import InputError
 
 ALL = pytest.mark.parametrize("estimator", [Bartlett2d, Capon2d, Iaa2d], ids=lambda one: one.name)
 
@@ -38,27 +37,6 @@ def test_a_diagnosis_marks_the_directions_that_the_image_has(street):
     # Polished ones, which lie between the samples.
     polished, raw = (Iaa2d(polish=polish).diagnose(street).spectra[0].peaks for polish in (3, 0))
     assert not np.array_equal(polished, raw)
-
-
-@ALL
-@pytest.mark.parametrize(("name", "value"), [("samples_per_cell", 1), ("angle_dynamic_range_db", 0.0)])
-def test_a_parameter_out_of_range_is_refused_by_name(estimator, name, value):
-    with pytest.raises(InputError, match=name):
-        estimator(**{name: value})
-
-
-@pytest.mark.parametrize(
-    ("estimator", "name", "value"),
-    [
-        (Capon2d, "subarray_fraction", 0.0),
-        (Capon2d, "loading_db", 300.0),
-        (Iaa2d, "iterations", 0),
-        (Iaa2d, "polish", -1),
-    ],
-)
-def test_a_parameter_of_a_method_out_of_range_is_refused_by_name(estimator, name, value):
-    with pytest.raises(InputError, match=name):
-        estimator(**{name: value})
 
 
 def test_maximum_likelihood_brings_the_peaks_of_the_adaptive_approach_nearer_to_the_truth():

@@ -45,14 +45,6 @@ def close_pairs(estimator, dimension, phase_deg, trials):
     return n_found
 
 
-@pytest.mark.parametrize(
-    ("estimator", "dimension", "phase_deg"),
-    [(Esprit2d, "u", 0), (Esprit2d, "w", 180), (Music2dJoint, "u", 180), (Music2dJoint, "w", 0)],
-)
-def test_a_pair_that_a_cell_resolves_is_in_the_image(estimator, dimension, phase_deg):
-    assert close_pairs(estimator(), dimension, phase_deg, [0]) == 1
-
-
 @pytest.mark.slow
 @BOTH
 @AXES

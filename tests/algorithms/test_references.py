@@ -220,12 +220,6 @@ def test_lone_scatterers_farther_than_a_cell_apart_are_returned_exactly(axis, st
         np.testing.assert_array_equal(by_rows(cloud.to_array()), by_rows(truth.to_array()))
 
 
-def test_scatterers_of_one_place_are_merged_and_their_powers_add():
-    scenario = scenario_of([[14.0, 20.0, 5.0]] * 2, [4.0, 4.0], amplitude=[1.0, 2.0])
-    for cloud in Oracle().realisations(scenario, scenario.truth):
-        np.testing.assert_array_equal(cloud.to_array(), [[14.0, 20.0, 5.0, 4.0, 5.0]])
-
-
 @few
 @given(seed=st.integers(0, 9999), n=st.integers(20, 80))
 def test_half_cells_are_never_coarser_on_average(seed, n):
@@ -236,12 +230,6 @@ def test_half_cells_are_never_coarser_on_average(seed, n):
     )
     assert half >= one
     assert half <= n
-
-
-@pytest.mark.parametrize("cell", [0.0, -1.0, np.inf, np.nan])
-def test_a_cell_has_a_positive_size(cell):
-    with pytest.raises(InputError, match=r"cell = .*allowed is a positive number of Rayleigh cells"):
-        Oracle(cell=cell)
 
 
 @few

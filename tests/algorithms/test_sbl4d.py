@@ -9,9 +9,6 @@ from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.sbl4d import Sbl4d
 
 from isacbench import load_scenario, observe, score
-from isacbench.checking.promises.image_promises import ELEMENT_ORDER, Imaging
-from isacbench.checking.stress.runs.families import find_cases
-from isacbench.errors import InputError
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
 from isacbench.model.region import Region
@@ -98,20 +95,6 @@ def test_the_coherent_street_has_few_ghosts():
     assert np.mean(precision) >= 0.9
 
 
-@pytest.mark.parametrize(
-    "spec",
-    [
-        "beyond[what=prefix,noise=20dB,excess=0.2]",
-        pytest.param("beyond[what=prefix,noise=none,excess=0.7]", marks=pytest.mark.slow),
-    ],
-)
-def test_atoms_on_the_leakage_of_an_echo_beyond_the_gate_mirror_and_turn_with_the_array(spec):
-    (case,) = find_cases(spec)
-    imaging = Imaging(Sbl4d(), case.shot(0))
-    assert len(imaging.cloud) > 2
-    assert ELEMENT_ORDER.drift(imaging) <= ELEMENT_ORDER.bound
-
-
 def test_a_crowd_beyond_the_limit_is_imaged_by_its_strongest_atoms_and_said():
     scenario = street_part((4, 9))
     observation = observe(scenario, snr_db=10)
@@ -133,9 +116,3 @@ def test_a_map_that_atoms_do_not_explain_is_imaged_by_esprit_and_said():
         cloud = Sbl4d().estimate(scrambled)
     assert remarks.counts["unexplained"].n == 1
     np.testing.assert_array_equal(cloud.to_array(), Esprit2d().estimate(scrambled).to_array())
-
-
-@pytest.mark.parametrize(("name", "value"), [("lone_scatterers", -1), ("max_scatterers", 0)])
-def test_parameters_out_of_range_are_refused(name, value):
-    with pytest.raises(InputError, match=name):
-        Sbl4d(**{name: value})
