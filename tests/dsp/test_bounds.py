@@ -8,7 +8,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import isacbench
-from isacbench.dsp.bounds import joint_bound, position_covariance, single_bound, tone_std_bins
+from isacbench.dsp.bounds import (
+    joint_bound,
+    position_covariance,
+    single_bound,
+    stochastic_bound,
+    tone_std_bins,
+)
 from isacbench.errors import InputError
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.gate import DOPPLER_MARGIN_BINS, RANGE_MARGIN_BINS
@@ -27,6 +33,7 @@ from tests.dsp.explicit_echoes import (
 
 PAIR_SYSTEM = System(n_subcarriers=32, n_symbols=70)
 PAIR_SHAPE = (4, 6)
+PAIR_ELEMENTS = 32 * 70 * 4 * 6
 PAIR_CELLS = np.array([PAIR_SYSTEM.range_bin_m, PAIR_SYSTEM.velocity_bin_mps, 2 / 4, 2 / 6])
 """Rayleigh cells in range, velocity, u and w of the full grid and array of the pairs below."""
 
@@ -213,26 +220,51 @@ def test_close_pairs_keep_their_digits(separation, tolerance):
     np.testing.assert_allclose(bound.range_m, expected[[0, 4]], rtol=tolerance)
 
 
+SHARED = np.array([[20.0, 20.0, 33.0], [3.0, 3.0, -9.0], [0.1, 0.1, -0.4], [0.2, 0.2, 0.5]])
+"""Two scatterers in one place, and one elsewhere."""
+
+
+def correlated(correlation, n=3):
+    """Covariance of amplitudes, the first two of which are correlated so."""
+    covariance = np.eye(n, dtype=complex)
+    covariance[0, 1], covariance[1, 0] = correlation, np.conj(correlation)
+    return covariance
+
+
 @SENSING
-@pytest.mark.parametrize("phase", [0.0, 1.0, np.pi / 2])
-def test_scatterers_in_one_place_have_no_bound_and_do_not_disturb_others(sensing, phase):
+@pytest.mark.parametrize(
+    ("bound_of", "strengths"),
+    [
+        *((joint_bound, np.array([1.0, 2 * np.exp(1j * phase), 1.5])) for phase in (0.0, 1.0, np.pi / 2)),
+        *((stochastic_bound, correlated(one)) for one in (0.0, 0.5, -0.8j, 1.0, -1.0)),
+    ],
+)
+def test_scatterers_in_one_place_have_no_bound_and_do_not_disturb_others(sensing, bound_of, strengths):
     system = System(n_subcarriers=64, n_symbols=70)
-    places = np.array([[20.0, 20.0, 33.0], [3.0, 3.0, -9.0], [0.1, 0.1, -0.4], [0.2, 0.2, 0.5]])
-    amplitude = np.array([1.0, 2 * np.exp(1j * phase), 1.5])
-    bound = joint_bound(system, (4, 4), *places, amplitude, 1.0, sensing)
+    bound = bound_of(system, (4, 4), *SHARED, strengths, 1.0, sensing=sensing)
     for std in (bound.range_m, bound.velocity_mps, bound.u, bound.w):
         assert np.isinf(std).tolist() == [True, True, False]
     assert np.isnan(bound.covariance[0, 0, 1])
     assert np.isnan(bound.joint_covariance[0, 0, 2, 0])
     assert np.isfinite(bound.covariance[2]).all()
     # The third sees what the two add up to, as little as it sees of one.
-    apart = joint_bound(system, (4, 4), *places[:, 1:], amplitude[1:], 1.0, sensing)
+    others = strengths[(np.s_[1:],) * strengths.ndim]
+    apart = bound_of(system, (4, 4), *SHARED[:, 1:], others, 1.0, sensing=sensing)
     np.testing.assert_allclose(bound.range_m[2], apart.range_m[1], rtol=0.02)
 
 
-def test_a_pair_too_close_for_double_precision_is_called_so():
-    assert np.isinf(pair(0, 1e-4).range_m).all()
-    assert np.isfinite(pair(0, 1e-2).range_m).all()
+@pytest.mark.parametrize("correlation", [None, 0.0, 0.7j, 1.0])
+def test_a_pair_too_close_for_double_precision_is_called_so(correlation):
+    def range_std(separation):
+        places, turn = pair_of(0, separation)
+        if correlation is None:
+            return joint_bound(PAIR_SYSTEM, PAIR_SHAPE, *places, turn, 1.0).range_m
+        covariance = turn[:, None] * correlated(correlation, 2) * turn.conj()
+        return stochastic_bound(PAIR_SYSTEM, PAIR_SHAPE, *places, covariance, PAIR_ELEMENTS / 1e2).range_m
+
+    for separation in (1e-4, 1e-6, 1e-9):
+        assert np.isinf(range_std(separation)).all()
+    assert np.isfinite(range_std(1e-2)).all()
 
 
 def test_positions_spread_as_propagated_samples_do():
@@ -282,36 +314,57 @@ def test_a_step_in_u_is_hundreds_of_metres_a_unit_in_the_paper_frame_and_the_ran
         assert lowest_m < slope.min() < slope.max() < highest_m
 
 
+OF_BOTH = [
+    ({"u": [0.0]}, "u = .*as many as amplitudes"),
+    ({"range_m": [1.0, np.inf]}, "range_m"),
+    ({"noise_power": 0.0}, "noise_power"),
+    ({"array_shape": (1, 8)}, "array_shape"),
+    ({"system": System(n_subcarriers=1)}, "n_subcarriers=1"),
+    ({"system": System(n_symbols=1), "sensing": "prs"}, "n_symbols=1"),
+    ({"system": System(n_symbols=2), "sensing": "prs"}, "n_symbols=2"),
+    ({"sensing": "csi"}, "unknown sensing 'csi'"),
+]
+OF_JOINT = [
+    ({"amplitude": [1.0, 0.0]}, "amplitude"),
+    ({"amplitude": [1.0, np.nan]}, "amplitude"),
+    ({"amplitude": [1.0]}, "as many as amplitudes"),
+    (dict.fromkeys(("range_m", "velocity_mps", "u", "w", "amplitude"), ()), "range_m"),
+]
+OF_STOCHASTIC = [
+    ({"n_frames": 0}, "n_frames = 0: allowed is a whole number"),
+    ({"n_frames": 1.5}, "n_frames"),
+    *(
+        ({"covariance": covariance}, message)
+        for covariance, message in (
+            ([1.0], "as many as amplitudes"),
+            ([1.0, 0.0], "positive powers"),
+            ([1.0, -2.0], "positive powers"),
+            ([1.0, np.nan], "finite"),
+            ([], "covariance"),
+            (1.0, r"K powers or a \(K, K\) matrix"),
+            (np.ones((2, 3)), r"K powers or a \(K, K\) matrix"),
+            ([1.0, 1.0 + 1j], "Hermitian"),
+            ([[1.0, 0.5], [0.4, 1.0]], "Hermitian"),
+            ([[1.0, 1.1], [1.1, 1.0]], "positive semidefinite"),
+        )
+    ),
+]
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("bound_of", "change", "message"),
     [
-        ({"amplitude": [1.0, 0.0]}, "amplitude"),
-        ({"amplitude": [1.0, np.nan]}, "amplitude"),
-        ({"amplitude": [1.0]}, "as many as amplitudes"),
-        ({"u": [0.0]}, "u = .*as many as amplitudes"),
-        (dict.fromkeys(("range_m", "velocity_mps", "u", "w", "amplitude"), ()), "range_m"),
-        ({"range_m": [1.0, np.inf]}, "range_m"),
-        ({"noise_power": 0.0}, "noise_power"),
-        ({"array_shape": (1, 8)}, "array_shape"),
-        ({"system": System(n_subcarriers=1)}, "n_subcarriers=1"),
-        ({"system": System(n_symbols=1), "sensing": "prs"}, "n_symbols=1"),
-        ({"system": System(n_symbols=2), "sensing": "prs"}, "n_symbols=2"),
-        ({"sensing": "csi"}, "unknown sensing 'csi'"),
+        *((joint_bound, *row) for row in OF_BOTH + OF_JOINT),
+        *((stochastic_bound, *row) for row in OF_BOTH + OF_STOCHASTIC),
     ],
 )
-def test_what_bounds_nothing_is_refused(change, message):
-    arguments = {
-        "system": SYSTEMS["all"],
-        "array_shape": SHAPE,
-        "range_m": [1.0, 5.0],
-        "velocity_mps": [0.0, 0.0],
-        "u": [0.0, 0.1],
-        "w": [0.0, 0.1],
-        "amplitude": [1.0, 1j],
-        "noise_power": 1.0,
-    }
+def test_what_bounds_nothing_is_refused(bound_of, change, message):
+    usual = {"system": SYSTEMS["all"], "array_shape": SHAPE, "noise_power": 1.0}
+    usual |= {"range_m": [1.0, 5.0], "velocity_mps": [0.0, 0.0], "u": [0.0, 0.1], "w": [0.0, 0.1]}
+    strengths = {"amplitude": [1.0, 1j]}, {"covariance": [[1.0, 0.5j], [-0.5j, 1.0]]}
+    usual |= strengths[bound_of is stochastic_bound]
     with pytest.raises(InputError, match=message):
-        joint_bound(**arguments | change)
+        bound_of(**usual | change)
 
 
 @pytest.mark.parametrize("snr", [0.0, -1.0, [1.0, np.nan]])

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bounds import joint_bound, single_bound, stochastic_bound
-from isacbench.errors import InputError
 from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
 from tests.conftest import few
@@ -204,67 +203,6 @@ def test_close_pairs_keep_their_digits(separation, tolerance, correlation):
     fisher = 2 * looks / noise_power * (left.conj().T @ left * effective.T).real
     expected = np.sqrt(np.diagonal(np.linalg.inv(fisher))) * PAIR_SYSTEM.range_bin_m
     np.testing.assert_allclose(bound.range_m, expected, rtol=tolerance)
-
-
-@SENSING
-@pytest.mark.parametrize("correlation", [0.0, 0.5, -0.8j, 1.0, -1.0])
-def test_scatterers_in_one_place_have_no_bound_and_do_not_disturb_others(sensing, correlation):
-    system = System(n_subcarriers=64, n_symbols=70)
-    places = np.array([[20.0, 20.0, 33.0], [3.0, 3.0, -9.0], [0.1, 0.1, -0.4], [0.2, 0.2, 0.5]])
-    covariance = np.eye(3, dtype=complex)
-    covariance[0, 1], covariance[1, 0] = correlation, np.conj(correlation)
-    bound = stochastic_bound(system, (4, 4), *places, covariance, 1.0, sensing=sensing)
-    for std in (bound.range_m, bound.velocity_mps, bound.u, bound.w):
-        assert np.isinf(std).tolist() == [True, True, False]
-    assert np.isnan(bound.covariance[0, 0, 1])
-    assert np.isnan(bound.joint_covariance[0, 0, 2, 0])
-    alone = stochastic_bound(system, (4, 4), *places[:, 2:], [1.0], 1.0, sensing=sensing)
-    np.testing.assert_allclose(bound.range_m[2], alone.range_m[0], rtol=0.02)
-
-
-@pytest.mark.parametrize("correlation", [0.0, 0.7j, 1.0])
-def test_a_pair_too_close_for_double_precision_is_called_so(correlation):
-    covariance = [[1, correlation], [np.conj(correlation), 1]]
-    for separation in (1e-4, 1e-6, 1e-9):
-        assert np.isinf(pair_bound(separation, covariance, 1e2)[0].range_m).all()
-    assert np.isfinite(pair_bound(1e-2, covariance, 1e2)[0].range_m).all()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"covariance": [1.0]}, "as many as amplitudes"),
-        ({"u": [0.0]}, "u = .*as many as amplitudes"),
-        ({"range_m": [1.0, np.inf]}, "range_m"),
-        ({"noise_power": 0.0}, "noise_power"),
-        ({"n_frames": 0}, "n_frames = 0: allowed is a whole number"),
-        ({"n_frames": 1.5}, "n_frames"),
-        ({"covariance": [1.0, 0.0]}, "positive powers"),
-        ({"covariance": [1.0, -2.0]}, "positive powers"),
-        ({"covariance": [1.0, np.nan]}, "finite"),
-        ({"covariance": []}, "covariance"),
-        ({"covariance": 1.0}, r"K powers or a \(K, K\) matrix"),
-        ({"covariance": np.ones((2, 3))}, r"K powers or a \(K, K\) matrix"),
-        ({"covariance": [1.0, 1.0 + 1j]}, "Hermitian"),
-        ({"covariance": [[1.0, 0.5], [0.4, 1.0]]}, "Hermitian"),
-        ({"covariance": [[1.0, 1.1], [1.1, 1.0]]}, "positive semidefinite"),
-        ({"array_shape": (1, 8)}, "array_shape"),
-        ({"sensing": "csi"}, "unknown sensing 'csi'"),
-    ],
-)
-def test_what_bounds_nothing_is_refused(change, message):
-    arguments = {
-        "system": SYSTEMS["all"],
-        "array_shape": SHAPE,
-        "range_m": [1.0, 5.0],
-        "velocity_mps": [0.0, 0.0],
-        "u": [0.0, 0.1],
-        "w": [0.0, 0.1],
-        "covariance": [[1.0, 0.5j], [-0.5j, 1.0]],
-        "noise_power": 1.0,
-    }
-    with pytest.raises(InputError, match=message):
-        stochastic_bound(**arguments | change)
 
 
 def test_a_sample_covariance_of_few_frames_passes_as_one():

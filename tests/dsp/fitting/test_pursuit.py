@@ -129,13 +129,6 @@ def test_peaks_are_the_samples_that_no_neighbour_exceeds():
     assert len(energy) > 5
 
 
-def test_a_level_above_everything_leaves_no_peak():
-    space = space_of(noisy(PLACE, [1.0]))
-    places, energy = space.peaks(space.beams, 10.0)
-    assert places.shape == (0, N_COORDINATES)
-    assert energy.shape == (0,)
-
-
 def test_the_mean_residual_around_a_place_is_that_of_its_surroundings():
     space = space_of(noisy(PLACE, [0.0]))
     residual = np.ones_like(space.beams)
@@ -247,12 +240,6 @@ def test_the_envelope_bounds_the_kernels(distance):
     turns = np.abs(distance - reach * np.rint(distance / reach))
     slack = np.prod(1 / np.sinc(np.minimum(turns / reach, 0.5)))
     assert abs(response) <= slack * sidelobe_envelope(turns) + 1e-12
-
-
-def test_the_envelope_of_many_places_has_their_shape():
-    distance = np.array([[[0, 0, 0, 0], [2, 0, 0, 0]], [[0, 2, 3, 0], [0.1, 0, 0, -0.2]]])
-    expected = [[1, 1 / (2 * np.pi)], [1 / (6 * np.pi**2), 1]]
-    np.testing.assert_allclose(sidelobe_envelope(distance), expected)
 
 
 def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_itself():
