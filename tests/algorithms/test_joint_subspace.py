@@ -86,25 +86,6 @@ def test_a_quarter_of_a_rayleigh_cell_is_resolved_60_db_above_the_noise_in_phase
     assert misses(waves, u, w, 0.125 * RAYLEIGH) <= 2
 
 
-@pytest.mark.slow
-@BOTH
-@pytest.mark.parametrize("axis", [0, 1])
-def test_resolution_over_phases_and_distances(estimator, axis):
-    for distance, least_share in ((0.15, 0.8), (0.2, 0.9), (0.25, 0.97), (0.5, 0.99), (1.0, 0.99)):
-        places = np.array([[0.0, distance * RAYLEIGH], [0.1, 0.1]])
-        u, w = places[axis], places[1 - axis]
-        missed = sum(
-            misses(
-                plane_waves(estimator(), u, w, [0, np.pi * eighth / 4], gain_db=60, n=100, seed=eighth),
-                u,
-                w,
-                distance / 2 * RAYLEIGH,
-            )
-            for eighth in range(8)
-        )
-        assert missed <= (1 - least_share) * 800, distance
-
-
 @BOTH
 @pytest.mark.parametrize("opposite", [False, True])
 @pytest.mark.parametrize(

@@ -141,16 +141,6 @@ def test_a_coordinate_that_is_moved_or_mirrored_changes_the_means_by_less_than_t
     assert_same_means(numbers(Oracle(), scenario), numbers(moved, scenario))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", range(4), ids=["range", "velocity", "u", "w"])
-@few
-@given(shift=st.floats(-0.5, 0.5), cell=st.sampled_from([0.5, 1.0]), sign=SIGNS)
-def test_the_means_of_the_street_hold_where_the_lattice_is_moved_or_mirrored(axis, shift, cell, sign):
-    scenario = load_scenario("street")
-    moved = Moved(cell=cell, factor=along(axis, sign, 1.0), shift=along(axis, shift, 0.0))
-    assert_same_means(numbers(Oracle(cell), scenario), numbers(moved, scenario))
-
-
 def rail():
     """Scatterers on a grid around the axis of the array: many with u = 0, v = 0 and pairwise equal ranges."""
     y, z = (axis.ravel() for axis in np.meshgrid(np.arange(2.0, 38.0, 0.5), [0.5, 1.0]))

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-import isacbench
 from isacbench.dsp.bounds import (
     joint_bound,
     position_covariance,
@@ -17,8 +16,6 @@ from isacbench.dsp.bounds import (
 )
 from isacbench.errors import InputError
 from isacbench.model.frame import PanelFrame, PaperFrame
-from isacbench.model.gate import DOPPLER_MARGIN_BINS, RANGE_MARGIN_BINS
-from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
 from tests.conftest import few, slow_but
@@ -304,16 +301,6 @@ def test_where_there_is_no_bound_positions_have_none_and_others_keep_theirs():
     assert np.isnan(horizon[0, :3]).all()
 
 
-def test_a_step_in_u_is_hundreds_of_metres_a_unit_in_the_paper_frame_and_the_range_in_the_panel_s():
-    for name, lowest_m, highest_m in (("street-paper", 320, 970), ("street", 80, 105)):
-        scenario = isacbench.load_scenario(name)
-        offset_m = scenario.scatterers.xyz - scenario.base_station_m
-        range_m = np.linalg.norm(offset_m, axis=1)
-        u, w = scenario.frame.direction_cosines(offset_m)
-        slope = np.abs(scenario.frame.offset_jacobian(range_m, u, w)[:, 0, 1])
-        assert lowest_m < slope.min() < slope.max() < highest_m
-
-
 OF_BOTH = [
     ({"u": [0.0]}, "u = .*as many as amplitudes"),
     ({"range_m": [1.0, np.inf]}, "range_m"),
@@ -387,37 +374,3 @@ def test_as_many_scatterers_as_on_the_street_are_bounded_together():
     ratio = bound.range_m / single_bound(system, (16, 16), 1.0).range_m
     assert np.all(ratio >= 1)
     assert np.median(ratio) < 1.1
-
-
-def test_prs_alone_costs_what_the_documentation_says():
-    full, comb = (single_bound(System(), (16, 16), 1.0, sensing) for sensing in ("all", "prs"))
-    assert comb.range_m / full.range_m == pytest.approx(4.32, abs=5e-3)
-    assert comb.velocity_mps / full.velocity_mps == pytest.approx(4.46, abs=5e-3)
-    assert comb.u / full.u == pytest.approx(np.sqrt(224 * 2048 / (48 * 512)), rel=1e-9)
-
-
-def test_the_smallest_gate_costs_what_the_documentation_says():
-    n, margin = {"range": 2048, "doppler": 224}, {"range": RANGE_MARGIN_BINS, "doppler": DOPPLER_MARGIN_BINS}
-
-    def moments(axis, place):
-        """Inner products, in the gate, of a unit echo and its slope per bin along one axis."""
-        bins = np.arange(-margin[axis], margin[axis] + 1)
-        step = 1e-4
-        ends = dirichlet(bins, [place - step, place, place + step], n[axis])
-        echo, slope = ends[:, 1], (ends[:, 2] - ends[:, 0]) / (2 * step)
-        return np.array([[np.vdot(a, b) for b in (echo, slope)] for a in (echo, slope)]) / n[axis]
-
-    places = np.linspace(-0.5, 0.5, 20, endpoint=False)
-    std = []
-    for range_moments in (moments("range", place) for place in places):
-        for doppler_moments in (moments("doppler", place) for place in places):
-            gram = np.empty((3, 3), dtype=complex)  # of the echo, its slope in range, its slope in Doppler
-            for i, (a, b) in enumerate(((0, 0), (1, 0), (0, 1))):
-                for j, (c, d) in enumerate(((0, 0), (1, 0), (0, 1))):
-                    gram[i, j] = range_moments[a, c] * doppler_moments[b, d]
-            fisher = (gram[1:, 1:] - np.outer(gram[1:, 0], gram[0, 1:]) / gram[0, 0]).real
-            std.append(np.sqrt(np.diagonal(np.linalg.inv(2 * fisher))))
-    ratio = np.array(std) / [tone_std_bins(n["range"], 1.0), tone_std_bins(n["doppler"], 1.0)]
-    np.testing.assert_allclose(ratio.mean(axis=0), [1.031, 1.027], atol=1e-3)
-    np.testing.assert_allclose(ratio.max(axis=0), [1.063, 1.054], atol=1e-3)
-    assert ratio.min() > 1

@@ -167,13 +167,6 @@ def test_sources_that_share_a_column_or_a_row_are_told_apart():
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
-def test_a_filler_has_no_amplitude_and_does_not_disturb_the_others():
-    u, w = np.array([[0.1, 0.1]]), np.array([[-0.2, -0.2]])
-    waves = PlaneWaves(u, w, np.array([[True, False]]))
-    amplitude = waves.amplitudes(shot([0.1], [-0.2], [2j])[None], PLANE)[0, 0]
-    np.testing.assert_allclose(amplitude, [2j, 0], atol=1e-8)
-
-
 @pytest.mark.parametrize(
     ("limits", "expected"),
     [

@@ -235,33 +235,6 @@ def test_quadrature_for_the_mean_of_one_kept_cell_agrees_with_the_order_statisti
     assert rate == pytest.approx(pfa, rel=1e-2 if pfa == 1e-30 else 1e-4)
 
 
-def two_kept_rate(factor, n, below, looks):
-    """Integrates the rate over the two kept cells, neighbours in order, by a fine product rule."""
-    above = n - below - 2
-    node, weight = special.roots_legendre(120)
-    least, most = special.gammaincinv(looks, 1e-25) / looks, special.gammainccinv(looks, 1e-18) / looks
-    low = np.exp(np.log(least) * (1 - node) / 2 + np.log(most) * (1 + node) / 2)
-    steps = weight * low * np.log(most / least) / 2
-    gap = most * ((1 + node) / 2) ** 2
-    gap_steps = weight * most * (1 + node) / 2
-    high = low[:, np.newaxis] + gap
-    density = gamma_density(low, looks) * special.gammainc(looks, looks * low) ** below
-    density = density[:, np.newaxis] * gamma_density(high, looks)
-    density *= special.gammaincc(looks, looks * high) ** above
-    ways = math.factorial(n) // (math.factorial(below) * math.factorial(above))
-    exceeds = special.gammaincc(looks, looks * factor * (low[:, np.newaxis] + high) / 2)
-    return ways * (steps @ (density * exceeds) @ gap_steps)
-
-
-@pytest.mark.parametrize(
-    ("n", "below", "looks", "pfa"),
-    [(3, 0, 2, 0.5), (4, 1, 16, 1e-6), (12, 10, 16, 1e-6)],
-)
-def test_tm_factor_of_two_kept_cells_gives_the_integrated_rate(n, below, looks, pfa):
-    factor = tm_factor(pfa, n, (below, n - below - 2), looks)
-    assert two_kept_rate(factor, n, below, looks) == pytest.approx(pfa, rel=2e-3)
-
-
 @pytest.mark.parametrize("looks", [2, 256])
 def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
     factors = [tm_factor(1e-6, 72, (0, above), looks) for above in (0, 1, 18, 40, 71)]

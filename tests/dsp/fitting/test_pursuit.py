@@ -1,7 +1,6 @@
 """Moves of a pursuit on small maps of known echoes."""
 
 import dataclasses
-from itertools import product
 
 import numpy as np
 import pytest
@@ -75,14 +74,6 @@ def test_beams_are_outputs_of_unit_energy_at_their_directions():
         column = np.flatnonzero(atom_map.doppler_bins == along_doppler[d])[0]
         expected = towards_u[i] @ atom_map.cells[row, column] @ towards_w[k]
         assert space.beams[r, d, i, k] == pytest.approx(expected)
-
-
-def test_beams_cover_the_bins_and_directions_of_the_region_and_a_little_more():
-    along_range, along_doppler, along_u, along_w = space_of(noisy(PLACE, [1.0])).axes
-    assert (along_range[0], along_range[-1]) == (11, 22)
-    assert (along_doppler[0], along_doppler[-1]) == (-5, 5)
-    assert (along_u[0], along_u[-1]) == (-2.0, 2.0)
-    assert (along_w[0], along_w[-1]) == (-2.0, 1.5)
 
 
 def test_independent_samples_are_the_rayleigh_cells_of_the_region():
@@ -289,13 +280,6 @@ def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():
     assert here > 10.0
 
 
-def test_atoms_far_enough_apart_all_stay():
-    _, fit = fitted([PLACE, PLACE + 1.5 * np.eye(N_COORDINATES)[0]], [1.0, 1.0])
-    drop, places = redundant(fit, NOISE)
-    assert not drop.any()
-    np.testing.assert_array_equal(places, fit.places)
-
-
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
 def test_a_pair_that_noise_does_not_tell_apart_becomes_one_in_its_middle(axis):
     apart = 0.1 * np.eye(N_COORDINATES)[axis]
@@ -327,15 +311,6 @@ def test_atoms_without_a_place_go_the_weaker_half_first():
     assert drop.tolist() == [False, True, False, False]
 
 
-def test_a_duplicate_is_found_among_many():
-    steps = np.array([*product((-1.0, 1.0), repeat=4)]) * [2.0, 2.0, 1.2, 1.2]
-    places = np.concatenate([PLACE + steps, PLACE + steps[:1] + 1e-7])
-    _, fit = fitted(places, np.ones(17))
-    drop, _ = redundant(fit, NOISE)
-    assert drop.sum() == 1
-    assert drop[[0, 16]].any()
-
-
 def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
     half = SHAPE[0] / 2
     ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
@@ -345,14 +320,6 @@ def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stron
     (stays,) = np.flatnonzero(~drop)
     assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01
     np.testing.assert_allclose(places[stays, [0, 1, 3]], ends[0, [0, 1, 3]])
-
-
-def test_pairs_in_no_noise_at_all_are_compared_without_overflow():
-    # Warnings are errors.
-    _, fit = fitted([PLACE, PLACE + 0.98], [1.0, 1.0], noise=0.0)
-    drop, places = redundant(fit, 0.0)
-    assert not drop.any()
-    np.testing.assert_array_equal(places, fit.places)
 
 
 @given(st.tuples(*[st.floats(-200, 200)] * 8))
