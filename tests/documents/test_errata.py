@@ -1,7 +1,7 @@
-"""Rows of the errata table that no other test holds: what the paper prints is wrong as said, and what is done.
+"""Rows of the errata table that no other test holds: what is wrong, and what is done.
 
-The other rows are tested where their topic is: arrays, frames, bins, SNR, PRS and transmitters that take turns
-in `tests/model`, factors, orders and pairs of directions in `tests/dsp`, points of images in
+The other rows are tested where their topic is: arrays, frames, bins, SNR, PRS and transmitters that take
+turns in `tests/model`, factors, orders and pairs of directions in `tests/dsp`, points of images in
 `tests/algorithms`, velocities and the published metric in `tests/metrics`.
 """
 

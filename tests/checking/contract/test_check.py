@@ -124,7 +124,5 @@ def test_the_place_is_in_the_plugins_own_code_before_that_of_other_packages(tmp_
     [message] = [one.message for one in report.plugins[0].findings if one.check == "image"]
     for name in ("mine", "helping"):
         monkeypatch.delitem(sys.modules, name)
-    assert (
-        message
-        == f"raises KeyError: 'gone' (mine.py, line {source[: source.index('fail()')].count(chr(10)) + 1}, in estimate)"
-    )
+    line = source[: source.index("fail()")].count("\n") + 1
+    assert message == f"raises KeyError: 'gone' (mine.py, line {line}, in estimate)"

@@ -21,7 +21,7 @@ from isacbench.dsp.cfar import training_cells as windows
 from isacbench.dsp.cfar.factors import paper_factor
 from isacbench.errors import InputError
 from tests.conftest import few
-from tests.dsp.cfar.known_noise import known_factor, known_noise, training_cells
+from tests.dsp.cfar.known_noise import known_noise, training_cells
 
 PARTS = "mask", "threshold", "noise"
 CLASSES = [CaCfar, GocaCfar, SocaCfar, OsCfar, TmCfar, OscaCfar]
@@ -48,10 +48,9 @@ def noise_map(seed, shape, looks=1):
 def equals_a_plain_double_loop(detector, power, looks=1):
     found = detector.detect(power, looks)
     for cell in np.ndindex(power.shape):
-        noise = known_noise(detector, power, cell)
-        factor = known_factor(detector, power.shape, cell, looks)
+        noise, factor = known_noise(detector, power, cell, looks)
         assert found.noise[cell] == pytest.approx(noise, rel=1e-13)
-        assert found.threshold[cell] == pytest.approx(factor * noise, rel=1e-11)
+        assert found.threshold[cell] == pytest.approx(factor() * noise, rel=1e-11)
     assert np.array_equal(found.mask, power > found.threshold)
 
 
@@ -132,7 +131,7 @@ def test_on_hostile_maps_noise_is_that_of_rational_numbers_to_1e_minus_14(number
     noise = sound(replace(detector, pfa=pfa, threshold=threshold), power, looks).noise
     # Every fourth cell, and every cell on some map: rational numbers take long.
     for cell in list(np.ndindex(HOSTILE))[place % 4 :: 4]:
-        exact = known_noise(detector, power, cell, Fraction)
+        exact, _ = known_noise(detector, power, cell, number=Fraction)
         assert abs(Fraction(float(noise[cell])) - exact) <= exact * Fraction(1, 10**14)
 
 
