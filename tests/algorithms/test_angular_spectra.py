@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 from isacbench_algorithms.bartlett2d import Bartlett2d
 from isacbench_algorithms.capon2d import Capon2d
+from isacbench_algorithms.esprit2d import Esprit2d
+from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.iaa2d import Iaa2d
+from isacbench_algorithms.music2d import Music2d
+from isacbench_algorithms.music2d_joint import Music2dJoint
 
 import isacbench
 from isacbench.checking.promises.small_scenes import RESOLVED, observed
 
-ALL = pytest.mark.parametrize("estimator", [Bartlett2d, Capon2d, Iaa2d], ids=lambda one: one.name)
+SPECTRA = [Bartlett2d, Capon2d, Iaa2d]
+ALL = pytest.mark.parametrize("estimator", SPECTRA, ids=lambda one: one.name)
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +22,11 @@ def street(small_street):
     return isacbench.observe(small_street, snr_db=-25)
 
 
-@ALL
+@pytest.mark.parametrize(
+    "estimator",
+    [Bartlett2d, Capon2d, Iaa2d, Fft4d, Music2d, Esprit2d, Music2dJoint],
+    ids=lambda one: one.name,
+)
 def test_noise_is_taken_for_a_plane_wave_no_more_often_than_angle_pfa_says(street, estimator):
     often, hardly = (len(estimator(angle_pfa=pfa).estimate(street)) for pfa in (0.5, 1e-300))
     assert hardly < often

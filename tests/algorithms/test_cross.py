@@ -33,20 +33,12 @@ class OneCross:
         return getattr(self._observation, name)
 
 
-@SEPARABLE
-def test_a_cross_is_declared_where_one_element_detects_and_the_plane_otherwise(estimator):
-    assert needs_of(estimator()) == Needs("plane", "noncoherent", "detected")
-    assert needs_of(estimator(integration="element")) == Needs("cross", "element", "detected")
-
-
-@pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint, Capon2d, Omp4d])
-def test_planar_methods_declare_the_plane_however_they_detect(estimator):
-    for integration in ("noncoherent", "element"):
-        assert needs_of(estimator(integration=integration)).elements == "plane"
-
-
-def test_a_pursuit_declares_all_cells_of_the_gate():
-    assert needs_of(Omp4d()) == Needs("plane", "noncoherent", "gate")
+@pytest.mark.parametrize("estimator", [Music2d, Fft4d, Esprit2d, Music2dJoint, Capon2d, Omp4d])
+def test_a_cross_is_declared_where_one_element_detects_and_angles_are_separable_and_else_the_plane(estimator):
+    elements = "cross" if estimator in (Music2d, Fft4d) else "plane"
+    cells = "gate" if estimator is Omp4d else "detected"
+    assert needs_of(estimator()) == Needs("plane", "noncoherent", cells)
+    assert needs_of(estimator(integration="element")) == Needs(elements, "element", cells)
 
 
 @SEPARABLE

@@ -69,21 +69,6 @@ def test_a_street_is_dense_without_ghosts_and_remarks_are_of_atoms_left_out(make
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", ["town", "facade", "crowd", "weak", "street"])
-@pytest.mark.parametrize("frame", ["panel", "paper"])
-def test_scenes_of_all_families_are_imaged_better_than_by_esprit(family, frame):
-    gains = []
-    for seed in (21, 22):
-        scenario = load_scenario(f"{family}[seed={seed},frame={frame}]")
-        observation = observe(scenario, snr_db=10)
-        gains.append(
-            score(scenario.truth, Esprit2d().estimate(observation), region=scenario.region)["gospa_m"]
-            / score(scenario.truth, Sbl4d().estimate(observation), region=scenario.region)["gospa_m"]
-        )
-    assert np.mean(gains) > 1
-
-
-@pytest.mark.slow
 def test_the_coherent_street_has_few_ghosts():
     scenario = load_scenario("street-coherent")
     precision = [

@@ -362,15 +362,3 @@ def test_a_ratio_that_is_not_positive_is_refused(snr):
         tone_std_bins(8, snr)
     with pytest.raises(InputError, match="n = 1"):
         tone_std_bins(1, 1.0)
-
-
-@pytest.mark.slow
-def test_as_many_scatterers_as_on_the_street_are_bounded_together():
-    rng, k, system = np.random.default_rng(3), 466, System()
-    places = np.stack(
-        [rng.uniform(10, 150, k), rng.uniform(-30, 30, k), rng.uniform(-0.5, 0.5, k), rng.uniform(0, 0.5, k)]
-    )
-    bound = joint_bound(system, (16, 16), *places, np.ones(k), 1.0)
-    ratio = bound.range_m / single_bound(system, (16, 16), 1.0).range_m
-    assert np.all(ratio >= 1)
-    assert np.median(ratio) < 1.1

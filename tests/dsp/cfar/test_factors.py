@@ -330,14 +330,6 @@ def test_neglected_event_of_the_cell_inside_its_window_is_two_percent_of_the_rat
     assert 0.5 < rate < 0.52
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("looks", [1, 16, 256, 1024])
-def test_osca_factor_keeps_the_rate_of_the_cell_inside_its_window(looks):
-    n_windows, pfa = 400_000, 1e-2
-    rate = monte_carlo_rate(osca_factor(pfa, INSIDE, looks), 6, 9, 9, looks, n_windows, seed=looks)
-    assert abs(rate - pfa) < 4 * math.sqrt(pfa * (1 - pfa) / n_windows)
-
-
 @pytest.mark.parametrize("pfa", [1e-30, 0.999999])
 @pytest.mark.parametrize("columns", [INSIDE, ((1, 1),), ((1, 90),) * 9, ((90, 90),), ((500, 700),) * 33])
 def test_osca_factor_holds_the_rate_at_the_ends_of_its_range(pfa, columns):

@@ -202,23 +202,6 @@ def test_the_highest_noise_is_where_rice_expects_one_crossing_in_so_many_images(
     assert level > np.log(n / chance)
 
 
-@pytest.mark.slow
-def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
-    # All Nyquist cells of a small map and array, refined from every peak.
-    gate = Gate(np.arange(10), np.arange(-4, 5), slice(0, 10), slice(0, 9))
-    system, shape, n_images = System(n_subcarriers=10, n_symbols=9), (6, 5), 400
-    rng, chance = np.random.default_rng(0), 0.1
-    level, n_above = noise_maximum(10 * 9 * 30, chance), 0
-    for _ in range(n_images):
-        cells = rng.standard_normal((*gate.shape, *shape, 2)).view(np.complex128)[..., 0] * np.sqrt(0.5)
-        atom_map = AtomMap.from_map(GatedMap(cells, gate), system)
-        space = BeamSpace.from_map(atom_map, gate, ((-1, 1), (-1, 1)))
-        places, _ = space.peaks(space.beams, 0.5 * level)
-        best = [refine_atoms(atom_map, place[None], 4).energy for place in places]
-        n_above += max(best, default=0) > level
-    assert 0.3 * chance * n_images < n_above < 1.5 * chance * n_images
-
-
 @given(st.tuples(*[st.floats(-6, 6)] * 4))
 def test_the_envelope_bounds_the_kernels(distance):
     # On the whole map and array; a gate's part of two atoms can have a larger product.

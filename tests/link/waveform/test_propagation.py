@@ -8,7 +8,7 @@ import pytest
 
 from isacbench.errors import InputError
 from isacbench.link.waveform import propagation
-from isacbench.link.waveform.ofdm import demodulate, layout, modulate, n_samples
+from isacbench.link.waveform.ofdm import demodulate, layout, n_samples
 from isacbench.link.waveform.propagation import Paths, propagate, received_symbols
 from isacbench.model.numerology import System
 
@@ -117,28 +117,6 @@ def test_blocks_of_paths_and_of_periods_add_up_to_the_same(monkeypatch):
     monkeypatch.setattr(propagation, "SAMPLES_TOGETHER", 1)
     np.testing.assert_allclose(propagate(grid, system, paths), whole, rtol=0, atol=1e-11)
     np.testing.assert_allclose(list(received_symbols(grid, system, paths)), by_symbol, rtol=0, atol=1e-11)
-
-
-def test_a_fractional_delay_is_the_shift_of_the_oversampled_frame():
-    """Shifting a whole oversampled frame aliases what windows leak beyond half its rate: ever less."""
-    system = System(n_subcarriers=64, n_symbols=3)
-    grid, delay_samples = a_grid(system), 5.37
-    received = propagate(grid, system, Paths(np.ones((1, 1)), [delay_samples / system.bandwidth_hz], [0.0]))
-    errors = []
-    for oversampling in (4, 8, 16):
-        frame = modulate(grid, system, oversampling)
-        n = frame.size + 16 * oversampling
-        # Subcarriers lie from 0 to N: the spectrum is cut open half a rate above their middle.
-        frequency = np.fft.fftfreq(n) + 0.0
-        centre = system.n_subcarriers / 2 / oversampling / system.n_subcarriers
-        frequency = np.mod(frequency - centre + 0.5, 1) - 0.5 + centre
-        shift = np.exp(-2j * np.pi * frequency * delay_samples * oversampling)
-        late = np.fft.ifft(np.fft.fft(frame, n) * shift)[::oversampling]
-        n_both = min(late.size, len(received))
-        errors.append(np.abs(late[:n_both] - received[:n_both, 0]).max())
-    assert errors[0] < 0.02
-    assert errors[1] < errors[0] / 3
-    assert errors[2] < errors[1] / 3
 
 
 def test_no_elements_receive_nothing():
