@@ -94,26 +94,6 @@ def test_each_coordinate_meets_every_place_of_the_borders_once():
         np.testing.assert_array_equal(np.sort(column), expected)
 
 
-def p_2(points):
-    """Squared worst-case error in the Korobov space of smoothness 2, by its double sum."""
-    differences = (points[:, None] - points) % 1
-    kernel = 1 + 2 * np.pi**2 * (differences**2 - differences + 1 / 6)
-    return kernel.prod(axis=2).mean() - 1
-
-
-def discrepancy(points):
-    """Squared wrap-around L2 discrepancy."""
-    distance = np.abs(points[:, None] - points)
-    return (1.5 - distance * (1 - distance)).prod(axis=2).mean() - (4 / 3) ** 4
-
-
-def test_the_offsets_are_better_spread_than_random_ones():
-    random = [np.random.default_rng(seed).random((64, 4)) for seed in range(50)]
-    assert p_2(lattice_offsets()) == pytest.approx(3.675, abs=1e-3)
-    assert p_2(lattice_offsets()) < min(map(p_2, random))
-    assert discrepancy(lattice_offsets()) < 0.25 * min(map(discrepancy, random))
-
-
 def test_the_mean_over_the_offsets_scatters_less_than_over_random_ones():
     scenario, rng = random_scenario(5), np.random.default_rng(0)
     means, spreads = [], []
