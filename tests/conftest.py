@@ -154,6 +154,36 @@ class Trouble:
         return PointCloud.empty() if self.kind == "empty" else [1, 2, 3]
 '''
 
+ESTIMATOR = '''
+import os
+import signal
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from isacbench.model.cloud import PointCloud
+
+
+@dataclass(frozen=True)
+class {title}:
+    """Sees nothing."""
+
+    name: ClassVar[str] = "{name}"
+    deed: str = "none"
+
+    def estimate(self, observation):
+        {deed}
+        return PointCloud.empty()
+'''
+
+
+def estimator_source(name, deed="pass"):
+    """Text of an estimator that does something, line by line, and sees nothing."""
+    return ESTIMATOR.format(name=name, title=name.title(), deed=deed.strip().replace("\n", "\n        "))
+
+
 TINY = """\
 # Three points in a small scene.
 name = "tiny"

@@ -60,21 +60,6 @@ def smallest_by_holm(p_values):
     return min(p_values) * len(p_values)
 
 
-@pytest.mark.parametrize(
-    ("scenario", "snr_db", "limit_m"),
-    [("street", 10, 7.0), ("street-paper", 10, 8.0), ("street", -20, 7.5), ("street-paper", -20, 10.0)],
-)
-def test_the_hausdorff_sum_of_music2d_is_reached(scenario, snr_db, limit_m):
-    found = deviations(scenario, "music2d", snr_db)
-    assert np.mean([deviation.hausdorff_sum_m for deviation in found]) <= limit_m
-
-
-@pytest.mark.parametrize(("scenario", "limit"), [("street", 2e-3), ("street-paper", 1e-2)])
-def test_the_velocity_error_of_music2d_is_reached(scenario, limit):
-    found = deviations(scenario, "music2d", 10)
-    assert np.mean([deviation.velocity_nmse for deviation in found]) <= limit
-
-
 @pytest.mark.parametrize("estimator", [Music2d(), Esprit2d()], ids=lambda estimator: estimator.name)
 def test_the_mean_deviation_over_scenes_does_not_rise_significantly_with_snr(estimator):
     scenes = [

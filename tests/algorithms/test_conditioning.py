@@ -28,7 +28,6 @@ METHODS = (Music2d, Music2dJoint, Esprit2d)
 
 
 ALL = pytest.mark.parametrize("method", METHODS)
-JOINT = pytest.mark.parametrize("method", [Music2dJoint, Esprit2d])
 
 
 def on_a_bin(x, y, z, doppler_bin=0):
@@ -84,15 +83,6 @@ def test_two_scatterers_of_one_cell_far_apart_in_power_are_both_imaged(method, d
     assert farthest(cloud, points) < 1e-3
 
 
-@JOINT
-@pytest.mark.parametrize("cells", [0.5, 0.25])
-def test_a_noise_free_pair_closer_than_a_rayleigh_cell_is_imaged_at_its_places(method, cells):
-    points = [FIRST, beside(FIRST, cells * RAYLEIGH * 1.1)]
-    cloud = method().estimate(observe(points, phase=[0, 2]))
-    assert len(cloud) == 2
-    assert farthest(cloud, points) < 1e-6
-
-
 @ALL
 @pytest.mark.parametrize("cells", [1e-4, 1e-6])
 def test_scatterers_closer_than_any_duplicate_are_one_point_between_them(method, cells):
@@ -101,21 +91,6 @@ def test_scatterers_closer_than_any_duplicate_are_one_point_between_them(method,
         cloud = method().estimate(observe(points, phase=[0, phase]))
         assert len(cloud) == 1
         assert farthest(cloud, points) < 1e-2
-
-
-@ALL
-@pytest.mark.parametrize("snr_db", [np.inf, 200.0])
-def test_resolvable_scatterers_without_noise_make_no_false_point(method, snr_db):
-    points = [
-        on_a_bin(4, 4, 1, 1),
-        on_a_bin(12, 8, 4, -3),
-        on_a_bin(15, 14, 2, 4),
-        [7.3, 17.1, 5.2, 4.4],
-        [16.2, 2.9, 0.7, -21.3],
-    ]
-    cloud = method().estimate(observe(points, (8, 8), snr_db=snr_db))
-    assert len(cloud) == len(points)
-    assert farthest(cloud, points) < 0.3
 
 
 @ALL

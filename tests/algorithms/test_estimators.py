@@ -16,17 +16,18 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
 from isacbench.dsp.windows import Window
-from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, observe_echo
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.contracts import Diagnoser, Estimator
 from tests.algorithms.scenes import BASE_M, NOTHING, REGION, SYSTEM, VELOCITY, XYZ, simulator
 from tests.conftest import few, slow_but
 from tests.single_scores import paper_scores
 
 BOTH = pytest.mark.parametrize("estimator", [Music2d, Fft4d])
 CROSSES = Music2d(integration="element"), Fft4d(integration="element")
+WIDE = VirtualArray((2, 2), (4, 6), 4, 1)
 OFFSETS = [-0.4, -0.2, 0.0, 0.15, 0.3, 0.5]
 
 
@@ -63,19 +64,25 @@ def test_separate_scatterers_are_imaged_in_place_speed_and_power(estimator, fram
     assert_imaged(cloud, scene.scenario.truth, position_m, velocity_bins)
 
 
-@BOTH
+@pytest.mark.parametrize(
+    "estimator", [Music2d(), Fft4d(), *CROSSES], ids=lambda one: f"{one.name}-{one.integration}"
+)
 @few
 @given(
     place=st.tuples(st.floats(2, 28), st.floats(2, 38), st.floats(1, 15)),
     velocity=st.floats(-24, 24),
     trial=st.integers(0, 99),
 )
-def test_the_sidelobes_of_one_scatterer_40_db_above_the_noise_are_not_reported(
+def test_a_lone_strong_scatterer_is_found_alone_within_a_twentieth_of_a_cell(
     estimator, place, velocity, trial
 ):
-    scene = simulator([place], [velocity], [1.0])
-    snr_db = 40 - 10 * np.log10(SYSTEM.processing_gain)
-    assert len(estimator().estimate(scene.observe(snr_db, trial))) == 1
+    scene = simulator([place], [velocity], array=WIDE)
+    # 40 dB above the noise of one element after the transforms.
+    cloud = estimator.estimate(scene.observe(40 - 10 * np.log10(SYSTEM.processing_gain), trial))
+    assert len(cloud) == 1
+    apart = (radio_places(scene.scenario, cloud) - radio_places(scene.scenario, scene.scenario.truth))[0]
+    assert np.abs(apart / rayleigh_cells(scene.scenario))[[0, 1, 2]].max() < 0.05
+    assert abs(10 * np.log10(cloud.power[0])) < 1
 
 
 @BOTH
@@ -92,16 +99,6 @@ def test_a_scene_of_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_image
     # 162 cells can be reached, so 1.6 are detected an image; angle_pfa stops all but a few of these.
     assert points[0] > 0.9 * points.total()
     assert max(points) <= 1
-
-
-@BOTH
-def test_a_small_chance_of_passing_as_a_plane_wave_empties_noise(estimator):
-    scene = simulator(NOTHING)
-    lax, strict = (
-        sum(len(estimator(pfa=0.1, angle_pfa=chance).estimate(scene.observe(0.0, t))) for t in range(3))
-        for chance in (0.1, 1e-6)
-    )
-    assert strict == 0 < lax
 
 
 @pytest.mark.parametrize(
@@ -127,43 +124,6 @@ def test_every_choice_finds_well_separated_scatterers(estimator):
 
 
 @BOTH
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"max_sources": 0}, r"max_sources = 0: allowed is 1 and more"),
-        ({"angle_pfa": 0.0}, r"angle_pfa = 0\.0: allowed is between 0 and 1"),
-        ({"angle_pfa": float("nan")}, r"angle_pfa = nan"),
-        ({"dynamic_range_db": 0.0}, r"dynamic_range_db = 0\.0: allowed is above 0"),
-        ({"local_dynamic_range_db": -1.0}, r"local_dynamic_range_db = -1\.0: allowed is above 0"),
-        ({"doppler_excess": 0.9}, r"doppler_excess = 0\.9: allowed is 1 and more"),
-        ({"largest_direction_error": 0.0}, r"largest_direction_error = 0\.0: allowed is above 0, or none"),
-        ({"pfa": 2.0}, r"pfa = 2\.0"),
-    ],
-)
-def test_a_bad_parameter_is_refused_on_construction_by_name_and_with_what_is_allowed(
-    estimator, parameters, message
-):
-    with pytest.raises(InputError, match=message):
-        estimator(**parameters)
-
-
-@pytest.mark.parametrize(
-    ("estimator", "parameters", "message"),
-    [
-        (Music2d, {"subarray_fraction": 0.0}, r"subarray_fraction = 0\.0: allowed is above 0, up to 1"),
-        (Music2d, {"subarray_fraction": 1.1}, r"subarray_fraction = 1\.1"),
-        (Music2d, {"grid_points": 64}, r"grid_points = 64: allowed is 65 and more"),
-        (Music2d, {"max_order": 0}, r"max_order = 0: allowed is 1 and more"),
-        (Fft4d, {"angle_points": 2}, r"angle_points = 2: allowed is 3 and more"),
-        (Fft4d, {"angle_dynamic_range_db": 0.0}, r"angle_dynamic_range_db = 0\.0: allowed is above 0"),
-    ],
-)
-def test_a_bad_parameter_of_one_estimator_is_refused_alike(estimator, parameters, message):
-    with pytest.raises(InputError, match=message):
-        estimator(**parameters)
-
-
-@BOTH
 def test_a_probability_of_false_alarm_replaces_the_detectors(estimator):
     detector = CaCfar(pfa=1e-2, training=4)
     assert estimator(detector=detector).cell_detector() is detector
@@ -175,14 +135,6 @@ DIAGNOSED = pytest.mark.parametrize(
     [*(one() for one in (Music2d, Fft4d, Esprit2d, Music2dJoint)), *CROSSES],
     ids=lambda one: f"{one.name}-{one.integration}",
 )
-
-
-@DIAGNOSED
-def test_an_estimator_is_one_and_shows_its_work(estimator):
-    assert isinstance(estimator, Estimator)
-    assert isinstance(estimator, Diagnoser)
-    assert not getattr(estimator, "needs_truth", False)
-    assert hash(estimator) == hash(replace(estimator))
 
 
 @DIAGNOSED
@@ -220,13 +172,22 @@ def test_a_diagnosis_of_an_empty_scene_has_a_map_and_no_cell(estimator):
     assert seen.power.shape == seen.detection.mask.shape
 
 
-@pytest.mark.parametrize(("estimator", "limit_m"), [(Music2d, 7.0), (Fft4d, 15.0)])
-def test_the_street_is_imaged_at_full_size(estimator, limit_m):
+@pytest.mark.parametrize(
+    ("estimator", "limit_m", "velocity_nmse"),
+    [
+        *((Music2d(), 7.0, 2e-3), (Fft4d(), 15.0, 2e-3)),
+        *zip(CROSSES, (8.5, 15.0), (2e-3, 2e-3), strict=True),
+        # Nearest to some scatterers of a car is a point of the static street.
+        (Music2dJoint(), 9.0, 0.05),
+        pytest.param(Esprit2d(), 9.0, 2e-3, marks=pytest.mark.slow),
+    ],
+)
+def test_the_street_is_imaged_at_full_size_and_by_31_of_256_elements(estimator, limit_m, velocity_nmse):
     scenario = load_scenario("street")
-    cloud = estimator().estimate(observe_echo(scenario, 10.0))
+    cloud = estimator.estimate(observe_echo(scenario, 10.0))
     found = paper_scores(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
     assert found.hausdorff_sum_m < limit_m
-    assert found.velocity_nmse < 2e-3
+    assert found.velocity_nmse < velocity_nmse
 
 
 @BOTH

@@ -13,8 +13,6 @@ from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.kinds.efficiency import BOUNDS, ERRORS
 from isacbench.bench.kinds.efficiency import measure_efficiency as measure_error
-from isacbench.bench.kinds.resolution import measure_resolution as measure_pair
-from isacbench.bench.kinds.resolution import pair
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.kernels import steering
@@ -24,7 +22,6 @@ from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms.scenes import NOTHING, simulator
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
-AXES = pytest.mark.parametrize("dimension", ["u", "w"])
 
 
 def image(scenario, estimator, gained_db, trial):
@@ -32,33 +29,6 @@ def image(scenario, estimator, gained_db, trial):
     snr_db = gained_db - gain_db(scenario)
     observation = Simulator(scenario).observe(snr_db, trial)
     return MeasuredImage(scenario, observation, estimator, snr_db, estimator.estimate(observation))
-
-
-def close_pairs(estimator, dimension, phase_deg, trials):
-    """Images of two a quarter of a Rayleigh cell apart, 60 dB above the noise, that show both, no third."""
-    template, n_found = load_scenario("single"), 0
-    for trial in trials:
-        centre = draw_place(template, trial, 1, 0.625)
-        scenario = pair(template, "pair", centre, dimension, 0.25, phase_deg)
-        found = measure_pair(dimension, image(scenario, estimator, 60.0, trial))
-        n_found += found["resolved"] and not found["n_false"]
-    return n_found
-
-
-@pytest.mark.parametrize(
-    ("estimator", "dimension", "phase_deg"),
-    [(Esprit2d, "u", 0), (Esprit2d, "w", 180), (Music2dJoint, "u", 180), (Music2dJoint, "w", 0)],
-)
-def test_a_pair_that_a_cell_resolves_is_in_the_image(estimator, dimension, phase_deg):
-    assert close_pairs(estimator(), dimension, phase_deg, [0]) == 1
-
-
-@pytest.mark.slow
-@BOTH
-@AXES
-@pytest.mark.parametrize("phase_deg", range(0, 360, 45))
-def test_of_close_pairs_nine_in_ten_are_in_the_image_whatever_their_phase(estimator, dimension, phase_deg):
-    assert close_pairs(estimator(), dimension, phase_deg, range(20)) >= 18
 
 
 def one_scatterer(trial):

@@ -6,22 +6,15 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
-from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
 from isacbench.model.region import Region
-from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms.scenes import NOTHING, simulator
-from tests.conftest import few, slow_but
-from tests.single_scores import paper_scores
+from tests.conftest import slow_but
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 
@@ -93,25 +86,6 @@ def test_a_quarter_of_a_rayleigh_cell_is_resolved_60_db_above_the_noise_in_phase
     assert misses(waves, u, w, 0.125 * RAYLEIGH) <= 2
 
 
-@pytest.mark.slow
-@BOTH
-@pytest.mark.parametrize("axis", [0, 1])
-def test_resolution_over_phases_and_distances(estimator, axis):
-    for distance, least_share in ((0.15, 0.8), (0.2, 0.9), (0.25, 0.97), (0.5, 0.99), (1.0, 0.99)):
-        places = np.array([[0.0, distance * RAYLEIGH], [0.1, 0.1]])
-        u, w = places[axis], places[1 - axis]
-        missed = sum(
-            misses(
-                plane_waves(estimator(), u, w, [0, np.pi * eighth / 4], gain_db=60, n=100, seed=eighth),
-                u,
-                w,
-                distance / 2 * RAYLEIGH,
-            )
-            for eighth in range(8)
-        )
-        assert missed <= (1 - least_share) * 800, distance
-
-
 @BOTH
 @pytest.mark.parametrize("opposite", [False, True])
 @pytest.mark.parametrize(
@@ -129,31 +103,6 @@ def test_coherent_sources_are_found_without_ghosts(estimator, u, w, opposite):
     phases = np.pi * opposite * np.arange(len(u))
     waves = plane_waves(estimator(), u, w, phases, gain_db=45, n=10)
     assert misses(waves, u, w, 0.02) == 0
-
-
-@pytest.mark.parametrize("place", [(0.98, 0.05), (-0.98, 0.05), (0.05, 0.98)])
-@READINGS
-def test_esprit_needs_no_margin_at_the_edge_of_the_visible_region(place, reading, gain_db):
-    waves = plane_waves(Esprit2d(), [place[0]], [place[1]], gain_db=gain_db, n=20, reading=reading)
-    assert misses(waves, [place[0]], [place[1]], 0.01) == 0
-
-
-@BOTH
-@READINGS
-@few
-@given(
-    shift=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
-    distance=st.tuples(st.floats(0.15, 0.3), st.floats(-0.3, 0.3)),
-    phase=st.floats(0, 2 * np.pi),
-)
-def test_directions_follow_a_shift_and_not_the_order_of_sources(
-    estimator, reading, gain_db, shift, distance, phase
-):
-    u, w = np.array([0.0, distance[0]]), np.array([0.0, distance[1]])
-    for order in (slice(None), slice(None, None, -1)):
-        places = (u + shift[0])[order], (w + shift[1])[order]
-        waves = plane_waves(estimator(), *places, np.array([0, phase])[order], gain_db, reading=reading)
-        assert misses(waves, u + shift[0], w + shift[1], 0.01) == 0
 
 
 @BOTH
@@ -218,30 +167,3 @@ def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
         snapshots = noise(100 * reading.range_cells).reshape(100, reading.range_cells, 16, 16)
         waves = waves_in(method, reading, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
         assert waves.found.sum() <= 3
-
-
-@BOTH
-@pytest.mark.parametrize(
-    ("parameter", "value"),
-    [("subarray_fraction", 0.0), ("subarray_fraction", 1.5), ("model_order", "best"), ("polish", -1)],
-)
-def test_wrong_parameters_are_refused(estimator, parameter, value):
-    with pytest.raises(InputError, match=parameter):
-        estimator(**{parameter: value})
-
-
-def test_wrong_parameters_of_one_method_are_refused():
-    with pytest.raises(InputError, match="samples_per_lobe"):
-        Music2dJoint(samples_per_lobe=3)
-    with pytest.raises(InputError, match="model_order"):
-        Music2d(model_order="best")
-
-
-@pytest.mark.parametrize("estimator", [Music2dJoint, pytest.param(Esprit2d, marks=pytest.mark.slow)])
-def test_the_street_is_imaged_at_full_size(estimator):
-    scenario = load_scenario("street")
-    cloud = estimator().estimate(observe_echo(scenario, 10.0))
-    found = paper_scores(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
-    assert found.hausdorff_sum_m < 9
-    # With music2d_joint, nearest to some scatterers of a car is a point of the static street.
-    assert found.velocity_nmse < (0.05 if estimator is Music2dJoint else 2e-3)

@@ -10,7 +10,6 @@ from scipy.optimize import minimize_scalar
 
 from isacbench.dsp.cell_detection import detect_cells
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
 from isacbench.model.scenes.scenario import load_scenario
@@ -252,8 +251,3 @@ def test_product_pairing_takes_the_local_maxima_of_the_plane_that_pass_a_cell_av
         found = np.stack([waves.u[cell], waves.w[cell]], axis=1)[waves.found[cell]]
         assert len(found) == len(expected) == (9 if pfa > 1e-200 else 7)
         np.testing.assert_allclose(sorted(map(tuple, found)), sorted(expected), atol=6e-3)
-
-
-def test_product_pairing_needs_spectra():
-    with pytest.raises(InputError, match="joint with search = root"):
-        Music2d(search="root", pairing="product")

@@ -94,26 +94,6 @@ def test_each_coordinate_meets_every_place_of_the_borders_once():
         np.testing.assert_array_equal(np.sort(column), expected)
 
 
-def p_2(points):
-    """Squared worst-case error in the Korobov space of smoothness 2, by its double sum."""
-    differences = (points[:, None] - points) % 1
-    kernel = 1 + 2 * np.pi**2 * (differences**2 - differences + 1 / 6)
-    return kernel.prod(axis=2).mean() - 1
-
-
-def discrepancy(points):
-    """Squared wrap-around L2 discrepancy."""
-    distance = np.abs(points[:, None] - points)
-    return (1.5 - distance * (1 - distance)).prod(axis=2).mean() - (4 / 3) ** 4
-
-
-def test_the_offsets_are_better_spread_than_random_ones():
-    random = [np.random.default_rng(seed).random((64, 4)) for seed in range(50)]
-    assert p_2(lattice_offsets()) == pytest.approx(3.675, abs=1e-3)
-    assert p_2(lattice_offsets()) < min(map(p_2, random))
-    assert discrepancy(lattice_offsets()) < 0.25 * min(map(discrepancy, random))
-
-
 def test_the_mean_over_the_offsets_scatters_less_than_over_random_ones():
     scenario, rng = random_scenario(5), np.random.default_rng(0)
     means, spreads = [], []
@@ -139,16 +119,6 @@ def test_a_coordinate_that_is_moved_or_mirrored_changes_the_means_by_less_than_t
     scenario = random_scenario(seed, 30, frame)
     moved = Moved(factor=along(axis, sign, 1.0), shift=along(axis, shift, 0.0))
     assert_same_means(numbers(Oracle(), scenario), numbers(moved, scenario))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", range(4), ids=["range", "velocity", "u", "w"])
-@few
-@given(shift=st.floats(-0.5, 0.5), cell=st.sampled_from([0.5, 1.0]), sign=SIGNS)
-def test_the_means_of_the_street_hold_where_the_lattice_is_moved_or_mirrored(axis, shift, cell, sign):
-    scenario = load_scenario("street")
-    moved = Moved(cell=cell, factor=along(axis, sign, 1.0), shift=along(axis, shift, 0.0))
-    assert_same_means(numbers(Oracle(cell), scenario), numbers(moved, scenario))
 
 
 def rail():
@@ -220,12 +190,6 @@ def test_lone_scatterers_farther_than_a_cell_apart_are_returned_exactly(axis, st
         np.testing.assert_array_equal(by_rows(cloud.to_array()), by_rows(truth.to_array()))
 
 
-def test_scatterers_of_one_place_are_merged_and_their_powers_add():
-    scenario = scenario_of([[14.0, 20.0, 5.0]] * 2, [4.0, 4.0], amplitude=[1.0, 2.0])
-    for cloud in Oracle().realisations(scenario, scenario.truth):
-        np.testing.assert_array_equal(cloud.to_array(), [[14.0, 20.0, 5.0, 4.0, 5.0]])
-
-
 @few
 @given(seed=st.integers(0, 9999), n=st.integers(20, 80))
 def test_half_cells_are_never_coarser_on_average(seed, n):
@@ -236,12 +200,6 @@ def test_half_cells_are_never_coarser_on_average(seed, n):
     )
     assert half >= one
     assert half <= n
-
-
-@pytest.mark.parametrize("cell", [0.0, -1.0, np.inf, np.nan])
-def test_a_cell_has_a_positive_size(cell):
-    with pytest.raises(InputError, match=r"cell = .*allowed is a positive number of Rayleigh cells"):
-        Oracle(cell=cell)
 
 
 @few

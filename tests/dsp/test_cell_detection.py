@@ -63,39 +63,22 @@ def noise_cells(gate, seed=0, elements=(4, 3)):
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
-@pytest.mark.parametrize("elements", [(4, 3), (6,)])
-def test_power_of_the_first_element_has_one_look(elements):
-    cells = noise_cells(GATE, elements=elements)
-    power, looks = power_map(cells, "element")
-    assert looks == 1
-    np.testing.assert_allclose(power, np.abs(cells.reshape(*GATE.shape, -1)[:, :, 0]) ** 2)
-
-
-def test_noncoherent_power_of_a_cross_averages_its_elements():
-    cells = noise_cells(GATE, elements=(6,))
-    power, looks = power_map(cells, "noncoherent")
-    assert looks == 6
-    np.testing.assert_allclose(power, np.mean(np.abs(cells) ** 2, axis=2))
-
-
-def test_power_follows_the_precision_of_the_cells():
-    cells = noise_cells(GATE)
-    for integration in ("element", "noncoherent"):
-        double, single = (power_map(part, integration)[0] for part in (cells, cells.astype(np.complex64)))
-        assert (double.dtype, single.dtype) == (np.float64, np.float32)
-        np.testing.assert_allclose(single, double, rtol=1e-5)
-
-
+@pytest.mark.parametrize("elements", [(4, 3), (6,)], ids=["plane", "cross"])
 @pytest.mark.parametrize("order", ["C", "F"])
-def test_noncoherent_power_is_the_mean_over_the_array_and_has_a_look_an_element(order):
-    cells = np.asarray(noise_cells(GATE), order=order)
+@pytest.mark.parametrize("integration", ["element", "noncoherent"])
+def test_power_is_the_mean_over_the_elements_and_has_a_look_each(elements, order, integration):
+    cells = np.asarray(noise_cells(GATE, elements=elements), order=order)
     cells.setflags(write=False)
-    power, looks = power_map(cells, "noncoherent")
-    assert looks == LOOKS
-    for row in range(GATE.shape[0]):
-        for column in range(GATE.shape[1]):
-            expected = sum(abs(cells[row, column, p, q]) ** 2 for p in range(4) for q in range(3)) / 12
-            assert power[row, column] == pytest.approx(expected)
+    power, looks = power_map(cells, integration)
+    n = 1 if integration == "element" else np.prod(elements)
+    assert (looks, power.dtype) == (n, np.float64)
+    of_each = cells.reshape(*GATE.shape, -1)
+    for row, column in np.ndindex(GATE.shape):
+        expected = sum(abs(of_each[row, column, k]) ** 2 for k in range(n)) / n
+        assert power[row, column] == pytest.approx(expected)
+    single, _ = power_map(cells.astype(np.complex64), integration)
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, power, rtol=1e-5)
 
 
 @pytest.mark.parametrize("integration", ["element", "noncoherent"])

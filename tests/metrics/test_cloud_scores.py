@@ -15,7 +15,6 @@ from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.geometry import hausdorff_m
 from isacbench.metrics.gospa import gospa_m
 from isacbench.model.cloud import PointCloud
-from isacbench.model.region import Region
 from isacbench.plugins.scoring import score
 from tests.single_scores import paper_scores
 
@@ -152,52 +151,6 @@ def test_chamfer_precision_and_recall_equal_plain_loops(truth, estimate):
     assert found.gospa_m == gospa_m(truth, estimate)
 
 
-@given(truth=clouds(min_size=1))
-def test_the_truth_scores_perfectly_against_itself(truth):
-    found = vars(paper_scores(truth, truth))
-    assert (found["precision"], found["recall"]) == (1, 1)
-    assert all(found[name] == 0 for name in found if not name.startswith(("n_", "precision", "recall")))
-
-
 def test_a_point_at_one_metre_counts_as_found():
     found = paper_scores(cloud_at([[0, 0, 0]]), cloud_at([[1, 0, 0], [0, 1.001, 0]]))
     assert (found.precision, found.recall) == (0.5, 1)
-
-
-@given(
-    truth=clouds(min_size=1),
-    estimate=clouds(min_size=1),
-    shift=st.tuples(*[st.integers(-1000, 1000)] * 3),
-    seed=st.integers(0, 99),
-)
-def test_neither_translation_nor_order_matters_and_swapping_swaps_the_directions(
-    truth, estimate, shift, seed
-):
-    rng = np.random.default_rng(seed)
-    here = paper_scores(truth, estimate)
-    there = paper_scores(cloud_at(truth.xyz + shift), cloud_at(estimate.xyz + shift))
-    assert there.chamfer_m == pytest.approx(here.chamfer_m, abs=1e-9)
-    assert there.gospa_m == pytest.approx(here.gospa_m, abs=1e-6)
-    mixed = paper_scores(cloud_at(rng.permutation(truth.xyz)), cloud_at(rng.permutation(estimate.xyz)))
-    assert mixed.chamfer_m == pytest.approx(here.chamfer_m)
-    assert mixed.gospa_m == pytest.approx(here.gospa_m)
-    assert (mixed.precision, mixed.recall) == (here.precision, here.recall)
-    back = paper_scores(estimate, truth)
-    assert (here.precision, here.recall) == (back.recall, back.precision)
-    assert here.chamfer_m == pytest.approx(back.chamfer_m)
-
-
-@given(truth=clouds(min_size=1), estimate=clouds(min_size=1))
-def test_an_empty_cloud_is_never_better_in_chamfer_precision_and_recall(truth, estimate):
-    region = Region(x_m=(-1.5, 1.5), y_m=(-1.5, 1.5), z_m=(-1.5, 1.5), speed_mps=(0, 0))
-    empty, found = (paper_scores(truth, cloud, region) for cloud in (PointCloud.empty(), estimate))
-    # A mean of equal distances can round up by a last digit.
-    assert empty.chamfer_m >= found.chamfer_m - 1e-12
-    assert empty.precision <= found.precision
-    assert empty.recall <= found.recall
-    assert empty.gospa_m == pytest.approx(gospa_m(truth, PointCloud.empty()))
-
-
-def test_an_empty_truth_is_refused():
-    with pytest.raises(InputError, match="truth: the cloud is empty"):
-        paper_scores(PointCloud.empty(), cloud_at([[0, 0, 0]]))

@@ -137,37 +137,6 @@ def test_the_central_phase_is_that_of_the_middle_element_of_grid_and_array(
     np.testing.assert_allclose(found, middles, atol=1e-7)
 
 
-def on_grid(make_scenario, n_range, n_doppler):
-    """Scenario of one scatterer in the middle of a cell, straight ahead of the panel and below it."""
-    system = make_scenario().system
-    y, z = 5.0, 2.0
-    drop, range_m = 10.0 - z, n_range * system.range_bin_m
-    y = 40.0 - math.sqrt(range_m**2 - drop**2)
-    return make_scenario(xyz=[[5.0, y, z]], velocity=[n_doppler * system.velocity_bin_mps], amplitude=[0.5])
-
-
-@pytest.mark.parametrize(("n_range", "n_doppler"), [(15, 1), (14, -1), (15, 0)])
-def test_a_scatterer_in_the_middle_of_a_cell_fills_it_alone_and_approaching_is_positive(
-    make_scenario, n_range, n_doppler
-):
-    simulator = Simulator(on_grid(make_scenario, n_range, n_doppler))
-    gate = simulator.gate
-    power = np.abs(simulator.clean[:, :, 0, 0]) ** 2
-    row, column = np.unravel_index(power.argmax(), power.shape)
-    assert (gate.range_bins[row], gate.doppler_bins[column]) == (n_range, n_doppler)
-    assert power.max() == pytest.approx(0.25 * simulator.scenario.system.processing_gain)
-    assert power.sum() == pytest.approx(power.max())
-
-
-def test_the_phase_falls_along_the_array_towards_a_scatterer_on_that_side(make_scenario):
-    scenario = make_scenario(xyz=[[9.0, 9.0, 2.0]], velocity=[0.0], amplitude=[1.0])
-    u, w = scenario.frame.direction_cosines(scenario.scatterers.xyz - scenario.base_station_m)
-    cells = Simulator(scenario).clean
-    cell = cells[np.unravel_index(np.abs(cells[:, :, 0, 0]).argmax(), cells.shape[:2])]
-    assert np.angle(cell[1, 0] / cell[0, 0]) == pytest.approx(-np.pi * u[0])
-    assert np.angle(cell[0, 1] / cell[0, 0]) == pytest.approx(-np.pi * w[0])
-
-
 def test_an_approaching_scatterer_turns_as_the_shrinking_path_says(make_scenario):
     still = make_scenario(xyz=[[5.0, 5.0, 2.0]], velocity=[0.0], amplitude=[1.0], coherent_phase=True)
     system, speed_mps = still.system, 9.0

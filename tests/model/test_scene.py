@@ -33,21 +33,6 @@ def test_a_scene_may_be_empty(make_scenario):
 
 
 @pytest.mark.parametrize(
-    ("system", "message"),
-    [
-        (
-            {"subcarrier_spacing_hz": 4e6},
-            "region: its farthest corner is 41.5 m .*allowed are at most 37.5 m",
-        ),
-        ({"carrier_hz": 2e13}, r"region.speed_mps: 15 m/s .*allowed are at most 0\.\d m/s"),
-    ],
-)
-def test_a_region_beyond_what_is_unambiguous_is_refused(make_scenario, system, message):
-    with pytest.raises(InputError, match=message):
-        make_scenario(**system)
-
-
-@pytest.mark.parametrize(
     ("frame", "place", "where"),
     [
         ("panel", [5.0, 50.0, 2.0], "in front of the panel"),

@@ -15,22 +15,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import Needs
 from isacbench.plugins.discovery import entries
 from isacbench.plugins.registry import distribution, get_detector
-
-FILE = """
-from dataclasses import dataclass
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Still:
-    name: ClassVar[str] = "still"
-
-    def estimate(self, observation):
-        {deed}
-        return PointCloud.empty()
-"""
+from tests.conftest import estimator_source
 
 
 @dataclass(frozen=True)
@@ -66,9 +51,9 @@ def test_a_name_is_checked_as_the_command_does():
 
 
 def test_a_file_is_read_anew_each_time_and_not_registered(write_plugin):
-    path = write_plugin("still.py", FILE.format(deed="print('loud')"))
+    path = write_plugin("still.py", estimator_source("still", "print('loud')"))
     assert "failed: stdout" in repr(isacbench.check(path))
-    write_plugin("still.py", FILE.format(deed="pass"))
+    write_plugin("still.py", estimator_source("still"))
     report = isacbench.check(str(path))
     assert "failed: stdout" not in repr(report)
     assert report.plugins[0].package == "still.py"
@@ -118,8 +103,7 @@ def test_the_place_of_an_exception_is_in_the_module_of_the_plugin_whatever_its_f
     """The module is imported, so that its frames have the path of its file."""
     file = tmp_path / path
     file.parent.mkdir(parents=True, exist_ok=True)
-    head = "import functools\nimport numpy as np\n"
-    file.write_text(head + FILE.format(deed=PLACES[path]))
+    file.write_text("import functools\n" + estimator_source("still", PLACES[path]))
     monkeypatch.syspath_prepend(file.parent)
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     report = isacbench.check(import_module("mine").Still)
@@ -131,7 +115,7 @@ def test_the_place_of_an_exception_is_in_the_module_of_the_plugin_whatever_its_f
 
 def test_the_place_is_in_the_plugins_own_code_before_that_of_other_packages(tmp_path, monkeypatch):
     (tmp_path / "helping.py").write_text("def fail():\n    raise KeyError('gone')\n")
-    source = "from helping import fail\n" + FILE.format(deed="fail()")
+    source = "from helping import fail\n" + estimator_source("still", "fail()")
     (tmp_path / "mine.py").write_text(source)
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("mine", "helping"):
@@ -140,4 +124,5 @@ def test_the_place_is_in_the_plugins_own_code_before_that_of_other_packages(tmp_
     [message] = [one.message for one in report.plugins[0].findings if one.check == "image"]
     for name in ("mine", "helping"):
         monkeypatch.delitem(sys.modules, name)
-    assert message == f"raises KeyError: 'gone' (mine.py, line {source.count(chr(10)) - 1}, in estimate)"
+    line = source[: source.index("fail()")].count("\n") + 1
+    assert message == f"raises KeyError: 'gone' (mine.py, line {line}, in estimate)"

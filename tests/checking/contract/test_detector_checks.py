@@ -167,66 +167,59 @@ def test_every_check_has_a_detector_that_breaks_it():
     assert {name for name, *_ in BROKEN} | {"import", "time"} == set(check())
 
 
-WINDOWED = put(
-    "from scipy.ndimage import convolve\n"
-    "from isacbench_algorithms.detectors import CaCfar\n"
-    "if power.ndim == 2 and min(power.shape) > 9:\n"
-    "    window = np.ones((9, 9)); window[3:6, 3:6] = 0\n"
-    "    noise = convolve({around}, window / 72, mode={mode!r})[-power.shape[0]:, -power.shape[1]:]\n"
-    "    factor = CaCfar(self.pfa).detect(np.ones((30, 30)), looks).threshold[15, 15]\n"
-    "    threshold = {threshold}\n"
-    "    mask = power > threshold"
-)
-AS_IT_IS = "noise * factor"
-
-
-def windowed(mode, threshold=AS_IT_IS, around="power"):
+def windowed(mode, threshold="noise * factor", around="power", inner="[-power.shape[0]:, -power.shape[1]:]"):
     """Average 72 cells around each, behind a border that is made up or left out."""
-    return WINDOWED[0], WINDOWED[1].format(mode=mode, threshold=threshold, around=around)
+    return put(
+        "from scipy.ndimage import convolve\n"
+        "from isacbench_algorithms.detectors import CaCfar\n"
+        "if power.ndim == 2 and min(power.shape) > 9:\n"
+        "    window = np.ones((9, 9)); window[3:6, 3:6] = 0\n"
+        f"    noise = convolve({around}, window / 72, mode={mode!r}){inner}\n"
+        "    factor = CaCfar(self.pfa).detect(np.ones((30, 30)), looks).threshold[15, 15]\n"
+        f"    threshold = {threshold}\n"
+        "    mask = power > threshold"
+    )
 
 
-def test_a_window_that_wraps_around_passes_at_the_borders():
+FACTORS = "noise * factor * np.where(np.arange(power.shape[{axis}]) == {place}, 0.5, 1){more}"
+BORDERS = [
+    # Zeros beyond the border, which the mean rate does not tell.
+    (windowed("constant"), [f" in the {part}" for part in map_promises.BORDERS]),
+    (windowed("wrap", FACTORS.format(axis=0, place=3, more="[:, None]")), [" in the next rows: pad maps"]),
+    (windowed("wrap", FACTORS.format(axis=1, place=2, more="")), [" in the next columns: pad maps"]),
+    (
+        windowed(
+            "wrap", "noise * factor", "np.pad(power, 9, constant_values=np.median(power))", "[9:-9, 9:-9]"
+        ),
+        [" in the corners"],
+    ),
+    (
+        windowed(
+            "wrap",
+            around="np.concatenate([power[-9:], power, np.zeros((9, power.shape[1]))])",
+            inner="[9:-9, -power.shape[1]:]",
+        ),
+        [" in the last rows"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "told"), BORDERS)
+def test_what_lies_beyond_a_border_is_told_by_the_rate_there(change, told):
+    findings = check(*change)
+    assert failed(findings) == {"rate at borders"}
+    message = findings["rate at borders"].message
+    assert all(part in message for part in told)
+    assert "pad maps with nothing" in message
+    if told == [" in the last rows"]:
+        assert "columns" not in message
+        assert "first" not in message
+
+
+def test_a_window_that_wraps_around_passes_at_the_borders_and_zeros_there_keep_the_mean_rate():
     findings = check(*windowed("wrap"))
     assert findings["false-alarm rate"].status == findings["rate at borders"].status == "ok"
-
-
-def test_zeros_beyond_the_border_are_told_by_the_rate_there_and_not_by_the_mean():
-    findings = check(*windowed("constant"))
-    assert findings["false-alarm rate"].status == "ok"
-    assert failed(findings) == {"rate at borders"}
-    message = findings["rate at borders"].message
-    assert all(f" in the {part}" in message for part in map_promises.BORDERS)
-    assert "pad maps with nothing" in message
-
-
-@pytest.mark.parametrize(
-    ("threshold", "part"),
-    [
-        ("noise * factor * np.where(np.arange(power.shape[0]) == 3, 0.5, 1)[:, None]", "next rows"),
-        ("noise * factor * np.where(np.arange(power.shape[1]) == 2, 0.5, 1)", "next columns"),
-    ],
-)
-def test_a_line_near_the_border_with_another_rate_is_told(threshold, part):
-    findings = check(*windowed("wrap", threshold))
-    assert f" in the {part}: pad maps" in findings["rate at borders"].message
-
-
-def test_the_median_beyond_the_border_is_told():
-    padded = "np.pad(power, 9, constant_values=np.median(power))"
-    below = WINDOWED[1].replace("[-power.shape[0]:, -power.shape[1]:]", "[9:-9, 9:-9]")
-    findings = check(WINDOWED[0], below.format(mode="wrap", threshold=AS_IT_IS, around=padded))
-    assert " in the corners" in findings["rate at borders"].message
-
-
-def test_a_border_that_is_padded_on_one_side_alone_is_named():
-    above = "np.concatenate([power[-9:], power, np.zeros((9, power.shape[1]))])"
-    below = WINDOWED[1].replace("[-power.shape[0]:, ", "[9:-9, ")
-    findings = check(WINDOWED[0], below.format(mode="wrap", threshold=AS_IT_IS, around=above))
-    message = findings["rate at borders"].message
-    assert failed(findings) == {"rate at borders"}
-    assert " in the last rows" in message
-    assert "columns" not in message
-    assert "first" not in message
+    assert check(*windowed("constant"))["false-alarm rate"].status == "ok"
 
 
 def test_cells_of_the_border_that_are_never_tested_are_warned_of():

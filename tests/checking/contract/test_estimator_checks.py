@@ -221,49 +221,18 @@ def test_every_check_has_an_estimator_that_breaks_it():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "status", "message"),
     [
-        (setting("velocity", "0 * cloud.velocity"), "if velocity was 0: take it from the Doppler bin"),
-        (setting("xyz", "cloud.xyz * [0.3, 1, 1]"), ", in Rayleigh cells: "),
-        (
-            ("[observation.gate.range_bins[row]]", "[10 * observation.gate.range_bins[row]]"),
-            "in range, in Rayleigh cells: look at units",
-        ),
-        (put(BEFORE, "return PointCloud.empty()"), "images nothing"),
+        (setting("velocity", "0 * cloud.velocity"), "failed", "if velocity was 0: take it from the Doppler"),
+        (put(BEFORE, "return PointCloud.empty()"), "failed", "images nothing"),
+        (setting("power", "1000 * cloud.power"), "warning", "powers of 1 and 0.0001 come out as "),
     ],
 )
-def test_a_lone_scatterer_that_is_imaged_elsewhere_or_not_at_all_is_a_failure(change, message):
+def test_a_lone_scatterer_imaged_wrongly_fails_and_a_wrong_power_is_warned_of(change, status, message):
     findings = check(*change)
-    assert failed(findings) == {"lone scatterer"}
+    assert failed(findings) <= {"lone scatterer"}
+    assert findings["lone scatterer"].status == status
     assert message in findings["lone scatterer"].message
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (setting("power", "1000 * cloud.power"), "powers of 1 and 0.0001 come out as "),
-        (
-            ("[observation.gate.range_bins[row]]", "[observation.gate.range_bins[row] + 0.5]"),
-            "about half a bin off in range",
-        ),
-    ],
-)
-def test_a_wrong_power_and_half_a_bin_are_warned_of(change, message):
-    findings = check(*change)
-    assert not failed(findings)
-    assert findings["lone scatterer"].status == "warning"
-    assert message in findings["lone scatterer"].message
-
-
-BACKWARDS = "[observation.gate.doppler_bins[column]]", "[-observation.gate.doppler_bins[column]]"
-
-
-def test_a_velocity_of_the_wrong_sign_fails_by_its_name():
-    findings = check(*BACKWARDS)
-    assert failed(findings) == {"lone scatterer"}
-    assert findings["lone scatterer"].message == (
-        "images a lone scatterer where it would be if velocity had the wrong sign: v > 0 approaches"
-    )
 
 
 def test_what_builds_on_a_failed_check_is_skipped_and_says_so():

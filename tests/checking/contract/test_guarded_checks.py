@@ -4,23 +4,7 @@ from isacbench.checking.contract import check_names, check_plugin, guarded_check
 from isacbench.checking.contract.guarded_checks import check_guarded
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
-
-DEADLY = """
-import os
-import signal
-from dataclasses import dataclass
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Deadly:
-    name: ClassVar[str] = "deadly"
-
-    def estimate(self, observation):
-        {deed}
-"""
+from tests.conftest import estimator_source
 
 
 def test_findings_are_those_of_this_process():
@@ -30,12 +14,10 @@ def test_findings_are_those_of_this_process():
 
 def test_a_check_that_runs_on_is_told_while_it_does(monkeypatch):
     monkeypatch.setattr(guarded_checks, "TOLD_S", 0.2)
-    deed = (
-        "import time; time.sleep(0.5 if observation.array.shape == (2, 2) else 0); return PointCloud.empty()"
-    )
+    deed = "time.sleep(0.5 if observation.array.shape == (2, 2) else 0)"
     told = []
     with isolated_plugins():
-        register_plugin(PluginFile("deadly.py", DEADLY.format(deed=deed)))
+        register_plugin(PluginFile("deadly.py", estimator_source("deadly", deed)))
         check_guarded("estimator", "deadly", tell=told.append)
     assert "2 x 2 array" in told
     assert told == [name for name in check_names("estimator") if name in told]
@@ -52,7 +34,7 @@ def test_a_check_that_runs_on_is_told_while_it_does(monkeypatch):
 )
 def test_a_deadly_plugin_fails_the_check_that_it_dies_in_and_skips_the_rest(deed, message):
     with isolated_plugins():
-        register_plugin(PluginFile("deadly.py", DEADLY.format(deed=deed)))
+        register_plugin(PluginFile("deadly.py", estimator_source("deadly", deed)))
         findings = check_guarded("estimator", "deadly", timeout_s=2)
     assert [finding.check for finding in findings] == check_names("estimator")
     (failed,) = (finding for finding in findings if finding.status == "failed")

@@ -16,37 +16,12 @@ from isacbench.checking.contract import (
 from isacbench.cli import app
 from isacbench.errors import InputError
 from isacbench.plugins.registry import detector_names, estimator_names, metric_names
+from tests.conftest import estimator_source
 
-LOCAL = '''
-from dataclasses import dataclass
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Nothing:
-    """Sees nothing."""
-
-    name: ClassVar[str] = "nothing"
-
-    def estimate(self, observation):
-        return PointCloud.empty()
-
-
-@dataclass(frozen=True)
-class Loud:
-    """Prints."""
-
-    name: ClassVar[str] = "loud"
-
-    def estimate(self, observation):
-        print("loud")
-        return PointCloud.empty()
-
-
+LOCAL = f"""{estimator_source("nothing")}
+{estimator_source("loud", "print('loud')")}
 print("imported")
-'''
+"""
 
 QUIET = """
 from dataclasses import dataclass

@@ -308,13 +308,6 @@ def test_a_case_of_every_family_and_resolved_echoes_are_imaged_as_promised(name,
     assert not broken(narrowed(case, lambda one: one not in image_promises.INVARIANT or one is turn), name)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FAST)
-@pytest.mark.parametrize("case", [*FIRST_CASES, *Spread.table()], ids=lambda case: case.spec)
-def test_they_keep_every_promise(name, case):
-    assert not broken(case, name)
-
-
 GHOSTS = pytest.mark.xfail(reason="of 40 draws of 5 resolved echoes, music2d shows a false point in one")
 
 

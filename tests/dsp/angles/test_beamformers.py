@@ -128,17 +128,6 @@ def test_a_lone_wave_is_found_where_it_is(name, u, w):
     assert abs(found.w[0, 0] - w) < 1e-7
 
 
-@pytest.mark.parametrize("name", SPECTRA)
-def test_a_wave_of_unit_amplitude_has_unit_power(name):
-    power = SPECTRA[name](waves((16, 16), (FINE[10], FINE[20], 1.0))).power[0, 10, 20]
-    assert power == pytest.approx(1.0, rel=1e-4)
-
-
-def test_in_white_noise_bartlett_s_mean_power_is_that_of_the_noise_over_the_elements():
-    power = bartlett_spectrum(noise(4000, 4, 5), U, W).power
-    assert power.mean() == pytest.approx(1 / 20, rel=0.02)
-
-
 def test_capon_resolves_two_waves_that_have_one_maximum_in_bartlett_s_spectrum():
     x = waves((16, 16), (0.0, 0.1, 1.0), (0.1, 0.1, 1j), level=1e-4)
     assert [SPECTRA[name](x).waves(10.0, 4).found.sum() for name in SPECTRA] == [1, 2]

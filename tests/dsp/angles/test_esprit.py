@@ -58,28 +58,6 @@ def test_directions_move_with_the_sources_and_do_not_depend_on_their_order(scene
     np.testing.assert_allclose(pairs_of(swapped.u[0], swapped.w[0]), pairs_of(u, w), atol=2e-4)
 
 
-def test_cells_of_a_batch_are_independent():
-    cells = np.concatenate(
-        [snapshot([0.1, -0.4], [0.2, 0.3], [1, 1j]), snapshot([-0.5, 0.6], [0.7, 0], [1, 1])]
-    )
-    together = solve(cells, (8, 8), 2)
-    for cell in range(2):
-        alone = solve(cells[[cell]], (8, 8), 2)
-        np.testing.assert_allclose(
-            pairs_of(together.u[cell], together.w[cell]), pairs_of(alone.u[0], alone.w[0]), atol=2e-4
-        )
-
-
-@pytest.mark.parametrize(
-    ("shape", "subarray", "order"), [((2, 2), (2, 2), 1), ((3, 5), (2, 3), 2), ((2, 16), (2, 8), 2)]
-)
-def test_small_arrays_serve_too(shape, subarray, order):
-    u, w = np.array([0.3, -0.5])[:order], np.array([-0.2, 0.4])[:order]
-    assert order <= most_sources(subarray)
-    found = solve(snapshot(u, w, np.array([1, 1j])[:order], shape), subarray, order)
-    np.testing.assert_allclose(pairs_of(found.u[0], found.w[0]), pairs_of(u, w), atol=2e-4)
-
-
 def test_as_many_sources_as_a_subarray_can_tell_apart_are_found():
     assert most_sources((2, 2)) == 2
     assert most_sources((8, 8)) == 56

@@ -101,15 +101,6 @@ def test_music_is_exact_on_noise_free_sources(coherent, echoes):
     np.testing.assert_allclose(np.sort(peaks.place[0]), cosine, atol=1e-4)
 
 
-def test_without_subarrays_three_coherent_sources_are_missed_and_with_them_found():
-    cosine = np.array([-0.5, -0.1, 0.4])
-    lines = (steering(SENSORS, cosine).T @ np.array([[1.0], [1.0j], [0.7]]))[None]
-    for n_subarray, worst in ((SENSORS, (0.05, 1.0)), (SUBARRAY, (0.0, 1e-10))):
-        vectors = np.linalg.eigh(smoothed_covariance(lines, n_subarray))[1][:, :, ::-1]
-        null = music_null_spectrum(vectors, np.array([3]), real_steering(n_subarray, cosine))
-        assert worst[0] <= null.max() / n_subarray <= worst[1]
-
-
 @given(n_cells=st.integers(1, 4), n_subarray=st.integers(3, 8), seed=st.integers(0, 999))
 def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cells, n_subarray, seed):
     rng = np.random.default_rng(seed)

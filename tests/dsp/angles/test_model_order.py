@@ -118,16 +118,6 @@ def test_noise_exceeds_its_edge_about_as_often_as_asked(shape, subarray):
     assert pfa / 5 < rate < 1.2 * pfa
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("pfa", [1e-2, 1e-3])
-def test_noise_of_the_whole_array_exceeds_its_edge_about_as_often_as_asked(pfa):
-    edge = smoothed_noise_edge((16, 16), (8, 8), pfa)
-    n_above = sum(
-        np.sum(eigenvalues_of(noise(500, 16, 16, seed=seed), (8, 8))[:, 0] > edge) for seed in range(40)
-    )
-    assert pfa / 4 < n_above / 20000 < 1.2 * pfa
-
-
 @pytest.mark.parametrize("order", [1, 2, 4])
 @pytest.mark.parametrize("method", ["noise", "mdl", "aic"])
 def test_strong_separate_sources_of_one_snapshot_are_counted(method, order):

@@ -127,15 +127,6 @@ def test_a_plane_where_nothing_is_allowed_has_no_peaks():
     assert not plane_peaks(distinct(0, 2, 4, 4), np.zeros((2, 4, 4), dtype=bool), 3)[2].any()
 
 
-@given(seed=st.integers(0, 9999), exponent=st.integers(-900, 900))
-def test_places_on_planes_do_not_depend_on_the_unit_of_power(seed, exponent):
-    power = distinct(seed, 3, 9, 7)
-    row, column, found = plane_peaks(power, plane_maxima(power), 4)
-    scaled = plane_peaks(power * 2.0**exponent, plane_maxima(power), 4)
-    for one, other in zip((row, column, found), scaled, strict=True):
-        np.testing.assert_array_equal(one[found], other[found])
-
-
 def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning():
     power = np.zeros((2, 5, 6))
     power[0, 2, 3] = 1.0

@@ -40,15 +40,6 @@ def test_of_all_intersections_exactly_the_sources_are_kept(scene):
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
 
 
-@given(scene=separate_sources(), exponent=st.integers(-12, 12), phase=st.floats(0, 2 * np.pi))
-def test_pairs_depend_neither_on_a_scale_nor_on_a_global_phase(scene, exponent, phase):
-    u, w, gain = scene
-    changed = 2.0**exponent * np.exp(1j * phase) * shot(u, w, gain)
-    limits = LIMITS | {"min_power": LIMITS["min_power"] * 4.0**exponent}
-    waves = pair_directions(changed, PLANE, candidates(u), candidates(w), **limits)
-    assert pairs_of(waves) == sorted(zip(u, w, strict=True))
-
-
 @pytest.mark.parametrize("aperture", [PLANE, CROSS], ids=["plane", "cross"])
 @given(scene=separate_sources(), seed=st.integers(0, 999), n_found=st.integers(0, 4))
 def test_amplitudes_and_what_they_leave_are_those_of_dense_least_squares_on_the_elements(
@@ -99,15 +90,6 @@ def test_errors_of_directions_are_those_of_the_dense_information_and_misfit(aper
     waves = PlaneWaves(np.append(u, 0.9)[None], np.append(w, 0.9)[None], np.arange(len(u) + 1)[None] < len(u))
     errors = waves.direction_errors(cell, aperture, white)[0]
     np.testing.assert_allclose(errors, [*expected, 0], rtol=1e-5)
-
-
-@given(scene=separate_sources(), exponent=st.integers(-100, 100))
-def test_the_error_of_a_direction_knows_no_scale(scene, exponent):
-    u, w, gain = scene
-    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
-    cell = shot(u, w, gain) + noise(1, N_P, N_Q, seed=1)
-    errors, scaled = (waves.direction_errors(2.0**e * cell, PLANE, 4.0**e) for e in (0, exponent))
-    np.testing.assert_allclose(scaled, errors, rtol=1e-9)
 
 
 @pytest.mark.parametrize("aperture", [Plane(2, 2), Cross(2, 2)])
@@ -183,32 +165,6 @@ def test_sources_that_share_a_column_or_a_row_are_told_apart():
     u, w, gain = np.array([-0.3, -0.3, 0.4]), np.array([-0.5, 0.2, 0.2]), np.array([1.0, 0.8j, -1.2])
     waves = pair_directions(shot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
     assert pairs_of(waves) == sorted(zip(u, w, strict=True))
-
-
-def test_a_filler_has_no_amplitude_and_does_not_disturb_the_others():
-    u, w = np.array([[0.1, 0.1]]), np.array([[-0.2, -0.2]])
-    waves = PlaneWaves(u, w, np.array([[True, False]]))
-    amplitude = waves.amplitudes(shot([0.1], [-0.2], [2j])[None], PLANE)[0, 0]
-    np.testing.assert_allclose(amplitude, [2j, 0], atol=1e-8)
-
-
-def test_cells_are_independent():
-    cells = np.concatenate([shot([0.1], [0.2], [1]), shot([-0.4, 0.5], [0.6, -0.3], [1, 1])])
-    u = Peaks(np.array([[0.1, 0.0], [-0.4, 0.5]]), np.array([[True, False], [True, True]]))
-    w = Peaks(np.array([[0.2, 0.0], [0.6, -0.3]]), np.array([[True, False], [True, True]]))
-    together = pair_directions(cells, PLANE, u, w, **LIMITS)
-    assert together.found.sum(axis=1).tolist() == [1, 2]
-    for cell in range(2):
-        alone = pair_directions(
-            cells[[cell]],
-            PLANE,
-            Peaks(u.place[[cell]], u.found[[cell]]),
-            Peaks(w.place[[cell]], w.found[[cell]]),
-            **LIMITS,
-        )
-        k = alone.found.sum()
-        np.testing.assert_allclose(together.u[cell, :k], alone.u[0, :k])
-        np.testing.assert_allclose(together.w[cell, :k], alone.w[0, :k])
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import partial
 from itertools import product
 
 from isacbench.dsp.cfar.factors import ca_factor, goca_factor, osca_factor, soca_factor, tm_factor
@@ -12,47 +13,34 @@ ROUNDING = 1e-9
 """What rounding may take from the product of a fraction and a number of cells."""
 
 
-def known_noise(detector, power, cell, number=float):
-    """Estimates the noise around a cell, in floats with exact sums or in rational numbers."""
+def known_noise(detector, power, cell, looks=1, number=float):
+    """Estimates the noise around a cell, in floats with exact sums or in rational numbers.
+
+    Returns it with the factor of its law: how many cells there are, and which ranks.
+    """
     places = training_cells(detector, power.shape, cell)
-    values = sorted(number(float(power[place])) for place in places)
+    values, n = sorted(number(float(power[place])) for place in places), len(places)
     match detector.name:
         case "ca":
-            return mean(values)
+            return mean(values), partial(ca_factor, detector.pfa, n, looks)
         case "os":
-            return values[order_rank(detector, len(values)) - 1]
+            rank = order_rank(detector, n)
+            return values[rank - 1], partial(osca_factor, detector.pfa, ((rank, n),), looks)
         case "tm":
-            below, above = trimmed(detector, len(values))
-            return mean(values[below : len(values) - above])
+            below, above = trimmed(detector, n)
+            kept = values[below : n - above]
+            return mean(kept), partial(tm_factor, detector.pfa, n, (below, above), looks)
         case "osca":
             columns = columns_of(detector, places)
-            return mean(
-                [sorted(number(float(power[p])) for p in one)[column_rank(len(one)) - 1] for one in columns]
-            )
+            ordered = [sorted(number(float(power[place])) for place in one) for one in columns]
+            noise = mean([one[column_rank(len(one)) - 1] for one in ordered])
+            ranks = tuple((column_rank(len(one)), len(one) - (cell in one)) for one in columns)
+            return noise, partial(osca_factor, detector.pfa, ranks, looks)
         case _:
-            halves = [half for half in halves_of(detector, places, cell) if half]
-            means = [mean([number(float(power[place])) for place in half]) for half in halves]
-            return max(means) if detector.name == "goca" else min(means)
-
-
-def known_factor(detector, shape, cell, looks):
-    """Takes the factor of the law of that estimate: how many cells there are, and which ranks."""
-    places = training_cells(detector, shape, cell)
-    n = len(places)
-    match detector.name:
-        case "ca":
-            return ca_factor(detector.pfa, n, looks)
-        case "os":
-            return osca_factor(detector.pfa, ((order_rank(detector, n), n),), looks)
-        case "tm":
-            return tm_factor(detector.pfa, n, trimmed(detector, n), looks)
-        case "osca":
-            columns = columns_of(detector, places)
-            ranks = tuple((column_rank(len(column)), len(column) - (cell in column)) for column in columns)
-            return osca_factor(detector.pfa, ranks, looks)
-        case _:
-            factor_of = goca_factor if detector.name == "goca" else soca_factor
-            return factor_of(detector.pfa, tuple(map(len, halves_of(detector, places, cell))), looks)
+            factor_of, chosen = (goca_factor, max) if detector.name == "goca" else (soca_factor, min)
+            halves = halves_of(detector, places, cell)
+            means = [mean([number(float(power[place])) for place in half]) for half in halves if half]
+            return chosen(means), partial(factor_of, detector.pfa, tuple(map(len, halves)), looks)
 
 
 def training_cells(detector, shape, cell):

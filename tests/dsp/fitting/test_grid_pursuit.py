@@ -111,16 +111,6 @@ def test_what_is_left_is_orthogonal_to_every_atom():
     assert np.abs(left).max() < 1e-9 * np.abs(atom_map.correlate(lines).value).max()
 
 
-def test_every_atom_takes_energy_and_the_residual_falls():
-    cells = scene(PART)
-    atom_map = AtomMap.from_map(GatedMap(cells, PART), SYSTEM)
-    left = []
-    for n in range(1, 10):
-        found = pursued(cells, PART, n)
-        left.append(atom_map.without(atom_map.lines(found.places), found.amplitude).energy)
-    assert np.all(np.diff(left) < -ENERGY)
-
-
 @pytest.mark.parametrize(
     "place", [(4.31, 0.17, -0.62, 0.93), (5.0, 0.5, 0.25, -1.25), (3.24, -0.74, 1.4, 0.1)]
 )

@@ -59,11 +59,6 @@ def moved(rows, range_bins, doppler_bins, u=0.0, w=0.0):
     return rows + np.array([range_bins, doppler_bins, u, w, 0])
 
 
-def nearest_bins(rows):
-    """Rows in the middle of their range bins, as candidates come."""
-    return np.column_stack([np.rint(rows[:, 0]), rows[:, 1:]])
-
-
 def on(aperture: Aperture, gated):
     """Map of those elements of a plane."""
     cells = cross_of(gated.cells) if isinstance(aperture, Cross) else gated.cells
@@ -246,18 +241,6 @@ def test_many_scatterers_of_which_no_cell_is_resolved_are_a_crowd_without_a_fit(
     # Even where the candidates are the truth, to the last digit.
     assert explained(rows, gated_map(rows), 1.0, unresolved) is None
     assert explained(rows, gated_map(rows), 1.0, family=0) is not None
-
-
-@pytest.mark.parametrize("exponent", [-30, 30])
-def test_selection_and_explanation_know_no_scale(exponent):
-    gated, start = gated_map(TRUE, noise_power=10.0), scatterers(nearest_bins(TRUE))
-    scaled, results = GatedMap(2.0**exponent * gated.cells, gated.gate), []
-    for part, gain in ((gated, 1.0), (scaled, 4.0**exponent)):
-        chosen = select_jointly(start, part, SYSTEM, gain * MIN_POWER, 16.5)
-        results.append((chosen, explained(off(TRUE, 0), part, 10.0 * gain)))
-    for found, other in zip(*results, strict=True):
-        np.testing.assert_allclose(places(other), places(found), rtol=1e-12)
-        np.testing.assert_allclose(other.power, 4.0**exponent * found.power, rtol=1e-9)
 
 
 def test_without_scatterers_there_is_nothing_to_select_or_fit():

@@ -1,7 +1,6 @@
 """Moves of a pursuit on small maps of known echoes."""
 
 import dataclasses
-from itertools import product
 
 import numpy as np
 import pytest
@@ -77,14 +76,6 @@ def test_beams_are_outputs_of_unit_energy_at_their_directions():
         assert space.beams[r, d, i, k] == pytest.approx(expected)
 
 
-def test_beams_cover_the_bins_and_directions_of_the_region_and_a_little_more():
-    along_range, along_doppler, along_u, along_w = space_of(noisy(PLACE, [1.0])).axes
-    assert (along_range[0], along_range[-1]) == (11, 22)
-    assert (along_doppler[0], along_doppler[-1]) == (-5, 5)
-    assert (along_u[0], along_u[-1]) == (-2.0, 2.0)
-    assert (along_w[0], along_w[-1]) == (-2.0, 1.5)
-
-
 def test_independent_samples_are_the_rayleigh_cells_of_the_region():
     # 8 range and 7 Doppler bins; a cosine of 1 is 4 cells along u and 3 along w.
     assert space_of(noisy(PLACE, [1.0])).n_independent == pytest.approx(8 * 7 * 4 * 3)
@@ -127,13 +118,6 @@ def test_peaks_are_the_samples_that_no_neighbour_exceeds():
             expected.append(power[index])
     np.testing.assert_allclose(np.sort(energy), np.sort(expected), rtol=1e-12)
     assert len(energy) > 5
-
-
-def test_a_level_above_everything_leaves_no_peak():
-    space = space_of(noisy(PLACE, [1.0]))
-    places, energy = space.peaks(space.beams, 10.0)
-    assert places.shape == (0, N_COORDINATES)
-    assert energy.shape == (0,)
 
 
 def test_the_mean_residual_around_a_place_is_that_of_its_surroundings():
@@ -218,23 +202,6 @@ def test_the_highest_noise_is_where_rice_expects_one_crossing_in_so_many_images(
     assert level > np.log(n / chance)
 
 
-@pytest.mark.slow
-def test_maxima_of_noise_off_the_grid_are_as_frequent_as_rice_says():
-    # All Nyquist cells of a small map and array, refined from every peak.
-    gate = Gate(np.arange(10), np.arange(-4, 5), slice(0, 10), slice(0, 9))
-    system, shape, n_images = System(n_subcarriers=10, n_symbols=9), (6, 5), 400
-    rng, chance = np.random.default_rng(0), 0.1
-    level, n_above = noise_maximum(10 * 9 * 30, chance), 0
-    for _ in range(n_images):
-        cells = rng.standard_normal((*gate.shape, *shape, 2)).view(np.complex128)[..., 0] * np.sqrt(0.5)
-        atom_map = AtomMap.from_map(GatedMap(cells, gate), system)
-        space = BeamSpace.from_map(atom_map, gate, ((-1, 1), (-1, 1)))
-        places, _ = space.peaks(space.beams, 0.5 * level)
-        best = [refine_atoms(atom_map, place[None], 4).energy for place in places]
-        n_above += max(best, default=0) > level
-    assert 0.3 * chance * n_images < n_above < 1.5 * chance * n_images
-
-
 @given(st.tuples(*[st.floats(-6, 6)] * 4))
 def test_the_envelope_bounds_the_kernels(distance):
     # On the whole map and array; a gate's part of two atoms can have a larger product.
@@ -247,12 +214,6 @@ def test_the_envelope_bounds_the_kernels(distance):
     turns = np.abs(distance - reach * np.rint(distance / reach))
     slack = np.prod(1 / np.sinc(np.minimum(turns / reach, 0.5)))
     assert abs(response) <= slack * sidelobe_envelope(turns) + 1e-12
-
-
-def test_the_envelope_of_many_places_has_their_shape():
-    distance = np.array([[[0, 0, 0, 0], [2, 0, 0, 0]], [[0, 2, 3, 0], [0.1, 0, 0, -0.2]]])
-    expected = [[1, 1 / (2 * np.pi)], [1 / (6 * np.pi**2), 1]]
-    np.testing.assert_allclose(sidelobe_envelope(distance), expected)
 
 
 def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_itself():
@@ -302,13 +263,6 @@ def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():
     assert here > 10.0
 
 
-def test_atoms_far_enough_apart_all_stay():
-    _, fit = fitted([PLACE, PLACE + 1.5 * np.eye(N_COORDINATES)[0]], [1.0, 1.0])
-    drop, places = redundant(fit, NOISE)
-    assert not drop.any()
-    np.testing.assert_array_equal(places, fit.places)
-
-
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
 def test_a_pair_that_noise_does_not_tell_apart_becomes_one_in_its_middle(axis):
     apart = 0.1 * np.eye(N_COORDINATES)[axis]
@@ -340,15 +294,6 @@ def test_atoms_without_a_place_go_the_weaker_half_first():
     assert drop.tolist() == [False, True, False, False]
 
 
-def test_a_duplicate_is_found_among_many():
-    steps = np.array([*product((-1.0, 1.0), repeat=4)]) * [2.0, 2.0, 1.2, 1.2]
-    places = np.concatenate([PLACE + steps, PLACE + steps[:1] + 1e-7])
-    _, fit = fitted(places, np.ones(17))
-    drop, _ = redundant(fit, NOISE)
-    assert drop.sum() == 1
-    assert drop[[0, 16]].any()
-
-
 def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
     half = SHAPE[0] / 2
     ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
@@ -358,14 +303,6 @@ def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stron
     (stays,) = np.flatnonzero(~drop)
     assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01
     np.testing.assert_allclose(places[stays, [0, 1, 3]], ends[0, [0, 1, 3]])
-
-
-def test_pairs_in_no_noise_at_all_are_compared_without_overflow():
-    # Warnings are errors.
-    _, fit = fitted([PLACE, PLACE + 0.98], [1.0, 1.0], noise=0.0)
-    drop, places = redundant(fit, 0.0)
-    assert not drop.any()
-    np.testing.assert_array_equal(places, fit.places)
 
 
 @given(st.tuples(*[st.floats(-200, 200)] * 8))

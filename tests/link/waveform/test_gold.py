@@ -36,14 +36,6 @@ def test_py3gpp_has_the_same_bits(c_init, length):
     np.testing.assert_array_equal(gold_sequence(c_init, length), nrPRBS(c_init, length))
 
 
-def test_without_the_second_sequence_the_first_goes_on_from_its_known_state():
-    # Implementations of LTE and 5G start the first register here, bits 1569 to 1599, to save so many steps.
-    first = [0x54D21B24 >> i & 1 for i in range(31)]
-    for i in range(100):
-        first.append(first[i + 3] ^ first[i])
-    assert gold_sequence(0, 100).tolist() == first[31:]
-
-
 @pytest.mark.parametrize("c_init", [-1, 2**31, 0.0, True])
 def test_an_initial_value_of_more_than_31_bits_is_an_error(c_init):
     with pytest.raises(InputError, match=r"^c_init = .*: allowed is a whole number from 0 to 2147483647$"):

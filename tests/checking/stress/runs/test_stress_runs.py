@@ -30,32 +30,19 @@ from isacbench.errors import InputError
 from isacbench.plugins.discovery import isolated_plugins, register_plugin
 from isacbench.plugins.local_files import PluginFile
 from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
+from tests.conftest import estimator_source
 
-FRAIL = """
-import os
-import time
-from dataclasses import dataclass
-from typing import ClassVar
-
-import numpy as np
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Frail:
-    name: ClassVar[str] = "frail"
-    deed: str = "none"
-
-    def estimate(self, observation):
-        if self.deed == "die":
-            os._exit(5)
-        if self.deed == "hang":
-            time.sleep(60)
-        if self.deed == "limit" and min(observation.array.shape) < 5:
-            raise ValueError("too small")
-        return PointCloud.empty()
-"""
+FRAIL = estimator_source(
+    "frail",
+    """
+if self.deed == "die":
+    os._exit(5)
+if self.deed == "hang":
+    time.sleep(60)
+if self.deed == "limit" and min(observation.array.shape) < 5:
+    raise ValueError("too small")
+""",
+)
 
 UNTIMED = ["kind", "case", "estimator", "params", "seed", "outcome", "promise", "drift", "bound", "message"]
 
