@@ -166,13 +166,15 @@ def _draw_series(
 def _inside(
     values: NDArray[np.float64], axis: Axis, instead: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Clip values to the ends of an axis; on a logarithmic one, what is not positive is not drawn.
+    """Clip values to the ends of an axis; on a logarithmic one without, what is not positive is not drawn.
 
     An end of an interval that is not positive there is a tenth of the value `instead`.
     """
+    if axis.limits is not None:
+        return np.clip(values, *axis.limits)
     if axis.log and values.size:
-        values = np.where(values > 0, values, np.nan if instead is None else instead / 10)
-    return values if axis.limits is None else np.clip(values, *axis.limits)
+        return np.where(values > 0, values, np.nan if instead is None else instead / 10)
+    return values
 
 
 def _scale(axes: Axes, name: str, axis: Axis) -> None:
