@@ -165,7 +165,9 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
         note = f"mean Hausdorff sum over median processor time of {trials_and_band(n_trials, 'interval')}"
     snrs_db = shown_snrs(part["snr_db"].tolist())
     shown = part[part["snr_db"].isin(snrs_db)]
-    errors, times_ms = shown["hausdorff_sum_m_mean"].dropna(), 1e3 * shown["time_s"].dropna()
+    errors = shown["hausdorff_sum_m_mean"].dropna()
+    # References are level lines, whose times would only stretch the axis.
+    times_ms = 1e3 * shown.loc[~shown["is_limit"], "time_s"].dropna()
     is_log = bool(len(errors)) and errors.max() > LEAST_LOG_RATIO * errors.min() > 0
     y_limits = None
     if len(errors):
