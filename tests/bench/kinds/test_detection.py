@@ -178,6 +178,81 @@ def test_the_summary_counts_failures(records):
     assert (summary["n_failed"] == summary["detector"].str.startswith("ca")).all()
 
 
+def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_few_detectors(suite):
+    detectors = ["level", "ca", "osca", *(f"ca[guard={n}]" for n in (2, 3, 4))]
+    records = run(suite.replace(detectors=detectors, maps=["homogeneous", "interferers"]))
+    homogeneous, interferers, tiny, more = DetectionKind().tables(records)
+    assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
+    assert homogeneous.headings[1:4] == interferers.headings[1:4] == ["level", "ca", "osca"]
+    assert [row[0] for row in homogeneous.texts] == ["10", "20"]
+    detected, false = map(float, homogeneous.texts[1][2].split())
+    assert 0.9 < detected < 1
+    assert 5e-4 < false < 2e-3
+    assert (tiny.headings[2:], more.headings[2:]) == (["level", "ca", "osca"], detectors[3:])
+    # No map is shown by this estimator, so that there is nothing to count.
+    assert tiny.texts[0][2].endswith(" - -")
+    assert float(tiny.texts[0][2].split()[0]) > 0
+
+
+class Made(DetectionKind):
+    """Kind whose rows are a summary."""
+
+    def summary(self, rows):
+        return rows
+
+
+def made_summary(scenarios, estimator=None):
+    """Summary of two detectors at three SNRs, out of order, whose P_d grows; no false alarm at the first."""
+    rows = [
+        {
+            "scenario": scenario,
+            "estimator": estimator or detector,
+            "params": f'{{"detector":"{detector}","pfa":{pfa}}}',
+            "detector": detector,
+            "pfa": pfa,
+            "snr_db": snr_db - 50,
+            "snr_gain_db": snr_db,
+            "n_cells": 8,
+            **{"pd": snr_db / 40, "pd_low": 0.0, "pd_high": 1.0},
+            **{"n_clear": 1000, "pfa_measured": pfa if snr_db else 0.0},
+            **{"pfa_measured_low": 0.0, "pfa_measured_high": 2 * pfa},
+            **{"deviation_mean": 5.0, "deviation_band": 1.0},
+        }
+        for scenario in scenarios
+        for detector in ("ca", "os")
+        for pfa in ([1e-2, 1e-3] if estimator is None else [1e-3])
+        for snr_db in (0.0, 20.0, 40.0)
+    ]
+    return pd.DataFrame(rows).iloc[::-1].reset_index(drop=True)
+
+
+def test_maps_have_a_column_each_and_no_false_alarm_is_drawn_below_one():
+    maps, roc = Made().charts(made_summary(["homogeneous", "clutter-edge"]))
+    assert (maps.n_columns, roc.n_columns) == (2, 2)
+    _, detected, other, false = maps.charts
+    curve, _, limit = detected.series
+    assert (list(curve.x), list(curve.y)) == ([0, 20, 40], [0, 0.5, 1])
+    assert limit.label == "known noise (closed form)"
+    assert limit.y[0] == pytest.approx(1e-3 ** (1 / 2))  # a target of the power of the noise
+    assert list(false.series[0].y) == pytest.approx([1e-4, 1e-3, 1e-3])
+    assert false.lines == [1e-3]
+    assert false.y == other.y
+    assert [chart.title for chart in roc.charts[1::2]] == ["homogeneous, 0 dB", "homogeneous, 20 dB"]
+    point = roc.charts[3].series[0]
+    assert (list(point.x), list(point.y)) == ([1e-3, 1e-2], [0.5, 0.5])
+    assert len({chart.x for chart in roc.charts}) == 1
+
+
+def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side():
+    (group,) = Made().charts(made_summary(["street"], estimator="music2d"))
+    deviation, detected, false = group.charts
+    assert list(deviation.series[0].x) == [-50, -30, -10]
+    assert [one.label for one in detected.series] == ["os", "ca"]
+    assert false.lines == [1e-3]
+    assert group.stem == "detection-street"
+    assert "music2d behind each detector" in group.title
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

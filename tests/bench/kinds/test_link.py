@@ -1,5 +1,6 @@
 """The study of the link: rows of what is sensed and of what is received, and what they hang on."""
 
+import json
 import math
 
 import numpy as np
@@ -8,7 +9,14 @@ import pytest
 
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.compare.tolerance import direction
-from isacbench.bench.kinds.link import LinkKind, LinkSuite, outside_interval, signals_of
+from isacbench.bench.kinds.link import (
+    LinkKind,
+    LinkSuite,
+    outside_interval,
+    receiver_labels,
+    signal_label,
+    signals_of,
+)
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
@@ -147,6 +155,121 @@ def test_scenarios_of_different_systems_are_refused(suite, tiny):
     other.write_text(text)
     with pytest.raises(InputError, match="'tiny' and 'other' have different systems"):
         run(suite.replace(scenarios=[str(tiny), str(other)]))
+
+
+def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
+    rows = run(LinkSuite(**SHARED, scenarios=[str(tiny)], channels=["awgn"], modulations=["qpsk", "16qam"]))
+    imaged, known, estimated = LinkKind().tables(rows)
+    signals = ["QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
+    assert imaged.headings == ["SNR [dB]", *signals]
+    assert [row[0] for row in imaged.texts] == ["0", "60"]
+    assert imaged.title.startswith(
+        "tiny, blob: mean imaging deviation by what is sensed with, 2 trials, "
+        "no confidence interval below 5; median processor time "
+    )
+    assert not any("±" in text for row in imaged.texts for text in row[1:])
+    assert known.title.startswith("awgn, channel known: bit error rate")
+    assert estimated.title.startswith("awgn, channel from PRS: bit error rate")
+    assert known.texts[1][1].startswith("0 (0) | -60")
+    # One trial is no trials, and no decibel has no sign.
+    imaged, known, _ = LinkKind().tables(rows.query("trial == 0").assign(evm_db=-0.01))
+    assert ", 1 trial, " in imaged.title
+    assert imaged.title.endswith(" ms")
+    assert ", 1 frame;" in known.title
+    assert " | 0.0 | " in known.texts[0][1]
+    # A suite without users has tables and charts of images alone.
+    images = rows[rows["channel"] == ""]
+    (table,) = LinkKind().tables(images)
+    assert table.headings[1:] == signals
+    assert [group.stem for group in LinkKind().charts(images)] == ["link-tiny"]
+
+
+class Made(LinkKind):
+    """Kind whose rows are a summary."""
+
+    def summary(self, rows):
+        return rows
+
+
+PARAMS = {name: json.dumps({"knowledge": name, "time_order": 0}) for name in ("perfect", "prs")}
+SNRS_DB = [0.0, 10.0, 20.0]
+
+
+def imaged_part(signal, deviation):
+    sensing, modulation, division = signal
+    keys = {"template": "room", "sensing": sensing, "modulation": modulation, "division": division}
+    mean = {"deviation_mean": deviation, "deviation_band": 0.5}
+    rows = {"estimator": "a", "params": "{}", "channel": "", "n_cells": 5, "snr_db": SNRS_DB}
+    return pd.DataFrame({**rows, **keys, **mean})
+
+
+def received_part(modulation, knowledge, errors):
+    counts = {"n_bits": 1000, "n_bit_errors": errors, "ber": np.array(errors) / 1000}
+    band = {"ber_low": counts["ber"] / 2, "ber_high": 2 * counts["ber"], "rate_bps": [1e9, 2e9, 3e9]}
+    keys = {"template": "", "sensing": "", "division": "", "channel": "awgn", "modulation": modulation}
+    who = {"estimator": "one_tap", "params": PARAMS[knowledge], "n_cells": 5}
+    return pd.DataFrame({**who, "snr_db": SNRS_DB, **keys, **counts, **band})
+
+
+@pytest.fixture
+def made():
+    """Summary of three signals and of two receivers of two modulations, out of order as a merged run is."""
+    parts = [
+        imaged_part(("all", "qpsk", ""), [4.0, 3.0, 2.0]),
+        imaged_part(("all", "16qam", "matched"), [5.0, 4.0, 3.0]),
+        imaged_part(("prs", "", ""), [9.0, 8.0, 7.0]),
+        *(
+            received_part(modulation, name, [200, 20, 0])
+            for modulation in ("qpsk", "16qam")
+            for name in PARAMS
+        ),
+    ]
+    return pd.concat(parts).iloc[::-1].reset_index(drop=True)
+
+
+def test_signals_and_receivers_have_names_for_people():
+    assert signal_label(("all", "qpsk", "")) == "QPSK"
+    assert signal_label(("all", "64qam", "wiener")) == "64QAM, Wiener"
+    assert signal_label(("prs", "", "")) == "PRS alone"
+    labels = receiver_labels(pd.concat([received_part("qpsk", name, [1, 1, 1]) for name in PARAMS]))
+    assert list(labels.values()) == ["channel known", "channel from PRS"]
+
+
+def test_bit_errors_are_drawn_where_there_are_any_beside_deviations_in_order_of_snr(made):
+    link, _ = Made().charts(made)
+    errors, deviations = link.charts
+    measured = [one for one in errors.series if one.style.symbol]
+    assert len(measured) == 4
+    for one in measured:
+        assert (list(one.x), list(one.y), list(one.high)) == ([0, 10], [0.2, 0.02], [0.4, 0.04])
+    curves = {one.label: list(one.y) for one in deviations.series}
+    assert curves == {
+        "image, QPSK": [4, 3, 2],
+        "image, 16QAM, matched": [5, 4, 3],
+        "image, PRS alone": [9, 8, 7],
+    }
+    assert (errors.title, deviations.title) == ("User behind awgn", "Image by a")
+
+
+def test_the_trade_puts_deviations_over_the_rates_of_the_same_snr(made):
+    (chart,) = Made().charts(made)[1].charts
+    paths = [(one.label, list(zip(one.x, one.y, strict=True))) for one in chart.series]
+    assert ("QPSK", [(1, 4), (2, 3), (3, 2)]) in paths
+    # Whatever modulation the data have, the PRS images the same.
+    assert paths.count(("PRS alone", [(1, 9), (2, 8), (3, 7)])) == 2
+    (marked,) = [one for one in chart.series if one.texts]
+    assert (marked.label, marked.texts) == ("QPSK", ["0", "10", "20"])
+    assert "numbers are SNRs in dB" in Made().charts(made)[1].title
+    low, high = chart.y.limits
+    assert low == 0
+    assert high > 1.05 * 9
+
+
+def test_without_users_there_is_no_trade_and_without_images_nothing_beside_them(made):
+    images, users = made[made["channel"] == ""], made[made["channel"] != ""]
+    (link,) = Made().charts(images)
+    assert [chart.title for chart in link.charts] == ["Image by a"]
+    assert Made().charts(users) == []
 
 
 def test_columns_of_the_link_have_the_direction_that_is_better():
