@@ -29,7 +29,7 @@ FEW = {
     "efficiency": "trial < 5",
     "resolution": "trial < 2 and dimension == 'u'",
     "detection": "trial < 1 and scenario in ['homogeneous', 'interferers', 'street']",
-    "population": "snr_db == 10 and scenario.str.contains('town|sparse') and scenario.str.contains('[05],|[05]]')",
+    "population": "snr_db == 10 and scenario.str.contains('(?:town|sparse).*[05](?:,|])')",
 }
 STEMS = {
     "imaging": ["deviation", "curves-street"],

@@ -9,6 +9,7 @@ import pytest
 from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS, typed
 from isacbench.bench.kinds.imaging import ImagingKind
 from isacbench.bench.run_times import stage_tables, summarise_stages
+from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.run_tables import failure_tables, tables_of, write_run_tables
 from isacbench.report.table_texts import markdown
@@ -51,6 +52,11 @@ def test_the_table_is_bounded_and_its_text_cannot_leave_its_cell():
     assert r"\|&lt;script>" in text
 
 
+def made(folder, rows, kind="imaging"):
+    """Run of made-up rows."""
+    return Run(str(folder), rows, {"suite": {"kind": kind, "scenarios": []}, "scenarios": {}})
+
+
 @pytest.fixture
 def timed(made_run):
     """Rows of a made-up timed run."""
@@ -65,30 +71,31 @@ def test_tables_are_written_with_the_summary_and_the_failures_and_replaced(timed
     timed["timing"] = False
     broken = timed["estimator"] == "nomp4d"
     timed.loc[broken, ["status", "reason", "deviation"]] = "error", "no luck", np.nan
-    paths = write_run_tables(tmp_path, timed)
+    paths, shown = write_run_tables(made(tmp_path, timed))
     assert [path.name for path in paths] == ["summary.csv", "summary.md"]
     summary = pd.read_csv(paths[0])
     assert len(summary) == len(ImagingKind().summary(timed))
     assert summary["params"].map(json.loads).tolist() == [{}] * len(summary)
     lines = paths[1].read_text(encoding="utf-8").splitlines()
-    tables = [*tables_of(timed), *failure_tables(timed)]
-    assert [line for line in lines if line.startswith("**")] == [f"**{table.title}**" for table in tables]
+    assert [table.title for table in shown] == [table.title for table in tables_of(timed)]
+    titles = [table.title for table in [*shown, *failure_tables(timed)]]
+    assert [line for line in lines if line.startswith("**")] == [f"**{title}**" for title in titles]
     assert "| no luck | error | nomp4d | street | 9 |" in lines
-    assert write_run_tables(tmp_path, timed) == paths
+    assert write_run_tables(made(tmp_path, timed))[0] == paths
 
 
 def test_tables_of_times_are_written_and_shown_beside_the_others_where_a_run_was_timed(timed, tmp_path):
-    paths = write_run_tables(tmp_path, timed)
+    paths, shown = write_run_tables(made(tmp_path, timed))
     names = ["summary.csv", "summary.md", "stages.csv", "stages.md", "pareto.csv"]
     assert [path.name for path in paths] == names
     written = pd.read_csv(tmp_path / "stages.csv")
     pd.testing.assert_frame_equal(written, summarise_stages(timed).reset_index(drop=True))
     assert (tmp_path / "stages.md").read_text().count("**street: median processor time of an estimate") == 1
-    shown = [table.title for table in ImagingKind().tables(timed) + stage_tables(timed)]
-    assert [table.title for table in tables_of(timed)] == shown
+    titles = [table.title for table in ImagingKind().tables(timed) + stage_tables(timed)]
+    assert [table.title for table in shown] == [table.title for table in tables_of(timed)] == titles
     # They go where no row is timed any more.
     ordinary = timed.drop(columns=[*TIMING_COLUMNS]).assign(timing=False)
-    assert [path.name for path in write_run_tables(tmp_path, ordinary)] == names[:2]
+    assert [path.name for path in write_run_tables(made(tmp_path, ordinary))[0]] == names[:2]
     assert sorted(path.name for path in tmp_path.iterdir()) == names[:2]
     assert len(tables_of(ordinary)) == 2
 
@@ -98,4 +105,4 @@ def test_a_run_that_was_interrupted_before_its_first_cell_has_no_tables(kind, tm
     columns = KINDS[kind].columns
     rows = typed(pd.DataFrame(columns=[*COLUMNS, *columns]), columns)
     assert tables_of(rows, kind) == []
-    assert write_run_tables(tmp_path, rows, kind) == []
+    assert write_run_tables(made(tmp_path, rows, kind)) == ([], [])
