@@ -26,6 +26,8 @@ from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
 from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_tables import tables_of, write_run_tables
+from isacbench.report.table_texts import terminal_tables
 
 from .files import ANY, Trap, content
 
@@ -210,8 +212,8 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
         warnings.simplefilter("ignore")
         try:
             results = Run.open(run_folder)
-            for grid in grids_of(results.rows, results.kind):
-                rich_table(grid)
+            for table in tables_of(results.rows, results.kind):
+                terminal_tables(table, 100)
             write_run_tables(results)
             comparison_grids(compare(made[1], run_folder))
             rescore(run_folder)
