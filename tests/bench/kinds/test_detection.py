@@ -194,63 +194,44 @@ def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_few_detector
     assert float(tiny.texts[0][2].split()[0]) > 0
 
 
-class Made(DetectionKind):
-    """Kind whose rows are a summary."""
-
-    def summary(self, rows):
-        return rows
+def drawn(chart):
+    """Points of the series of a chart that have a symbol."""
+    return {one.label: list(zip(one.x, one.y, strict=True)) for one in chart.series if one.style.symbol}
 
 
-def made_summary(scenarios, estimator=None):
-    """Summary of two detectors at three SNRs, out of order, whose P_d grows; no false alarm at the first."""
-    rows = [
-        {
-            "scenario": scenario,
-            "estimator": estimator or detector,
-            "params": f'{{"detector":"{detector}","pfa":{pfa}}}',
-            "detector": detector,
-            "pfa": pfa,
-            "snr_db": snr_db - 50,
-            "snr_gain_db": snr_db,
-            "n_cells": 8,
-            **{"pd": snr_db / 40, "pd_low": 0.0, "pd_high": 1.0},
-            **{"n_clear": 1000, "pfa_measured": pfa if snr_db else 0.0},
-            **{"pfa_measured_low": 0.0, "pfa_measured_high": 2 * pfa},
-            **{"deviation_mean": 5.0, "deviation_band": 1.0},
-        }
-        for scenario in scenarios
-        for detector in ("ca", "os")
-        for pfa in ([1e-2, 1e-3] if estimator is None else [1e-3])
-        for snr_db in (0.0, 20.0, 40.0)
-    ]
-    return pd.DataFrame(rows).iloc[::-1].reset_index(drop=True)
-
-
-def test_maps_have_a_column_each_and_no_false_alarm_is_drawn_below_one():
-    maps, roc = Made().charts(made_summary(["homogeneous", "clutter-edge"]))
-    assert (maps.n_columns, roc.n_columns) == (2, 2)
-    _, detected, other, false = maps.charts
-    curve, _, limit = detected.series
-    assert (list(curve.x), list(curve.y)) == ([0, 20, 40], [0, 0.5, 1])
-    assert limit.label == "known noise (closed form)"
-    assert limit.y[0] == pytest.approx(1e-3 ** (1 / 2))  # a target of the power of the noise
-    assert list(false.series[0].y) == pytest.approx([1e-4, 1e-3, 1e-3])
+def test_charts_of_maps_are_rates_over_the_snr_and_over_each_other(records):
+    summary = DetectionKind().summary(records).query("scenario == 'homogeneous' and estimator == 'ca'")
+    maps, roc, _ = DetectionKind().charts(records.iloc[::-1])
+    detected, false = maps.charts
+    of_paper = summary[summary["pfa"] == 1e-3]
+    for chart, column in ((detected, "pd"), (false, "pfa_measured")):
+        points = list(zip(of_paper["snr_gain_db"], of_paper[column], strict=True))
+        assert drawn(chart)["ca[training=2]"] == points
+        assert set(drawn(chart)) == {"level", "ca[training=2]"}
+    limit = detected.series[-1]
+    snr = 10 ** (limit.x[0] / 10)
+    assert (limit.label, limit.y[0]) == ("known noise (closed form)", pytest.approx(1e-3 ** (1 / (1 + snr))))
     assert false.lines == [1e-3]
-    assert false.y == other.y
-    assert [chart.title for chart in roc.charts[1::2]] == ["homogeneous, 0 dB", "homogeneous, 20 dB"]
-    point = roc.charts[3].series[0]
-    assert (list(point.x), list(point.y)) == ([1e-3, 1e-2], [0.5, 0.5])
-    assert len({chart.x for chart in roc.charts}) == 1
+    assert [chart.title for chart in roc.charts] == ["homogeneous, 10 dB", "homogeneous, 20 dB"]
+    at_20_db = summary[summary["snr_gain_db"] == 20].sort_values("pfa_measured")
+    points = list(zip(at_20_db["pfa_measured"], at_20_db["pd"], strict=True))
+    assert drawn(roc.charts[1])["ca[training=2]"] == points
+    assert roc.charts[0].x == roc.charts[1].x
+    # A count of no false alarm has a place on the logarithmic axis, below one.
+    _, false = DetectionKind().charts(records.assign(n_false=0))[0].charts
+    assert {y for points in drawn(false).values() for _, y in points} == {0.1 / of_paper["n_clear"].iloc[0]}
 
 
-def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side():
-    (group,) = Made().charts(made_summary(["street"], estimator="music2d"))
+def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side(records):
+    imaged = records[records["scenario"] == "tiny"]
+    (group,) = DetectionKind().charts(imaged)
     deviation, detected, false = group.charts
-    assert list(deviation.series[0].x) == [-50, -30, -10]
-    assert [one.label for one in detected.series] == ["os", "ca"]
-    assert false.lines == [1e-3]
-    assert group.stem == "detection-street"
-    assert "music2d behind each detector" in group.title
+    of_level = DetectionKind().summary(imaged).query("detector == 'level' and pfa == 0.01")
+    points = list(zip(of_level["snr_db"], of_level["deviation_mean"], strict=True))
+    assert points in drawn(deviation).values()
+    assert (len(detected.series), false.lines) == (4, [1e-3, 1e-2])
+    assert group.stem == "detection-tiny"
+    assert "blob behind each detector" in group.title
 
 
 @pytest.mark.parametrize(

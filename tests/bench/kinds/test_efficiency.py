@@ -140,13 +140,6 @@ def test_the_summary_takes_errors_of_hits_alone():
     assert row["time_estimate_s_median"] == 0.2
 
 
-class Made(EfficiencyKind):
-    """Kind whose rows are a summary."""
-
-    def summary(self, rows):
-        return rows
-
-
 SNRS_DB = [0.0, 20.0, 40.0]
 
 
@@ -165,14 +158,19 @@ def made():
     return pd.concat(parts).iloc[::-1].reset_index(drop=True)
 
 
-def charts_of(made):
-    """Charts of a summary by title, each with its series."""
-    (group,) = Made().charts(made)
-    return {chart.title: (chart, *chart.series) for chart in group.charts}, group
+@pytest.fixture
+def charts_of(of_summary):
+    """Return a function that gives the charts of a summary by title, each with its series, and their title."""
+
+    def draw(made):
+        (group,) = of_summary(EfficiencyKind).charts(made)
+        return {chart.title: (chart, *chart.series) for chart in group.charts}, group.title
+
+    return draw
 
 
-def test_errors_bound_ratio_and_misses_are_drawn_over_snr_a_chart_a_dimension(made):
-    charts, group = charts_of(made)
+def test_errors_bound_ratio_and_misses_are_drawn_over_snr_a_chart_a_dimension(made, charts_of):
+    charts, title = charts_of(made)
     errors, lost, found, bound = charts["Range"]
     assert (errors.y.log, errors.y.title) == (True, "root mean square error [m]")
     assert (bound.label, list(bound.x)) == ("Cramér-Rao bound", SNRS_DB)
@@ -184,19 +182,19 @@ def test_errors_bound_ratio_and_misses_are_drawn_over_snr_a_chart_a_dimension(ma
     assert (above.lines, list(ratio.y), list(ratio.high)) == ([1.0], [2] * 3, pytest.approx([2.4] * 3))
     assert [list(one.y) for one in charts["Missed"][1:]] == [[1] * 3, [0] * 3]
     assert [list(one.y) for one in charts["False points"][1:]] == [[0.5] * 3] * 2
-    titles = ["Range", "Velocity", "Direction cosine u", "Direction cosine w", "Missed"]
-    assert list(charts)[:5] == titles
-    assert [charts[title][0].y.title[22:] for title in titles[1:4]] == [" [m/s]", "", ""]
-    assert group.title == "room: one scatterer, errors where it was found; 10 trials, 95 % confidence band"
+    names = ["Range", "Velocity", "Direction cosine u", "Direction cosine w", "Missed"]
+    assert list(charts)[:5] == names
+    assert [charts[name][0].y.title[22:] for name in names[1:4]] == [" [m/s]", "", ""]
+    assert title == "room: one scatterer, errors where it was found; 10 trials, 95 % confidence band"
 
 
-def test_a_single_hit_among_trials_is_no_measurement_and_few_trials_have_no_band(made):
+def test_a_single_hit_among_trials_is_no_measurement_and_few_trials_have_no_band(made, charts_of):
     made["n_misses"] = [9, 7, 0] * 2  # SNRs descend: 40, 20 and 0 dB
     ratio = charts_of(made)[0]["Range: error over the bound"][2]
     np.testing.assert_allclose(ratio.y, [2, 2, np.nan])
     np.testing.assert_allclose(ratio.low, [1.8, 1.8, np.nan])
-    _, group = charts_of(made.assign(n_trials=3))
-    assert group.title.endswith("; 3 trials, no confidence band below 5")
+    _, title = charts_of(made.assign(n_trials=3))
+    assert title.endswith("; 3 trials, no confidence band below 5")
 
 
 @pytest.mark.slow

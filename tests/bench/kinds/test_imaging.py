@@ -15,7 +15,6 @@ from isacbench.bench.kinds.imaging import (
 )
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.scores import average_scenarios, summarise_scores
-from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.statistics import mean_band
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import SHARE_LIMITS, assign_lines
@@ -75,29 +74,6 @@ def test_fewer_than_five_trials_have_a_mean_and_no_band_and_titles_say_so(record
     assert table.title == f"tiny: mean of 4 trials, no confidence band below 5; {times}"
     assert not any("±" in text for row in table.texts for text in row)
     assert KIND.charts(few)[0].title.endswith("\nmean of 4 trials, no confidence band below 5")
-
-
-def test_labels_show_only_the_parameters_in_which_variants_differ():
-    variants = [
-        ("a", '{"n":1,"pfa":null}'),
-        ("b", '{"detector":{"name":"ca","pfa":0.1},"n":1}'),
-        ("b", '{"detector":{"name":"ca","pfa":0.2},"n":1}'),
-        ("b", '{"detector":{"k":1,"name":"osca"},"n":1}'),
-        ("c", '{"pfa":null}'),
-        ("c", '{"pfa":0.5}'),
-        ("d", '{"guard":[0,3],"on":true}'),
-        ("d", '{"guard":[1],"on":false}'),
-    ]
-    assert list(estimator_labels(variants).values()) == [
-        "a",
-        "b[detector=ca[pfa=0.1]]",
-        "b[detector=ca[pfa=0.2]]",
-        "b[detector=osca[k=1]]",
-        "c[pfa=none]",
-        "c[pfa=0.5]",
-        "d[guard=(0,3),on=true]",
-        "d[guard=(1),on=false]",
-    ]
 
 
 def test_a_table_has_a_row_an_snr_in_order_and_the_time_last(records):

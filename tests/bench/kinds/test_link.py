@@ -1,6 +1,5 @@
 """The study of the link: rows of what is sensed and of what is received, and what they hang on."""
 
-import json
 import math
 
 import numpy as np
@@ -184,92 +183,57 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
     assert [group.stem for group in LinkKind().charts(images)] == ["link-tiny"]
 
 
-class Made(LinkKind):
-    """Kind whose rows are a summary."""
-
-    def summary(self, rows):
-        return rows
+def drawn(chart):
+    """Points of the series of a chart that have a symbol."""
+    return {one.label: list(zip(one.x, one.y, strict=True)) for one in chart.series if one.style.symbol}
 
 
-PARAMS = {name: json.dumps({"knowledge": name, "time_order": 0}) for name in ("perfect", "prs")}
-SNRS_DB = [0.0, 10.0, 20.0]
-
-
-def imaged_part(signal, deviation):
-    sensing, modulation, division = signal
-    keys = {"template": "room", "sensing": sensing, "modulation": modulation, "division": division}
-    mean = {"deviation_mean": deviation, "deviation_band": 0.5}
-    rows = {"estimator": "a", "params": "{}", "channel": "", "n_cells": 5, "snr_db": SNRS_DB}
-    return pd.DataFrame({**rows, **keys, **mean})
-
-
-def received_part(modulation, knowledge, errors):
-    counts = {"n_bits": 1000, "n_bit_errors": errors, "ber": np.array(errors) / 1000}
-    band = {"ber_low": counts["ber"] / 2, "ber_high": 2 * counts["ber"], "rate_bps": [1e9, 2e9, 3e9]}
-    keys = {"template": "", "sensing": "", "division": "", "channel": "awgn", "modulation": modulation}
-    who = {"estimator": "one_tap", "params": PARAMS[knowledge], "n_cells": 5}
-    return pd.DataFrame({**who, "snr_db": SNRS_DB, **keys, **counts, **band})
-
-
-@pytest.fixture
-def made():
-    """Summary of three signals and of two receivers of two modulations, out of order as a merged run is."""
-    parts = [
-        imaged_part(("all", "qpsk", ""), [4.0, 3.0, 2.0]),
-        imaged_part(("all", "16qam", "matched"), [5.0, 4.0, 3.0]),
-        imaged_part(("prs", "", ""), [9.0, 8.0, 7.0]),
-        *(
-            received_part(modulation, name, [200, 20, 0])
-            for modulation in ("qpsk", "16qam")
-            for name in PARAMS
-        ),
-    ]
-    return pd.concat(parts).iloc[::-1].reset_index(drop=True)
-
-
-def test_signals_and_receivers_have_names_for_people():
-    assert signal_label(("all", "qpsk", "")) == "QPSK"
-    assert signal_label(("all", "64qam", "wiener")) == "64QAM, Wiener"
-    assert signal_label(("prs", "", "")) == "PRS alone"
-    labels = receiver_labels(pd.concat([received_part("qpsk", name, [1, 1, 1]) for name in PARAMS]))
-    assert list(labels.values()) == ["channel known", "channel from PRS"]
-
-
-def test_bit_errors_are_drawn_where_there_are_any_beside_deviations_in_order_of_snr(made):
-    link, _ = Made().charts(made)
-    errors, deviations = link.charts
-    measured = [one for one in errors.series if one.style.symbol]
-    assert len(measured) == 4
-    for one in measured:
-        assert (list(one.x), list(one.y), list(one.high)) == ([0, 10], [0.2, 0.02], [0.4, 0.04])
-    curves = {one.label: list(one.y) for one in deviations.series}
-    assert curves == {
-        "image, QPSK": [4, 3, 2],
-        "image, 16QAM, matched": [5, 4, 3],
-        "image, PRS alone": [9, 8, 7],
+def test_signals_and_receivers_have_names_for_people(records):
+    names = {
+        ("all", "qpsk", ""): "QPSK",
+        ("all", "64qam", "wiener"): "64QAM, Wiener",
+        ("prs", "", ""): "PRS alone",
     }
-    assert (errors.title, deviations.title) == ("User behind awgn", "Image by a")
+    assert {signal: signal_label(signal) for signal in names} == names
+    received = records[records["channel"] != ""]
+    assert list(receiver_labels(received).values()) == ["channel known", "channel from PRS"]
 
 
-def test_the_trade_puts_deviations_over_the_rates_of_the_same_snr(made):
-    (chart,) = Made().charts(made)[1].charts
-    paths = [(one.label, list(zip(one.x, one.y, strict=True))) for one in chart.series]
-    assert ("QPSK", [(1, 4), (2, 3), (3, 2)]) in paths
-    # Whatever modulation the data have, the PRS images the same.
-    assert paths.count(("PRS alone", [(1, 9), (2, 8), (3, 7)])) == 2
-    (marked,) = [one for one in chart.series if one.texts]
-    assert (marked.label, marked.texts) == ("QPSK", ["0", "10", "20"])
-    assert "numbers are SNRs in dB" in Made().charts(made)[1].title
-    low, high = chart.y.limits
-    assert low == 0
-    assert high > 1.05 * 9
+def test_bit_errors_are_drawn_where_there_are_any_beside_deviations_in_order_of_snr(records):
+    summary = LinkKind().summary(records)
+    link, _ = LinkKind().charts(records.iloc[::-1])
+    errors, _, deviations = link.charts
+    assert [chart.title for chart in link.charts][::2] == ["User behind awgn", "Image by blob"]
+    rows = summary.query("channel == 'awgn' and modulation == 'qpsk' and params.str.contains('perfect')")
+    (at_0_db, without) = rows.to_dict("records")
+    assert without["n_bit_errors"] == 0
+    assert drawn(errors)["QPSK, channel known"] == [(0, at_0_db["ber"])]
+    assert len(drawn(errors)) == 4
+    expected = {
+        f"image, {signal_label(key)}": list(zip(part["snr_db"], part["deviation_mean"], strict=True))
+        for key, part in summary.query("channel == ''").groupby(["sensing", "modulation", "division"])
+    }
+    assert drawn(deviations) == expected
 
 
-def test_without_users_there_is_no_trade_and_without_images_nothing_beside_them(made):
-    images, users = made[made["channel"] == ""], made[made["channel"] != ""]
-    (link,) = Made().charts(images)
-    assert [chart.title for chart in link.charts] == ["Image by a"]
-    assert Made().charts(users) == []
+def test_the_trade_puts_deviations_over_the_rates_of_the_same_snr(records):
+    summary = LinkKind().summary(records).query("snr_db == 0")
+    (chart,) = LinkKind().charts(records)[1].charts
+    received = summary.query("channel == 'awgn' and params.str.contains('prs')").set_index("modulation")
+    imaged = summary.query("channel == ''").set_index("scenario")["deviation_mean"]
+    points = [(one.label, [*one.x], [*one.y]) for one in chart.series]
+    for modulation, image in (("qpsk", "tiny-all-qpsk"), ("64qam", "tiny-all-64qam-matched")):
+        rate_gbps = received.loc[modulation, "rate_bps"] / 1e9
+        label = "QPSK" if modulation == "qpsk" else "64QAM, matched"
+        assert (label, [rate_gbps], [imaged[image]]) in points
+        # Whatever modulation the data have, the PRS images the same.
+        assert ("PRS alone", [rate_gbps], [imaged["tiny-prs"]]) in points
+    assert {one.label: one.texts for one in chart.series if one.texts} == {
+        "QPSK": ["0"],
+        "64QAM, reciprocal": ["0"],
+    }
+    assert "numbers are SNRs in dB" in LinkKind().charts(records)[1].title
+    assert chart.y.limits == (0, pytest.approx(1.06 * max(y for _, _, (y,) in points)))
 
 
 def test_columns_of_the_link_have_the_direction_that_is_better():

@@ -170,20 +170,13 @@ def test_a_table_has_a_row_a_distance_under_the_name_of_its_dimension_and_few_es
     assert first.texts[-1][2] == f"{seer_ms:.1f}"
 
 
-class Made(ResolutionKind):
-    """Kind whose rows are a summary."""
-
-    def summary(self, rows):
-        return rows
-
-
-def test_shares_are_drawn_over_distance_and_dashed_where_in_phase():
+def test_shares_are_drawn_over_distance_and_dashed_where_in_phase(of_summary):
     rows = {"template": "room", "estimator": "a", "params": "{}", "dimension": "u", "n_trials": 5}
     shares = {"resolved": [1.0, 0.2, 0.6], "resolved_low": 0.0, "resolved_high": 1.0}
     made = pd.DataFrame(
         {**rows, **shares, "separation_cells": [1.0, 0.1, 0.5], "resolved_in_phase": [0.9, 0.0, 0.3]}
     )
-    (group,) = Made().charts(made.assign(snr_gain_db=60.0))
+    (group,) = of_summary(ResolutionKind).charts(made.assign(snr_gain_db=60.0))
     (chart,) = group.charts
     mean, in_phase = chart.series
     assert (list(mean.x), list(mean.y)) == ([0.1, 0.5, 1.0], [0.2, 0.6, 1.0])
@@ -192,7 +185,10 @@ def test_shares_are_drawn_over_distance_and_dashed_where_in_phase():
     assert mean.style.colour == in_phase.style.colour
     assert (group.stem, chart.title, chart.x.log) == ("resolution-room", "Direction cosine u", True)
     several = pd.concat([made.assign(snr_gain_db=snr_db) for snr_db in (60.0, 70.0)])
-    assert [one.stem for one in Made().charts(several)] == ["resolution-room-60dB", "resolution-room-70dB"]
+    assert [one.stem for one in of_summary(ResolutionKind).charts(several)] == [
+        "resolution-room-60dB",
+        "resolution-room-70dB",
+    ]
 
 
 def test_a_region_too_small_for_the_farthest_pair_is_refused_before_anything_runs(suite, tmp_path):
