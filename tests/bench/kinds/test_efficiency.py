@@ -65,11 +65,11 @@ def test_one_place_a_trial_for_every_snr_and_estimator_and_it_is_stored(suite, r
     results = run_suite(suite)
     places = [draw_place(room, trial, 0, 0.5) for trial in range(3)]
     assert results.draws["trial"].tolist() == [0, 1, 2]
-    seer = results.clouds[results.clouds["estimator"] == "seer"]
+    seer = [(key, cloud) for key, cloud in results.clouds.items() if key.estimator == "seer"]
     assert len(seer) == 3 * 2
-    for row in seer.itertuples():
-        drawn = results.draws.iloc[row.trial]
-        assert (row.x, row.y, row.z, row.v) == (drawn.x, drawn.y, drawn.z, drawn.v)
+    for key, cloud in seer:
+        drawn = results.draws.iloc[key.trial]
+        np.testing.assert_array_equal(cloud.to_array()[0], drawn[["x", "y", "z", "v"]])
     again = run_suite(suite.replace(estimators=["blob"], snr_db=[0.0], trials=2))
     pd.testing.assert_frame_equal(again.draws, results.draws.iloc[:2])
     stored = PointCloud.from_array(results.draws.loc[[0], ["x", "y", "z", "v"]])
@@ -160,7 +160,7 @@ def made():
 
 @pytest.fixture
 def charts_of(of_summary):
-    """Return a function that gives the charts of a summary by title, each with its series, and their title."""
+    """Return a function that draws a summary: charts and their series by title, and the title of all."""
 
     def draw(made):
         (group,) = of_summary(EfficiencyKind).charts(made)

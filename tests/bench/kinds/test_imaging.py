@@ -90,7 +90,7 @@ def test_a_table_has_a_row_an_snr_in_order_and_the_time_last(records):
 
 def test_further_scores_follow_the_deviation_and_the_last_two_are_its_parts(records):
     (table,) = KIND.tables(records[records["params"].str.contains('"n":5')])
-    headings = ["SNR [dB]", "blob: deviation", *(heading for heading, _ in IMAGE_COLUMNS.values())]
+    headings = ["SNR [dB]", "blob[n=5]: deviation", *(heading for heading, _ in IMAGE_COLUMNS.values())]
     assert table.headings == headings
     row = dict(zip(table.headings, table.texts[1], strict=True))
     mean = summarise_scores(records).query("estimator == 'blob' and snr_db == 0").iloc[1]

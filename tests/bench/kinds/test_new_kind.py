@@ -3,9 +3,6 @@
 from typing import ClassVar
 
 import pytest
-from isacbench.bench.suites.kind import Kind, Tables
-from isacbench.report.tables.run_tables import Grid
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.kinds.kind import NO_SCENARIOS, Kind, lines_of
