@@ -20,6 +20,7 @@ from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.statistics import TIME, median_interval, median_times, trials_and_band
 from isacbench.charts import (
     COLOURS,
+    NO_SCORE,
     Axis,
     Chart,
     ChartGroup,
@@ -201,7 +202,7 @@ def _pareto_series(
             continue
         label, symbol = line.label, line.style.symbol
         if not math.isfinite(error) or not math.isfinite(row["time_s"]):
-            found.append(Series(f"{label}: no score", [], [], mark="points", style=line.style))
+            found.append(Series(label + NO_SCORE, [], [], mark="points", style=line.style))
             continue
         if not row["is_complete"]:
             symbol = "x"

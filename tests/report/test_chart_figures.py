@@ -127,6 +127,12 @@ def test_one_legend_has_each_label_once_grey_where_its_series_have_several_colou
     assert same_color(full.legends[0].get_lines()[0].get_color(), "#0000FF")
 
 
+def test_the_legend_says_that_there_is_no_score_where_no_chart_has_one():
+    labels = ["a", "b: no score"], ["a: no score", "b: no score"]
+    charts = [Chart("", X, Y, [Series(label, [0, 1], [0, 1]) for label in names]) for names in labels]
+    assert legend_of(draw_charts(ChartGroup("stem", "title", charts))) == ["a", "b: no score"]
+
+
 def test_names_are_drawn_as_text_and_never_as_mathematics():
     figure = laid_out(Chart("$x$", X, Axis("$y$"), [Series("$z$", [0, 1], [0, 1])]), title="$t$\nsecond")
     (axes,) = figure.axes
