@@ -49,6 +49,9 @@ PLACES = {name: number for names in (ESTIMATORS, DETECTORS) for number, name in 
 ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread", "empty": "no point"}
 """Meaning of the built-in references in legends, with that of their band."""
 
+NO_SCORE = ": no score"
+"""End of the label of a series that has none."""
+
 LONGEST_LABEL = 32
 SHARE_LIMITS = -0.03, 1.03
 """Ends of an axis of shares and probabilities."""
@@ -404,7 +407,7 @@ def line_series(
             continue
         at = rows[x] + (0.0 if not is_single else 0.1 * (place - (len(lines) - 1) / 2))
         low, high = interval(rows, y, stem) if stem is not None else ((), ())
-        label = line.label if rows[y].notna().any() else f"{line.label}: no score"
+        label = line.label if rows[y].notna().any() else line.label + NO_SCORE
         found.append(Series(label, at, rows[y], low, high, style=line.style))
     return found
 

@@ -382,8 +382,7 @@ def _records(scenarios, estimators, snr_db, trials):
 @pytest.fixture
 def made_run():
     """Return a function that makes up a run: its records and its manifest."""
-    from isacbench.bench.suites.imaging_kind import IMAGING
-
+    from isacbench.bench.kinds.imaging import ImagingKind
     from isacbench.bench.store.score_columns import describe_scores
     from isacbench.plugins.scoring import Metrics
 
@@ -395,7 +394,7 @@ def made_run():
             "git": {"commit": "0123456789abcdef", "dirty": False},
             "seed": 0,
             "suite": {"name": "street", "kind": "imaging", "trials": trials, **lists},
-            "scores": describe_scores(Metrics.of(IMAGING.metrics), ()),
+            "scores": describe_scores(Metrics.of(ImagingKind.metrics), ()),
             "scenarios": {name: {"content": f"c-{name}"} for name in scenarios},
             "environments": {"e1": {"machine": {"processor": "P", "cores": 2}, "versions": {}}},
         }

@@ -20,6 +20,7 @@ from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.statistics import TIME, median_interval, median_times, trials_and_band
 from isacbench.charts import (
     COLOURS,
+    NO_SCORE,
     Axis,
     Chart,
     ChartGroup,
@@ -165,7 +166,9 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
         note = f"mean Hausdorff sum over median processor time of {trials_and_band(n_trials, 'interval')}"
     snrs_db = shown_snrs(part["snr_db"].tolist())
     shown = part[part["snr_db"].isin(snrs_db)]
-    errors, times_ms = shown["hausdorff_sum_m_mean"].dropna(), 1e3 * shown["time_s"].dropna()
+    errors = shown["hausdorff_sum_m_mean"].dropna()
+    # References are level lines, whose times would only stretch the axis.
+    times_ms = 1e3 * shown.loc[~shown["is_limit"], "time_s"].dropna()
     is_log = bool(len(errors)) and errors.max() > LEAST_LOG_RATIO * errors.min() > 0
     y_limits = None
     if len(errors):
@@ -199,7 +202,7 @@ def _pareto_series(
             continue
         label, symbol = line.label, line.style.symbol
         if not math.isfinite(error) or not math.isfinite(row["time_s"]):
-            found.append(Series(f"{label}: no score", [], [], mark="points", style=line.style))
+            found.append(Series(label + NO_SCORE, [], [], mark="points", style=line.style))
             continue
         if not row["is_complete"]:
             symbol = "x"

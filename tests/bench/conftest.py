@@ -117,3 +117,13 @@ class Clock:
 @pytest.fixture
 def clock():
     return Clock()
+
+
+@pytest.fixture(scope="session")
+def of_summary():
+    """Return a function that makes a kind whose rows are their own summary."""
+
+    def make(kind):
+        return type(kind.__name__, (kind,), {"summary": lambda self, rows: rows})()
+
+    return make

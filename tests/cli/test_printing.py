@@ -2,19 +2,22 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.store.run import Run
+from isacbench.charts import text_table
 from isacbench.cli.printing import report_run
-from isacbench.report.table_texts import Grid
 
 
-def shown_of(records, grids, monkeypatch, capsys):
-    monkeypatch.setattr("isacbench.report.run_report.write_report", lambda *_: ([], grids))
+def shown_of(records, tables, monkeypatch, capsys):
+    monkeypatch.setattr("isacbench.report.run_report.write_report", lambda *_: ([], tables))
     report_run(Run("run", records, {}))
     return capsys.readouterr().out
 
 
 def test_details_are_written_and_not_printed(monkeypatch, capsys):
-    grids = [Grid("what all need", ["name"], [["first"]]), Grid("the rest", ["name"], [["second"]], (), True)]
-    shown = shown_of(pd.DataFrame(), grids, monkeypatch, capsys)
+    tables = [
+        text_table(name, ["name"], [[name]], is_detail)
+        for name, is_detail in (("first", False), ("second", True))
+    ]
+    shown = shown_of(pd.DataFrame(), tables, monkeypatch, capsys)
     assert "first" in shown
     assert "second" not in shown
 

@@ -16,13 +16,15 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from isacbench.bench.store.tables import without_formulas
+from isacbench.charts import text_table
 from isacbench.errors import InputError
 from isacbench.files.escaping import in_markdown, quoted, shortened, visible, visible_json, visible_lines
+from isacbench.files.file_names import file_stems
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.report.drawing.style import drawable, file_stems
+from isacbench.report.drawing.style import drawable
 from isacbench.report.figures.plotting import plot_clouds
-from isacbench.report.table_texts import Grid, markdown, rich_table
+from isacbench.report.table_texts import markdown, terminal_tables
 
 NAMES = {
     "up": "../../etc/passwd",
@@ -95,7 +97,7 @@ def test_nothing_in_a_cell_of_markdown_ends_it_or_begins_a_tag_or_a_link(text):
 
 @names
 def test_tables_keep_their_shape(name):
-    lines = markdown(Grid(name, ["SNR [dB]", name], [["0", name], ["10", "x"]])).split("\n")
+    lines = markdown(text_table(name, ["SNR [dB]", name], [["0", name], ["10", "x"]])).split("\n")
     assert len(lines) == 7
     assert all(len(re.findall(r"(?<!\\)\|", line)) == 3 for line in lines[2:6])
     assert "<script" not in "\n".join(lines)
@@ -104,7 +106,7 @@ def test_tables_keep_their_shape(name):
 @names
 def test_a_terminal_shows_what_a_table_holds(name):
     console = Console(file=io.StringIO(), width=700, force_terminal=True, color_system=None)
-    console.print(rich_table(Grid(name, ["SNR [dB]", name], [["0", name]])))
+    console.print(*terminal_tables(text_table(name, ["SNR [dB]", name], [["0", name]]), 700))
     shown = console.file.getvalue()
     assert not CONTROL.search(re.sub("\x1b\\[[0-9;]*m", "", shown) if "\x1b" not in visible(name) else shown)
     if name.strip() and len(name) < 100 and " [" not in name and ": " not in name:

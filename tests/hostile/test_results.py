@@ -13,8 +13,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from isacbench.report.tables.run_tables import rich_table
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.compare.matching import NotComparableError
@@ -26,6 +24,8 @@ from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
 from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_tables import tables_of, write_run_tables
+from isacbench.report.table_texts import terminal_tables
 
 from .files import ANY, Trap, content
 
@@ -120,8 +120,8 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
         warnings.simplefilter("ignore")
         try:
             results = Run.open(run_folder)
-            for grid in grids_of(results.rows, results.kind):
-                rich_table(grid)
+            for table in tables_of(results.rows, results.kind):
+                terminal_tables(table, 100)
             write_run_tables(results)
             comparison_grids(compare(made[1], run_folder))
             rescore(run_folder)

@@ -23,7 +23,7 @@ def run(tiny, tmp_path):
 @pytest.fixture(autouse=True)
 def _empty_here(monkeypatch):
     """Leave figures empty."""
-    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
+    for name in ("draw_charts", "draw_clouds"):
         monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
 
 

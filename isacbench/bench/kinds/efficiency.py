@@ -17,7 +17,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, lines_of, title_stems
+from isacbench.bench.kinds.kind import (
+    NO_SCENARIOS,
+    SNR_GAIN,
+    Kind,
+    labels_of,
+    lines_of,
+    number_tables,
+    title_stems,
+)
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators, element_snrs_db
 from isacbench.bench.statistics import (
     TIME,
@@ -131,7 +139,7 @@ class EfficiencyKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Errors over the bound, one table a scenario and estimator."""
-        summary, lines = self.summary(rows), lines_of(rows)
+        summary, labels = self.summary(rows), labels_of(rows)
         times_s = median_times(rows, CURVE)[f"{TIME}_median"]
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
@@ -139,12 +147,11 @@ class EfficiencyKind(Kind):
             Column("false: points", "n_false"),
             *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in DIMENSIONS),
         ]
-        found = []
+        found = number_tables(rows)
         for key, part in summary.groupby(CURVE, sort=False):
-            scenario, *variant = map(str, key)
+            scenario, name, params = map(str, key)
             band = trials_and_band(int(part["n_trials"].max()), "interval")
-            label = lines[variant[0], variant[1]].label
-            title = f"{scenario}, {label}: error over Cramér-Rao bound, {band}"
+            title = f"{scenario}, {labels[name, params]}: error over Cramér-Rao bound, {band}"
             time_ms = 1e3 * times_s.get(key, math.nan)
             title += number_or_blank(time_ms, f"; {time_words(rows)} {{:.1f}} ms")
             found.append(Table(title, columns, part.sort_values("snr_gain_db")))

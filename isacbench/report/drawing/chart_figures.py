@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from isacbench.charts import NO_SCORE
 from isacbench.files.checked_files import make_own_folder
 from isacbench.files.escaping import shortened
 from isacbench.report.drawing.style import drawable, new_figure, save, styled
@@ -85,6 +86,12 @@ def _legend(group: ChartGroup) -> list[Artist]:
         for series in chart.series:
             if series.label:
                 by_label.setdefault(series.label, []).append(series)
+    # What has a score in one of the charts has it.
+    by_label = {
+        label: found
+        for label, found in by_label.items()
+        if not label.endswith(NO_SCORE) or label.removesuffix(NO_SCORE) not in by_label
+    }
     entries: list[Artist] = []
     for label, found in by_label.items():
         first, text = found[0], drawable(shortened(label, LONGEST_LEGEND))
@@ -166,13 +173,15 @@ def _draw_series(
 def _inside(
     values: NDArray[np.float64], axis: Axis, instead: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Clip values to the ends of an axis; on a logarithmic one, what is not positive is not drawn.
+    """Clip values to the ends of an axis; on a logarithmic one without, what is not positive is not drawn.
 
     An end of an interval that is not positive there is a tenth of the value `instead`.
     """
+    if axis.limits is not None:
+        return np.clip(values, *axis.limits)
     if axis.log and values.size:
-        values = np.where(values > 0, values, np.nan if instead is None else instead / 10)
-    return values if axis.limits is None else np.clip(values, *axis.limits)
+        return np.where(values > 0, values, np.nan if instead is None else instead / 10)
+    return values
 
 
 def _scale(axes: Axes, name: str, axis: Axis) -> None:

@@ -2,10 +2,8 @@
 
 __all__ = [
     "chosen_figures",
-    "curves",
     "diagnosed_images",
     "map_figures",
     "plotting",
     "run_figures",
-    "study_figures",
 ]

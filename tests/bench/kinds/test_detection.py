@@ -178,6 +178,63 @@ def test_the_summary_counts_failures(records):
     assert (summary["n_failed"] == summary["detector"].str.startswith("ca")).all()
 
 
+def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_few_detectors(suite):
+    detectors = ["level", "ca", "osca", *(f"ca[guard={n}]" for n in (2, 3, 4))]
+    records = run(suite.replace(detectors=detectors, maps=["homogeneous", "interferers"]))
+    homogeneous, interferers, tiny, more = DetectionKind().tables(records)
+    assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
+    assert homogeneous.headings[1:4] == interferers.headings[1:4] == ["level", "ca", "osca"]
+    assert [row[0] for row in homogeneous.texts] == ["10", "20"]
+    detected, false = map(float, homogeneous.texts[1][2].split())
+    assert 0.9 < detected < 1
+    assert 5e-4 < false < 2e-3
+    assert (tiny.headings[2:], more.headings[2:]) == (["level", "ca", "osca"], detectors[3:])
+    # No map is shown by this estimator, so that there is nothing to count.
+    assert tiny.texts[0][2].endswith(" - -")
+    assert float(tiny.texts[0][2].split()[0]) > 0
+
+
+def drawn(chart):
+    """Points of the series of a chart that have a symbol."""
+    return {one.label: list(zip(one.x, one.y, strict=True)) for one in chart.series if one.style.symbol}
+
+
+def test_charts_of_maps_are_rates_over_the_snr_and_over_each_other(records):
+    summary = DetectionKind().summary(records).query("scenario == 'homogeneous' and estimator == 'ca'")
+    maps, roc, _ = DetectionKind().charts(records.iloc[::-1])
+    detected, false = maps.charts
+    of_paper = summary[summary["pfa"] == 1e-3]
+    for chart, column in ((detected, "pd"), (false, "pfa_measured")):
+        points = list(zip(of_paper["snr_gain_db"], of_paper[column], strict=True))
+        assert drawn(chart)["ca[training=2]"] == points
+        assert set(drawn(chart)) == {"level", "ca[training=2]"}
+    limit = detected.series[-1]
+    snr = 10 ** (limit.x[0] / 10)
+    assert (limit.label, limit.y[0]) == ("known noise (closed form)", pytest.approx(1e-3 ** (1 / (1 + snr))))
+    assert false.lines == [1e-3]
+    assert [chart.title for chart in roc.charts] == ["homogeneous, 10 dB", "homogeneous, 20 dB"]
+    at_20_db = summary[summary["snr_gain_db"] == 20].sort_values("pfa_measured")
+    points = list(zip(at_20_db["pfa_measured"], at_20_db["pd"], strict=True))
+    assert drawn(roc.charts[1])["ca[training=2]"] == points
+    assert roc.charts[0].x == roc.charts[1].x
+    # A count of no false alarm has a place on the logarithmic axis, below one.
+    _, false = DetectionKind().charts(records.assign(n_false=0))[0].charts
+    assert {y for points in drawn(false).values() for _, y in points} == {0.1 / of_paper["n_clear"].iloc[0]}
+
+
+def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side(records):
+    imaged = records[records["scenario"] == "tiny"]
+    (group,) = DetectionKind().charts(imaged)
+    deviation, detected, false = group.charts
+    of_level = DetectionKind().summary(imaged).query("detector == 'level'")
+    points = list(zip(of_level["snr_db"], of_level["deviation_mean"], strict=True))
+    assert drawn(deviation)["level"] == points
+    assert false.lines == [1e-3]
+    assert [one.label for one in detected.series] == ["level: no score", "ca[training=2]: no score"]
+    assert group.stem == "detection-tiny"
+    assert "blob behind each detector" in group.title
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

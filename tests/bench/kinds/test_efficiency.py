@@ -65,11 +65,11 @@ def test_one_place_a_trial_for_every_snr_and_estimator_and_it_is_stored(suite, r
     results = run_suite(suite)
     places = [draw_place(room, trial, 0, 0.5) for trial in range(3)]
     assert results.draws["trial"].tolist() == [0, 1, 2]
-    seer = results.clouds[results.clouds["estimator"] == "seer"]
+    seer = [(key, cloud) for key, cloud in results.clouds.items() if key.estimator == "seer"]
     assert len(seer) == 3 * 2
-    for row in seer.itertuples():
-        drawn = results.draws.iloc[row.trial]
-        assert (row.x, row.y, row.z, row.v) == (drawn.x, drawn.y, drawn.z, drawn.v)
+    for key, cloud in seer:
+        drawn = results.draws.iloc[key.trial]
+        assert cloud.to_array()[0, :4].tolist() == drawn[["x", "y", "z", "v"]].tolist()
     again = run_suite(suite.replace(estimators=["blob"], snr_db=[0.0], trials=2))
     pd.testing.assert_frame_equal(again.draws, results.draws.iloc[:2])
     stored = PointCloud.from_array(results.draws.loc[[0], ["x", "y", "z", "v"]])
@@ -95,13 +95,25 @@ def test_who_sees_the_truth_hits_without_error(records):
 
 
 def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
-    records = run(suite, estimators=["trouble", "trouble[kind=empty]"])
+    records = run(
+        suite.replace(estimators=["seer", "trouble", "trouble[kind=empty]"], snr_gain_db=[20, 25.25])
+    )
     summary = EfficiencyKind().summary(records).set_index(["params", "snr_gain_db"])
-    assert summary["n_trials"].tolist() == [3] * 4
+    assert summary["n_trials"].tolist() == [3] * 6
     assert summary.xs('{"kind":"raise"}')["n_failed"].tolist() == [3, 3]
     assert summary.xs('{"kind":"raise"}')["n_misses"].tolist() == [0, 0]
     assert summary.xs('{"kind":"empty"}')["n_misses"].tolist() == [3, 3]
-    assert summary["ratio_u"].isna().all()
+    assert summary.loc[summary["n_failed"] + summary["n_misses"] == 3, "ratio_u"].isna().all()
+    # Every estimator has a table, whose title ends with the median time of cells that did not fail.
+    records["time_estimate_s"] = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
+    seer, failed, empty = EfficiencyKind().tables(records)
+    start = "room, seer: error over Cramér-Rao bound, 3 trials, no confidence interval below 5; "
+    assert seer.title.startswith(start)
+    time_ms = 1e3 * records[records["estimator"] == "seer"]["time_estimate_s"].median()
+    assert seer.title.endswith(f"time (not measured alone) {time_ms:.1f} ms")
+    assert [row[:3] for row in seer.texts] == [["20", "0.000", "0"], ["25.25", "0.000", "0"]]
+    assert failed.texts[0][1:] == ["0.000 (3 failed)", "0", "", "", "", ""]
+    assert empty.texts[0][1] == "1.000"
 
 
 def test_the_summary_takes_errors_of_hits_alone():
@@ -126,6 +138,63 @@ def test_the_summary_takes_errors_of_hits_alone():
     counts = {name: row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")}
     assert counts == {"n_trials": 4, "n_failed": 1, "n_misses": 1, "n_false": 2}
     assert row["time_estimate_s_median"] == 0.2
+
+
+SNRS_DB = [0.0, 20.0, 40.0]
+
+
+@pytest.fixture
+def made():
+    """Summary of two estimators at three SNRs, out of order: a is twice the bound, b is never found."""
+    parts = []
+    for name, ratio in (("a", 2.0), ("b", np.nan)):
+        part = pd.DataFrame({"scenario": "room", "estimator": name, "params": "{}", "snr_gain_db": SNRS_DB})
+        bound = 10 ** (-part["snr_gain_db"] / 20)
+        columns = {"n_trials": 10, "n_failed": 0, "n_misses": 0 if name == "a" else 10, "n_false": 5}
+        for dimension, unit in (("range", "range_m"), ("velocity", "velocity_mps"), ("u", "u"), ("w", "w")):
+            columns |= {f"rmse_{unit}": ratio * bound, f"bound_{unit}": bound, f"ratio_{dimension}": ratio}
+            columns |= {f"ratio_{dimension}_low": 0.9 * ratio, f"ratio_{dimension}_high": 1.2 * ratio}
+        parts.append(part.assign(**columns))
+    return pd.concat(parts).iloc[::-1].reset_index(drop=True)
+
+
+@pytest.fixture
+def charts_of(of_summary):
+    """Return a function that draws a summary: charts and their series by title, and the title of all."""
+
+    def draw(made):
+        (group,) = of_summary(EfficiencyKind).charts(made)
+        return {chart.title: (chart, *chart.series) for chart in group.charts}, group.title
+
+    return draw
+
+
+def test_errors_bound_ratio_and_misses_are_drawn_over_snr_a_chart_a_dimension(made, charts_of):
+    charts, title = charts_of(made)
+    errors, lost, found, bound = charts["Range"]
+    assert (errors.y.log, errors.y.title) == (True, "root mean square error [m]")
+    assert (bound.label, list(bound.x)) == ("Cramér-Rao bound", SNRS_DB)
+    np.testing.assert_allclose(bound.y, [1, 0.1, 0.01])
+    np.testing.assert_allclose(found.y, [2, 0.2, 0.02])
+    np.testing.assert_allclose(found.low, 0.9 * found.y)
+    assert (found.label, lost.label) == ("a", "b: no score")
+    above, _, ratio = charts["Range: error over the bound"]
+    assert (above.lines, list(ratio.y), list(ratio.high)) == ([1.0], [2] * 3, pytest.approx([2.4] * 3))
+    assert [list(one.y) for one in charts["Missed"][1:]] == [[1] * 3, [0] * 3]
+    assert [list(one.y) for one in charts["False points"][1:]] == [[0.5] * 3] * 2
+    names = ["Range", "Velocity", "Direction cosine u", "Direction cosine w", "Missed"]
+    assert list(charts)[:5] == names
+    assert [charts[name][0].y.title[22:] for name in names[1:4]] == [" [m/s]", "", ""]
+    assert title == "room: one scatterer, errors where it was found; 10 trials, 95 % confidence band"
+
+
+def test_a_single_hit_among_trials_is_no_measurement_and_few_trials_have_no_band(made, charts_of):
+    made["n_misses"] = [9, 7, 0] * 2  # SNRs descend: 40, 20 and 0 dB
+    ratio = charts_of(made)[0]["Range: error over the bound"][2]
+    np.testing.assert_allclose(ratio.y, [2, 2, np.nan])
+    np.testing.assert_allclose(ratio.low, [1.8, 1.8, np.nan])
+    _, title = charts_of(made.assign(n_trials=3))
+    assert title.endswith("; 3 trials, no confidence band below 5")
 
 
 @pytest.mark.slow

@@ -1,14 +1,11 @@
-"""A kind of suite that one object declares is planned, run, stored, tabulated, drawn and compared."""
+"""A kind of suite that one class declares is planned, run, stored, tabulated, drawn and compared."""
 
-import sys
-from pkgutil import resolve_name
+from typing import ClassVar
 
 import pytest
-from isacbench.bench.suites.kind import Kind, Tables
-from isacbench.report.tables.run_tables import Grid
-from isacbench.report.tables.tables_by_kind import grids_of, write_run_tables
 
 from isacbench.bench.compare.comparison import compare
+from isacbench.bench.kinds.kind import NO_SCENARIOS, Kind, lines_of
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
@@ -18,10 +15,9 @@ from isacbench.bench.statistics import summarise
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS, load_suite
-from isacbench.report.drawing.style import new_figure
+from isacbench.charts import Axis, Chart, ChartGroup, Column, Table, line_series
 from isacbench.report.figures.run_figures import draw_run
-
-KEY = ["scenario", "estimator", "params"]
+from isacbench.report.run_tables import write_run_tables
 
 
 class CountSuite(Suite):
@@ -31,48 +27,37 @@ class CountSuite(Suite):
     offset: int = 0
 
 
-def count_scenes(suite, scenarios):
-    def measure(shot):
-        return {"n_counted": len(shot.cloud) + suite.offset}
+class CountKind(Kind):
+    """Number of points."""
 
-    entries = build_estimators(suite)
-    return [ImagedScene(suite, one, entries, suite.snr_db, measure=measure) for one in scenarios.values()]
+    name = "count"
+    suite = CountSuite
+    columns: ClassVar = {"n_counted": 0}
+    better: ClassVar = {"n_counted": "higher"}
 
+    def scenes(self, suite, scenarios):
+        def measure(shot):
+            return {"n_counted": len(shot.cloud) + suite.offset}
 
-def summarise_counts(records):
-    return summarise(records, KEY, lambda part: {"n_counted": part["n_counted"].sum()})
+        entries = build_estimators(suite)
+        return [ImagedScene(suite, one, entries, suite.snr_db, measure=measure) for one in scenarios.values()]
 
+    def summary(self, rows):
+        keys = ["scenario", "estimator", "params", "snr_db"]
+        return summarise(rows, keys, lambda part: {"n_counted": part["n_counted"].sum()})
 
-def count_grids(records):
-    summary = summarise_counts(records)
-    return [
-        Grid(
-            "counts", ["estimator", "points"], summary[["estimator", "n_counted"]].astype(str).values.tolist()
-        )
-    ]
+    def tables(self, rows):
+        columns = [Column("estimator", "estimator", part=0), Column("points", "n_counted")]
+        return [Table("counts", columns, self.summary(rows))]
 
-
-def count_figures(results):
-    figure = new_figure(3, 3)
-    figure.subplots().plot(results.rows["n_counted"])
-    yield "counts", figure
-
-
-COUNT = Kind(
-    name="count",
-    suite=CountSuite,
-    columns={"n_counted": 0},
-    better={"n_counted": "higher"},
-    plan=f"{__name__}:count_scenes",
-    tables=Tables(f"{__name__}:summarise_counts", f"{__name__}:count_grids"),
-    figures=f"{__name__}:count_figures",
-)
+    def charts(self, rows, scenarios=NO_SCENARIOS):
+        series = line_series(self.summary(rows), lines_of(rows), "snr_db", "n_counted")
+        return [ChartGroup("counts", "title", [Chart("all", Axis("SNR [dB]"), Axis("points"), series)])]
 
 
 @pytest.fixture
 def suite(plugins, tiny, tmp_path, monkeypatch):
-    monkeypatch.setitem(KINDS, COUNT.name, COUNT)
-    monkeypatch.setitem(sys.modules, __name__, sys.modules[__name__])
+    monkeypatch.setitem(KINDS, CountKind.name, CountKind())
     path = tmp_path / "count.toml"
     path.write_text(
         'kind = "count"\nname = "c"\nscenarios = ["tiny.toml"]\nestimators = ["blob[n=3]"]\n'
@@ -82,14 +67,12 @@ def suite(plugins, tiny, tmp_path, monkeypatch):
 
 
 def test_a_new_kind_is_run_stored_tabulated_and_drawn(suite, tmp_path):
-    records = run_suite(suite, tmp_path / "run").rows
-    assert records["n_counted"].tolist() == [7, 7]
+    assert run_suite(suite, tmp_path / "run").rows["n_counted"].tolist() == [7, 7]
     stored = Run.open(tmp_path / "run")
     assert stored.suite == suite
-    (grid,) = grids_of(stored.rows, "count")
-    assert grid.rows == [["blob", "14"]]
-    names = [path.name for path in write_run_tables(stored)[0]]
-    assert names == ["summary.csv", "summary.md"]
+    paths, (table,) = write_run_tables(stored)
+    assert table.texts == [["blob", "14"]]
+    assert [path.name for path in paths] == ["summary.csv", "summary.md"]
     assert [path.name for path in draw_run(stored)] == ["counts.png"]
 
 
@@ -105,8 +88,5 @@ def test_parts_of_a_new_kind_are_merged_scored_again_and_compared_in_its_directi
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-def test_the_code_that_a_kind_names_exists(kind):
-    tables = [kind.tables, *kind.timed_tables.values()]
-    names = [kind.plan, kind.figures, *(name for pair in tables for name in pair)]
-    assert all(callable(resolve_name(name)) for name in names if name)
+def test_a_kind_gives_directions_of_its_own_columns_alone(kind):
     assert {*kind.better} <= {*kind.columns}

@@ -1,13 +1,21 @@
 import dataclasses
+import json
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from isacbench.bench.kinds import lone_targets
+from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
     ALL,
+    DRAWN,
+    DRAWN_TARGETS,
+    LARGEST_RATIO,
+    PopulationKind,
     PopulationSuite,
+    near_chance,
+    ratio_charts,
     scene_cells,
     spread_levels,
     summarise_population,
@@ -115,3 +123,186 @@ def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_
     monkeypatch.setattr(lone_targets, "RESOLVABLE_CELLS", 0.0)
     changes = rescore(tmp_path / "run").changes
     assert {change.column: change.n_rows for change in changes} == {"n_resolvable": 1, "n_resolved": 1}
+
+
+@pytest.fixture
+def records(population_rows):
+    """Two families, two estimators and two references."""
+    return population_rows(["town", "crowd", "sparse"], blob=4.0, nomp4d=3.0, oracle=2.0, chance=9.0)
+
+
+def part(higher=(), **scores):
+    """Rows of a summary in which all is equal but what is given for blob, nomp4d, esprit2d and chance."""
+    names = ["blob", "nomp4d", "esprit2d", "chance"]
+    low = ["ratio_median", "hausdorff_sum_m_mean", "velocity_error_mps_mean", "deviation_mean"]
+    high = ["precision_mean", "recall_mean", "share_clean_mean", "share_resolved_mean", "share_met_mean"]
+    table = pd.DataFrame({"estimator": names, "sees_truth": [False, False, False, True]})
+    for name in [*low, "n_false_mean"]:
+        table[name] = [1.0, 2.0, 3.0, 100.0]
+    for name in high:
+        table[name] = [0.3, 0.5, 0.9, 0.0]
+    return table.assign(**scores)
+
+
+def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on():
+    assert near_chance(part()) == []
+    for column, chance, is_near in (
+        ("hausdorff_sum_m_mean", 0.5, True),
+        ("hausdorff_sum_m_mean", 2.39, True),
+        ("hausdorff_sum_m_mean", 2.41, False),
+        ("precision_mean", 0.95, True),
+        ("precision_mean", 0.41, True),
+        ("precision_mean", 0.39, False),
+    ):
+        table = part()
+        table.loc[3, column] = chance
+        assert near_chance(table) == ([column] if is_near else []), (column, chance)
+
+
+def test_the_better_one_of_chance_and_no_point_at_all_counts():
+    table = pd.concat(
+        [part(), part().iloc[3:].assign(estimator="empty", n_false_mean=0.0)], ignore_index=True
+    )
+    assert near_chance(table) == ["n_false_mean"]
+
+
+def test_nothing_is_near_chance_without_chance_or_without_numbers():
+    assert near_chance(part().query("estimator != 'chance'")) == []
+    assert near_chance(part(ratio_median=np.nan)) == []
+
+
+def test_the_summary_marks_families_where_chance_comes_near(population_rows):
+    records = population_rows(["town", "crowd"], snrs_db=[10.0], blob=4.0, nomp4d=3.0, oracle=2.0, chance=9.0)
+    in_crowd = (records["estimator"] == "chance") & (records["family"] == "crowd")
+    records.loc[in_crowd, "recall"] = 3.4  # the others: 4 and 3
+    records.loc[(records["estimator"] == "chance") & ~in_crowd, "recall"] = 0.1
+    summary = PopulationKind().summary(records)
+    marked = {
+        family: set(part["near_chance"].map(json.loads).explode().dropna())
+        for family, part in summary.groupby("family")
+    }
+    assert "recall_mean" in marked["crowd"]
+    assert "recall_mean" not in marked["town"]
+    titles = {
+        table.title.partition(",")[0]: table for table in PopulationKind().tables(records) if table.is_detail
+    }
+    assert "recall †" in titles["crowd"].headings
+    assert "recall" in titles["town"].headings
+    assert "chance or no point at all comes near" in titles["crowd"].title
+
+
+def test_what_is_printed_has_references_below_and_details_are_for_the_file(records):
+    tables = PopulationKind().tables(records)
+    printed = [table for table in tables if not table.is_detail]
+    assert [table.title.partition(",")[0] for table in printed] == [
+        "All scenes",
+        "Median ratio by family",
+        "Median ratio by frame and phases",
+        "Targets of sparse",
+    ]
+    # Every family and all together at both SNRs, the families also over both; and the targets at each.
+    assert len(tables) - len(printed) == 4 * 2 + 3 + 2
+    means, ratios, *_ = printed
+    names = [row[0] for row in means.texts]
+    assert names[:2] == ["blob", "nomp4d"]
+    assert set(names[2:]) >= {"oracle (ref.)"}
+    assert means.texts[1][1:3] == ["1.50", "3.00 ±0.00"]
+    assert ratios.headings == ["estimator", "town", "crowd"]
+    assert ratios.texts[0] == ["blob", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
+
+
+def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_a_band(population_rows):
+    for n, band in ((4, "4 scenes, no confidence band below 5"), (5, "5 scenes, 95 % confidence band")):
+        table = PopulationKind().tables(population_rows(["town"], n_scenes=n, blob=1.0))[0]
+        assert table.title == f"All scenes, mean over 0, 10 dB: {band}"
+
+
+def test_a_population_in_which_all_cells_failed_is_told_without_numbers(population_rows):
+    records = population_rows(["town"], snrs_db=[10.0], blob=4.0, oracle=2.0)
+    scores = records.select_dtypes("float").columns.difference(["snr_db"])
+    records[scores] = np.nan
+    records["status"] = "error"
+    tables = PopulationKind().tables(records)
+    assert tables[0].headings[:2] == ["estimator", "Hausdorff [m]"]
+    assert all("failed" in row[1] for row in tables[0].texts)
+
+
+def test_a_population_that_was_interrupted_has_tables_of_what_there_is_and_tells_failed_cells(records):
+    lost = (records["family"] == "crowd") & (records["snr_db"] == records["snr_db"].max())
+    records.loc[(records["estimator"] == "blob") & (records["family"] == "town"), "status"] = "timeout"
+    tables = PopulationKind().tables(records[~lost])
+    titles = [table.title.partition(":")[0] for table in tables]
+    assert f"crowd, {records['snr_db'].min():g} dB" in titles
+    assert f"crowd, {records['snr_db'].max():g} dB" not in titles
+    assert "(16 failed)" in tables[0].texts[0][1]
+
+
+KIND = PopulationKind()
+
+
+@pytest.fixture
+def drawn(population_rows):
+    """Rows of three families: ratios from 1 to 4.5, and one that is far off."""
+    return population_rows(["town", "crowd", "sparse"], a=np.arange(2.0, 10.0), b=1e6, oracle=2.0)
+
+
+def test_every_scene_is_a_dot_in_the_row_of_its_estimator_and_references_are_lines(drawn):
+    (group,) = ratio_charts(scene_cells(drawn), lines_of(drawn))
+    places = [f"{family}, {snr} dB" for snr in (0, 10) for family in ("town", "crowd")]
+    assert [chart.title for chart in group.charts] == places
+    for chart in group.charts:
+        dots = [one for one in chart.series if one.mark == "points" and one.label]
+        ratio, height = (np.concatenate([getattr(one, name) for one in dots]) for name in "xy")
+        assert sorted(ratio[height < 0.5]) == pytest.approx(np.arange(2.0, 10.0) / 2)
+        assert ratio[height > 0.5].tolist() == [LARGEST_RATIO] * 8
+        (reference,) = [one for one in chart.series if one.mark == "line"]
+        assert (reference.x, reference.style.dash) == ([1, 1], "dash")
+        a, b = [one for one in chart.series if one.mark == "points" and not one.label]
+        assert [*a.x_low, *a.x, *a.x_high] == pytest.approx(
+            np.quantile(ratio[height < 0.5], [0.25, 0.5, 0.75])
+        )
+        assert (a.y, b.y) == ([0], [1])
+    assert list(chart.y.categories) == ["a", "b"]
+    assert (chart.x.log, chart.x.title) == (True, "ratio to the oracle")
+
+
+def test_frames_and_phases_have_symbols_that_the_legend_names(drawn):
+    chart = ratio_charts(scene_cells(drawn), lines_of(drawn))[0].charts[0]
+    symbols = {one.label: one.style.symbol for one in chart.series if one.label}
+    assert symbols == {
+        "frame panel, in phase": "circle",
+        "frame panel, carrier phases": "diamond",
+        "frame paper, in phase": "circle-open",
+        "frame paper, carrier phases": "diamond-open",
+        "oracle (truth merged in cells ± spread)": "",
+    }
+
+
+def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
+    ratios, scores, targets = KIND.charts(drawn)
+    assert (ratios.stem, scores.n_columns) == ("ratios", 4)
+    panels = np.reshape(np.array(scores.charts, dtype=object), (-1, 4))
+    assert [chart.title for chart in panels[0]] == ["all scenes", "town", "crowd", "sparse"]
+    axes = [one.axis for one in DRAWN]
+    assert [chart.y.title for chart in panels[:, 0]] == axes
+    assert list(panels[0, 1].series[0].y) == pytest.approx([2.75, 2.75])
+    assert not panels[0, 3].series
+    assert len({chart.y for chart in panels[axes.index("velocity error [m/s]")]}) == 1
+    labels = [one.label for one in panels[1, 0].series]
+    assert labels == ["a", "b", "oracle (truth merged in cells)"]
+    assert targets.stem == "targets-sparse"
+
+
+def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
+    drawn.loc[drawn["family"] == "sparse", "n_false"] = 2
+    targets = KIND.charts(drawn)[-1]
+    assert [chart.y.title for chart in targets.charts] == [one.axis for one in DRAWN_TARGETS]
+    assert list(targets.charts[0].series[0].y) == [2, 2]
+    assert targets.title == "sparse: means over 8 scenes, 95 % confidence bands"
+
+
+def test_without_an_oracle_there_are_no_ratios(population_rows):
+    rows = population_rows(["town"], n_scenes=2, a=2.0, b=3.0)
+    (scores,) = KIND.charts(rows)
+    assert scores.stem == "scores"
+    assert "bands" not in scores.title

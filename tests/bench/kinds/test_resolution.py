@@ -157,6 +157,40 @@ def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
     )
 
 
+def test_a_table_has_a_row_a_distance_under_the_name_of_its_dimension_and_few_estimators(suite):
+    estimators = ["seer", "blob", "trouble", *(f"blob[n={n}]" for n in (1, 2, 3))]
+    records = run(suite.replace(estimators=estimators, dimensions=["velocity", "w"]))
+    records["time_estimate_s"] = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
+    first, second = ResolutionKind().tables(records)
+    rows = [["velocity", "0.5"], ["", "1"], ["w", "0.5"], ["", "1"], ["time [ms]", ""]]
+    assert [row[:2] for row in first.texts] == rows
+    assert first.texts[0][2:5] == ["1.00 / 1.00", "0.00 / 0.00", "0.00 / 0.00 (4 failed)"]
+    assert (len(first.headings), len(second.headings)) == (2 + 5, 2 + 1)
+    seer_ms = 1e3 * records[records["estimator"] == "seer"]["time_estimate_s"].median()
+    assert first.texts[-1][2] == f"{seer_ms:.1f}"
+
+
+def test_shares_are_drawn_over_distance_and_dashed_where_in_phase(of_summary):
+    rows = {"template": "room", "estimator": "a", "params": "{}", "dimension": "u", "n_trials": 5}
+    shares = {"resolved": [1.0, 0.2, 0.6], "resolved_low": 0.0, "resolved_high": 1.0}
+    made = pd.DataFrame(
+        {**rows, **shares, "separation_cells": [1.0, 0.1, 0.5], "resolved_in_phase": [0.9, 0.0, 0.3]}
+    )
+    (group,) = of_summary(ResolutionKind).charts(made.assign(snr_gain_db=60.0))
+    (chart,) = group.charts
+    mean, in_phase = chart.series
+    assert (list(mean.x), list(mean.y)) == ([0.1, 0.5, 1.0], [0.2, 0.6, 1.0])
+    assert (list(mean.high), list(in_phase.y)) == ([1, 1, 1], [0.0, 0.3, 0.9])
+    assert (in_phase.label, mean.style.dash, in_phase.style.dash) == ("a, in phase", "solid", "dash")
+    assert mean.style.colour == in_phase.style.colour
+    assert (group.stem, chart.title, chart.x.log) == ("resolution-room", "Direction cosine u", True)
+    several = pd.concat([made.assign(snr_gain_db=snr_db) for snr_db in (60.0, 70.0)])
+    assert [one.stem for one in of_summary(ResolutionKind).charts(several)] == [
+        "resolution-room-60dB",
+        "resolution-room-70dB",
+    ]
+
+
 def test_a_region_too_small_for_the_farthest_pair_is_refused_before_anything_runs(suite, tmp_path):
     with pytest.raises(InputError, match="must be at least 5 Rayleigh cells from every border"):
         run(suite.replace(separations_cells=[0.1, 9]), out=tmp_path / "run")

@@ -69,3 +69,10 @@ def test_what_is_not_registered_is_told_apart_from_its_namesakes():
         "nowhere[d=inner[n=2]]",
     ]
     assert estimator_labels(variants[:1]) == {variants[0]: "nowhere"}
+
+
+def test_values_are_spelled_as_a_suite_spells_them():
+    params = ['{"pfa":null}', '{"pfa":0.5}', '{"guard":[0,3],"on":true}', '{"guard":[1],"on":false}']
+    variants = [*(("c", one) for one in params[:2]), *(("d", one) for one in params[2:])]
+    labels = ["c[pfa=none]", "c[pfa=0.5]", "d[guard=(0,3),on=true]", "d[guard=(1),on=false]"]
+    assert list(estimator_labels(variants).values()) == labels

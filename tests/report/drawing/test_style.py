@@ -1,14 +1,8 @@
 import pytest
 from matplotlib.lines import Line2D
 
-from isacbench.report.drawing.style import (
-    assign_looks,
-    drawable,
-    file_stems,
-    new_figure,
-    styled,
-    velocity_colours,
-)
+from isacbench.files.file_names import file_stems
+from isacbench.report.drawing.style import drawable, new_figure, styled, velocity_colours
 
 
 def test_stems_are_safe_short_and_unique_whatever_the_case():
@@ -22,16 +16,6 @@ def test_stems_are_safe_short_and_unique_whatever_the_case():
 def test_names_are_drawn_as_text_never_as_mathematics_or_missing_glyphs():
     assert drawable("$x$ é_a") == r"\$x\$ é_a"
     assert drawable("a\n街") == "a\ufffd\ufffd"
-
-
-def test_every_competitor_of_many_has_a_look_of_its_own_and_the_bound_is_dashed():
-    labels = {(f"e{n}", "{}"): f"e{n}" for n in range(18)} | {("limit", "{}"): "limit"}
-    found = assign_looks(labels, bounds={"limit"})
-    drawn = {(look.colour, look.line, look.marker) for look in found.values()}
-    assert len(drawn) == 19
-    assert found["limit", "{}"].is_bound
-    assert found["limit", "{}"].line == "--"
-    assert "--" not in {look.line for look in found.values() if not look.is_bound}
 
 
 def test_velocity_colours_are_centred_at_zero_and_span_both_directions():

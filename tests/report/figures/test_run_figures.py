@@ -1,90 +1,128 @@
+import dataclasses
 import json
 import sys
 
 import matplotlib
+import numpy as np
+import pandas as pd
 import pytest
 
-from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.kinds import imaging
+from isacbench.bench.kinds.kind import lines_of
+from isacbench.bench.kinds.population import PopulationSuite
+from isacbench.bench.run.runner import run_suite
+from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
+from isacbench.metrics.one_to_one import Curve
+from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.drawing.style import new_figure
-from isacbench.report.figures import curves, run_figures
-from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.figures import run_figures
+from isacbench.report.figures.run_figures import draw_run, radius_charts
 
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """Record what is drawn, and draw nothing: stems to the arguments of the drawing function."""
-    calls = {"clouds": [], "saved": []}
+    """Draw nothing, and list the arguments of clouds and comparisons, and what is saved: names of files."""
+    calls = {"clouds": [], "comparisons": [], "saved": []}
     monkeypatch.setattr(run_figures, "draw_clouds", lambda *arguments: calls["clouds"].append(arguments))
-    for name in ("draw_scores", "draw_deviations"):
-        monkeypatch.setattr(run_figures, name, lambda *_: None)
+    monkeypatch.setattr(run_figures, "draw_comparison", lambda *one: calls["comparisons"].append(one))
+    monkeypatch.setattr(run_figures, "draw_charts", lambda *_: None)
     monkeypatch.setattr(run_figures, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
     return calls
 
 
-def run_into(folder, tiny, estimators, snr_db=(0, 10), trials=2):
-    run(
-        Suite(name="test", scenarios=[str(tiny)], estimators=estimators, snr_db=snr_db, trials=trials),
-        out=folder,
-    )
-    return folder
+@pytest.fixture
+def run_of(plugins, tiny, tmp_path):
+    """Return a function that runs estimators on a small scenario."""
+
+    def make(*estimators, name="run", **changes):
+        suite = {"scenarios": [str(tiny)], "snr_db": [0], "trials": 1, "estimators": estimators}
+        return run_suite(Suite(name="test", **{**suite, **changes}), tmp_path / name)
+
+    return make
 
 
-def test_every_figure_of_a_run_is_written_where_it_is_said_to_be_with_named_axes(
-    plugins, tiny, tmp_path, all_axes_named
-):
-    folder = run_into(tmp_path / "run", tiny, ["blob", "seer", "trouble"], snr_db=[0])
-    paths = draw_run(Run.open(folder))
-    assert [path.relative_to(folder).as_posix() for path in paths] == [
-        "figures/deviation.png",
-        "figures/curves-tiny.png",
-        "figures/radii.png",
-        "figures/clouds-tiny.png",
-    ]
+def test_every_figure_of_a_run_is_written_where_it_is_said_to_be(run_of):
+    run = run_of("blob", "seer", "trouble")
+    paths = draw_run(run)
+    names = ["deviation.png", "curves-tiny.png", "radii.png", "clouds-tiny.png"]
+    assert paths == [run.folder / "figures" / name for name in names]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
-    assert sorted((folder / "figures").iterdir()) == sorted(paths)
-    assert len(all_axes_named) == len(paths)
+    assert sorted((run.folder / "figures").iterdir()) == sorted(paths)
 
 
-def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(plugins, tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(curves, "PANELS", [curves.DEVIATION, curves.PANELS[3], curves.PANELS[-1]])
-    folder = run_into(tmp_path / "run", tiny, ["trouble", "trouble[kind=empty]"], snr_db=[3], trials=1)
-    assert len(draw_run(Run.open(folder))) == 4
+def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(run_of, monkeypatch):
+    monkeypatch.setattr(imaging, "SCORE_AXES", {"deviation": imaging.SCORE_AXES["deviation"]})
+    assert len(draw_run(run_of("trouble", "trouble[kind=empty]", snr_db=[3]))) == 4
 
 
-def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(
+def test_times_are_drawn_where_they_count(run_of, drawn):
+    run = run_of("blob")
+    timed = run.changed(rows=run.rows.assign(timing=True, time_rdm_s=0.5 * run.rows["time_estimate_s"]))
+    draw_run(timed)
+    names = ["deviation", "curves-tiny", "pareto-tiny", "stages-tiny", "radii", "clouds-tiny"]
+    assert drawn["saved"] == names
+
+
+def test_scores_over_the_radius_are_means_over_images_and_the_legend_has_the_area(run_of, monkeypatch):
+    radius_m = np.array([0.1, 1.0, 4.0])
+    curves = [Curve(radius_m, *(share * np.ones((3, 3)))) for share in (0.2, 0.6)]
+    run = run_of("blob", "trouble", snr_db=[-10, 0], trials=1)
+    rows = pd.concat([run.rows, run.rows], ignore_index=True)
+    monkeypatch.setattr(run_figures, "score_curve", lambda _: curves.pop())
+    twice = run.changed(rows=rows, read_clouds=lambda: CloudArray.empty(len(rows)))
+    (group,) = radius_charts(twice, lines_of(rows))
+    assert [chart.y.title for chart in group.charts] == ["F-score", "precision", "recall"]
+    for chart in group.charts:
+        (series,) = chart.series  # what failed has none
+        np.testing.assert_allclose(series.x, radius_m)
+        np.testing.assert_allclose(series.y, 0.4)
+        assert series.label == "blob: area 0.40"
+    assert group.title == "Points matched one to one within a radius, 0 dB, 1 scene"
+
+
+def test_of_a_population_the_worst_scene_of_each_estimator_is_drawn(
     plugins, tiny, tmp_path, drawn, monkeypatch
 ):
+    def load(name):
+        family, _, _ = name.partition("[")
+        return dataclasses.replace(load_scenario(tiny), name=name, family=family, family_version=1)
+
+    monkeypatch.setattr("isacbench.bench.plan.job.load_scenario", load)
+    keys = {"scenarios": ["town[seed=1]", "town[seed=2,frame=paper]", "sparse[seed=3]"], "trials": 1}
+    suite = PopulationSuite(name="p", version=1, estimators=["blob", "oracle"], snr_db=[0, 10], **keys)
+    draw_run(run_suite(suite, tmp_path / "run"))
+    assert drawn["saved"] == ["ratios", "scores", "targets-sparse", "radii", "worst-blob"]
+    ((title, _, label, image, *_),) = drawn["comparisons"]
+    assert title.endswith("at 10 dB: the worst ratio of 2 scenes")
+    assert label == "blob"
+    assert image.note.startswith("4 points, ")
+
+
+def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(run_of, tiny, drawn, monkeypatch):
     monkeypatch.setattr(run_figures, "MANY_SCENARIOS", 1)
+    monkeypatch.setattr(imaging, "MANY_SCENARIOS", 1)
     other = tiny.with_name("other.toml")
     other.write_text(tiny.read_text().replace('"tiny"', '"other"'))
-    suite = Suite(
-        name="t", scenarios=[str(tiny), str(other)], estimators=["blob", "seer"], snr_db=[0], trials=1
-    )
-    run_suite(suite, tmp_path / "run")
+    run = run_of("blob", "seer", scenarios=[str(tiny), str(other)])
     with pytest.warns(InputWarning, match="of more than 1 scenarios only means are drawn"):
-        draw_run(Run.open(tmp_path / "run"))
+        draw_run(run)
     assert drawn["saved"] == ["deviation", "radii"]
 
 
-def test_a_run_without_cells_draws_nothing(plugins, tiny, tmp_path):
-    suite = Suite(
-        name="t", scenarios=[str(tiny)], estimators=["trouble[kind=interrupt]"], snr_db=[0], trials=1
-    )
-    run = run_suite(suite, tmp_path / "run")
+def test_a_run_without_cells_draws_nothing(run_of):
+    run = run_of("trouble[kind=interrupt]")
     assert run.manifest["interrupted"]
     assert draw_run(run) == []
 
 
 def test_names_that_no_file_could_have_are_drawn_in_files_that_can_and_a_note_says_what_came_of_each_image(
-    plugins, tiny, tmp_path, drawn
+    run_of, tiny, drawn
 ):
     tiny.write_text(tiny.read_text().replace('"tiny"', r'"../$a\n街 b"'), encoding="utf-8")
-    draw_run(
-        Run.open(run_into(tmp_path / "run", tiny, ["blob", "trouble", "trouble[kind=empty]"], snr_db=[0]))
-    )
+    draw_run(run_of("blob", "trouble", "trouble[kind=empty]"))
     assert drawn["saved"] == ["deviation", "curves-a-b", "radii", "clouds-a-b"]
     assert drawn["clouds"][0][0] == "../\\$a\ufffd\ufffd b, trial 0"
     notes = [image.note for image in drawn["clouds"][0][4][0]]
@@ -93,45 +131,43 @@ def test_names_that_no_file_could_have_are_drawn_in_files_that_can_and_a_note_sa
 
 
 def test_clouds_show_the_snrs_nearest_to_the_papers_none_twice_whether_installed_or_not(
-    plugins, tiny, tmp_path, drawn, monkeypatch
+    plugins, run_of, drawn, monkeypatch
 ):
-    draw_run(Run.open(run_into(tmp_path / "run", tiny, ["blob"], snr_db=[-30, -8, -7, 20], trials=1)))
+    draw_run(run_of("blob", snr_db=[-30, -8, -7, 20]))
     assert list(drawn["clouds"][0][4]) == [-30, -7, 20]
-    other = run_into(tmp_path / "other", tiny, ["blob"], snr_db=[-7], trials=1)
+    other = run_of("blob", name="other", snr_db=[-7])
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place != str(plugins.path)])
-    draw_run(Run.open(other))
+    draw_run(Run.open(other.folder))
     assert list(drawn["clouds"][1][4]) == [-7]
     assert drawn["clouds"][1][3] == ["blob"]
 
 
-def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(plugins, tiny, tmp_path, drawn):
-    many = [f"blob[n={n}]" for n in range(1, 7)]
-    draw_run(Run.open(run_into(tmp_path / "run", tiny, ["seer", *many], trials=1)))
+def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(run_of, drawn):
+    many = [f"blob[n={n}]" for n in range(5, 11)]
+    draw_run(run_of("seer", *many))
     assert [call[3] for call in drawn["clouds"]] == [many[:4], many[4:]]
     assert drawn["saved"][-2:] == ["clouds-tiny-1", "clouds-tiny-2"]
-    draw_run(Run.open(run_into(tmp_path / "limit", tiny, ["seer"], trials=1)))
+    draw_run(run_of("seer", name="limit"))
     assert drawn["clouds"][-1][3] == ["seer (sees the truth)"]
 
 
 def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_says_so(
-    plugins, tiny, tmp_path, drawn, monkeypatch
+    run_of, drawn, monkeypatch
 ):
     monkeypatch.setattr(run_figures, "MOST_CLOUDS", 2)
-    specs = ["blob[n=1]", "trouble", "blob[n=3]", "blob[n=2]"]
-    suite = Suite(name="test", scenarios=[str(tiny)], estimators=specs, snr_db=[0], trials=2)
-    means = run(suite, out=tmp_path / "run").groupby("params")["deviation"].mean()
-    draw_run(Run.open(tmp_path / "run"))
+    run = run_of("blob[n=1]", "trouble", "blob[n=3]", "blob[n=2]", trials=2)
+    draw_run(run)
     ((title, _, _, columns, *_),) = drawn["clouds"]
     assert title == "tiny, the 2 of 4 estimators with the least mean deviation, trial 0"
-    worst = json.loads(means.idxmax())["n"]
+    worst = json.loads(run.rows.groupby("params")["deviation"].mean().idxmax())["n"]
     assert columns == [f"blob[n={n}]" for n in (1, 3, 2) if n != worst]
 
 
-def test_the_users_own_matplotlib_settings_come_back(plugins, tiny, tmp_path, monkeypatch):
-    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
+def test_the_users_own_matplotlib_settings_come_back(run_of, monkeypatch):
+    for name in ("draw_charts", "draw_clouds"):
         monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
-    folder = run_into(tmp_path / "run", tiny, ["blob"], snr_db=[0], trials=1)
+    run = run_of("blob")
     with matplotlib.rc_context({"text.usetex": True, "font.size": 30.0}):
-        draw_run(Run.open(folder))
+        draw_run(run)
         assert matplotlib.rcParams["text.usetex"]
         assert matplotlib.rcParams["font.size"] == 30.0

@@ -17,7 +17,6 @@ from isacbench.report.comparisons.comparison_tables import (
     comparison_lines,
     comparison_summary,
 )
-from isacbench.report.drawing.style import styled
 
 
 def worse_at_10_db(records):
@@ -31,9 +30,9 @@ def failing(records):
 
 def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
     curves, points = comparison_grids(compared(worse_at_10_db, trials=12))
-    assert [row[0] for row in curves.rows] == ["street, blob", "street, nomp4d"]
-    (row,) = points.rows
-    assert dict(zip(points.header, row, strict=True)) | {"p": "", "95 % interval": ""} == {
+    assert [row[0] for row in curves.texts] == ["street, blob", "street, nomp4d"]
+    (row,) = points.texts
+    assert dict(zip(points.headings, row, strict=True)) | {"p": "", "95 % interval": ""} == {
         "curve": "street, nomp4d",
         "SNR [dB]": "10",
         "trials": "12",
@@ -49,25 +48,25 @@ def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
 
 def test_nothing_changed_is_one_table_of_curves(compared):
     (grid,) = comparison_grids(compared())
-    assert [row[-1] for row in grid.rows] == ["same", "same"]
-    assert [row[4] for row in grid.rows] == ["0", "0"]
+    assert [row[-1] for row in grid.texts] == ["same", "same"]
+    assert [row[4] for row in grid.texts] == ["0", "0"]
 
 
 def test_an_inconclusive_curve_says_what_it_would_take(compared):
     few = comparison_grids(compared(worse_at_10_db, trials=2))[0]
-    assert few.rows[1][-1] == "inconclusive: needs 8 trials"
-    assert few.rows[1][5] == ""
+    assert few.texts[1][-1] == "inconclusive: needs 8 trials"
+    assert few.texts[1][5] == ""
 
     def noisy(records):
         records["deviation"] *= 1 + np.random.default_rng(0).normal(0, 0.5, len(records))
 
     relative = comparison_grids(compared(noisy, trials=12))[0]
-    shown = relative.rows[0][-1]
+    shown = relative.texts[0][-1]
     assert shown.startswith("inconclusive: shows ")
     assert shown.endswith(" %")
     absolute = comparison_grids(compared(noisy, ["deviation=0.1"], trials=12))[0]
-    assert absolute.header[4] == "change"
-    assert not absolute.rows[0][-1].endswith("%")
+    assert absolute.headings[4] == "change"
+    assert not absolute.texts[0][-1].endswith("%")
 
 
 def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
@@ -77,8 +76,8 @@ def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
         records.loc[records["estimator"] == "e55", "deviation"] *= 1.5
 
     curves = comparison_grids(compared(change, estimators=names))[0]
-    assert len(curves.rows) == 40
-    assert curves.rows[0][0] == "street, e55"
+    assert len(curves.texts) == 40
+    assert curves.texts[0][0] == "street, e55"
     assert curves.title.endswith("(20 same more not shown)")
 
 
@@ -122,74 +121,67 @@ def test_the_content_is_json_without_infinities(compared):
     assert point["relative"] == pytest.approx(0.3)
 
 
-def ringed(axes):
-    return [line.get_xdata().tolist() for line in axes.lines if line.get_markersize() == 10]
+def charts_of(comparison):
+    """Title of the group of a comparison's charts, and its charts."""
+    group = comparison_charts(comparison, "deviation")
+    return group.title, group.charts
 
 
-def test_a_panel_has_both_curves_and_a_ring_where_they_part(compared):
-    figure = comparison_charts(compared(worse_at_10_db, trials=12), "deviation")
-    calm, worse = figure.axes
-    assert worse.get_title().startswith("street, nomp4d\nwhole curve: regression (+")
-    assert [line.get_xdata().tolist() for line in worse.lines[:2]] == [[-20, -5, 10]] * 2
-    base, new = (np.asarray(line.get_ydata()) for line in worse.lines[:2])
-    np.testing.assert_allclose(new / base, [1, 1, 1.3])
-    assert ringed(worse) == [[10]]
-    assert ringed(calm) == []
-    assert calm.get_title() == "street, blob\nwhole curve: same"
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "base: 0.1.0 (0123456789)",
-        "new: 0.1.0 (0123456789)",
-        "regression",
-    ]
+def test_a_chart_has_both_curves_and_a_ring_where_they_part(compared):
+    title, (calm, worse) = charts_of(compared(worse_at_10_db, trials=12))
+    assert title == "deviation of paired cells: mean of 12 trials, 95 % confidence band"
+    assert worse.title.startswith("street, nomp4d\nwhole curve: regression (+")
+    base, new, ring = worse.series
+    assert list(base.x) == list(new.x) == [-20, -5, 10]
+    np.testing.assert_allclose(np.divide(new.y, base.y), [1, 1, 1.3])
+    assert (list(ring.x), list(ring.y), ring.style.symbol) == ([10], [new.y.iloc[-1]], "circle-open")
+    legend = ["base: 0.1.0 (0123456789)", "new: 0.1.0 (0123456789)", "regression"]
+    assert [one.label for one in worse.series] == legend
+    assert calm.title == "street, blob\nwhole curve: same"
+    assert len(calm.series) == 2
 
 
-def test_a_panel_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_names_them(made_run):
+def test_a_chart_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_names_them(compared, made_run):
     records, manifest = made_run(trials=12, estimators=("blob", "nomp4d"))
-    run = Run("run", records, manifest)
-    partners = {("blob", "{}"): ("nomp4d", "{}")}
-    (axes,) = comparison_charts(compare_tables(run, run, partners=partners), "deviation").axes
-    assert axes.get_title().startswith("street, blob\n→ nomp4d\nwhole curve: regression (+")
-    figure = comparison_charts(compare_tables(run, run, partners=partners, is_between=True), "deviation")
-    assert figure.axes[0].get_title().startswith("street\nwhole curve: worse (+")
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["A: blob", "B: nomp4d", "worse"]
+    run, partners = Run("run", records, manifest), {("blob", "{}"): ("nomp4d", "{}")}
+    _, (chart,) = charts_of(compare_tables(run, run, partners=partners))
+    assert chart.title.startswith("street, blob\n→ nomp4d\nwhole curve: regression (+")
+    _, (chart,) = charts_of(compared(trials=12, is_between=True))
+    assert chart.title.startswith("street\nwhole curve: worse (+")
+    assert [one.label for one in chart.series] == ["A: blob", "B: nomp4d", "worse"]
 
 
 def test_the_axis_holds_all_means_and_does_not_blow_up_what_hardly_varies(compared):
-    for axes in comparison_charts(compared(trials=1), "deviation").axes:
-        low, high = axes.get_ylim()
-        drawn = np.concatenate([line.get_ydata() for line in axes.lines])
-        assert low < drawn.min() <= drawn.max() < high
-        assert high - low >= 0.2 * drawn.max()
+    for chart in charts_of(compared(trials=1))[1]:
+        low, high = chart.y.limits
+        means = np.concatenate([one.y for one in chart.series])
+        assert low < means.min() <= means.max() < high
+        assert high - low >= 0.2 * means.max()
 
 
 def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
-    figure = comparison_charts(compared(trials=4), "deviation")
-    assert figure.get_suptitle() == "deviation of paired cells: mean of 4 trials, no confidence band below 5"
-    bands = [path for axes in figure.axes for part in axes.collections for path in part.get_paths()]
-    assert not any(band.vertices.size for band in bands)
-    assert {axes.get_ylabel() for axes in figure.axes} == {"imaging deviation"}
+    title, charts = charts_of(compared(trials=4))
+    assert title == "deviation of paired cells: mean of 4 trials, no confidence band below 5"
+    assert {chart.y.title for chart in charts} == {"imaging deviation"}
+    assert all(np.isnan([*one.low, *one.high]).all() for chart in charts for one in chart.series)
 
 
-def test_of_many_curves_those_with_a_regression_are_drawn_and_titles_do_not_overlap(compared, monkeypatch):
-    monkeypatch.setattr("isacbench.report.comparisons.comparison_charts.MAX_PANELS", 6)
+def test_of_many_curves_those_with_a_regression_are_drawn_first_and_long_names_are_shortened(
+    compared, monkeypatch
+):
+    monkeypatch.setattr("isacbench.report.comparisons.comparison_charts.MOST_CHARTS", 6)
     names = [f"nomp4d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(8)]
 
     def change(records):
         chosen = (records["estimator"] == names[-1]) & (records["snr_db"] == 10)
         records.loc[chosen, "deviation"] *= 1.5
 
-    with styled():
-        figure = comparison_charts(compared(change, estimators=names, trials=12), "deviation")
-        figure.draw_without_rendering()
-    assert len(figure.axes) == 6
-    scenario, name, outcome = figure.axes[0].get_title().split("\n")
+    title, charts = charts_of(compared(change, estimators=names, trials=12))
+    assert len(charts) == 6
+    scenario, name, outcome = charts[0].title.split("\n")
     assert (scenario, name[:14], name[-7:]) == ("street", names[-1][:14], "name_07")
     assert outcome.startswith("whole curve: ")
-    assert "6 of 8 curves" in figure.get_suptitle()
-    boxes = [axes.get_tightbbox() for axes in figure.axes] + [figure._suptitle.get_window_extent()]
-    pairs = [(one, other) for i, one in enumerate(boxes) for other in boxes[:i]]
-    assert not any(one.overlaps(other) for one, other in pairs)
+    assert title.endswith(", 6 of 8 curves")
 
 
 def test_a_figure_for_each_score_lies_beside_the_new_run_or_where_asked(compared, tmp_path):
