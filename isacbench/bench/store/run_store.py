@@ -29,7 +29,13 @@ from isacbench.bench.plan.labels import labelled
 from isacbench.bench.plan.manifest_plan import outline
 from isacbench.bench.store.csv_table import without_formulas, write_csv_table
 from isacbench.bench.store.journal import read_journal
-from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
+from isacbench.bench.store.provenance import (
+    blas_libraries,
+    git_state,
+    machine,
+    package_versions,
+    plugin_version,
+)
 from isacbench.bench.store.rows import Rows
 from isacbench.bench.store.run_folder import replacing
 from isacbench.bench.store.score_columns import (
@@ -59,7 +65,6 @@ from isacbench.files.checked_files import (
 from isacbench.files.escaping import quoted, visible
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.scenes.scene_families import spelled_scenarios
-from isacbench.plugins.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

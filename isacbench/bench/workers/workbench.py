@@ -12,7 +12,7 @@ from isacbench.bench.cells.isolation import seed_global_generators
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.provenance import Made, environment_id, environment_of
 from isacbench.cores import one_blas_thread
-from isacbench.plugins.plugin_versions import foreign_classes
+from isacbench.plugins.class_code import foreign_classes
 from isacbench.process_state import libraries_kept, process_state_kept
 
 if TYPE_CHECKING:
