@@ -16,7 +16,7 @@ from typing import Any
 
 from isacbench.errors import InputError
 from isacbench.files.checked_files import SOURCE_BYTES, read_text, require_file
-from isacbench.process_state import libraries_kept, process_state_kept
+from isacbench.process_state import process_state_kept
 
 METHODS = {"estimator": "estimate", "detector": "detect", "metric": "score"}
 """Method that makes a class with a name a plugin of a kind."""
@@ -146,7 +146,7 @@ def _run(file: PluginFile) -> ModuleType:
     sys.modules[file.module_name] = module
     try:
         # What it prints is no part of a command's output, which may be JSON.
-        with process_state_kept(at_import=True), libraries_kept(), redirect_stdout(sys.stderr):
+        with process_state_kept(at_import=True), redirect_stdout(sys.stderr):
             exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
     except BaseException as error:
         forget_module(file)

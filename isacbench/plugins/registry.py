@@ -26,7 +26,7 @@ from isacbench.plugins.parameters import (
     python_number,
     required_fields,
 )
-from isacbench.process_state import libraries_kept, process_state_kept
+from isacbench.process_state import process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
 from isacbench.streams import plugin_output
 
@@ -406,7 +406,7 @@ def _imported(entry: RegisteredPlugin) -> Any:
         or entry.version is None
     ):
         return entry.load()
-    with process_state_kept(at_import=True), libraries_kept(), redirect_stdout(sys.stderr):
+    with process_state_kept(at_import=True), redirect_stdout(sys.stderr):
         return entry.load()
 
 
