@@ -38,21 +38,7 @@ if TYPE_CHECKING:
 
 
 def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:
-    """Spell estimators, those that are objects by name and parameters.
-
-    Parameters
-    ----------
-    estimators : iterable of str or Estimator
-
-    Returns
-    -------
-    dict of str to Estimator or None
-        By specification, in order; None for what was a specification.
-
-    Raises
-    ------
-    InputError
-        If something is neither, or two objects have equal parameters.
+    """Spell estimators, in order; objects by name and parameters, texts as they are and with None.
 
     Examples
     --------
@@ -109,10 +95,6 @@ class Instances(Mapping[str, "Estimator"]):
     A copy of them in this process has the same classes. In another process they are
     unpickled where they are first asked for, when the files of their plugins are
     registered, with the codes of their classes as they were when they were sent.
-
-    Parameters
-    ----------
-    estimators : mapping of str to Estimator, optional
     """
 
     def __init__(self, estimators: Mapping[str, Estimator] | None = None) -> None:

@@ -18,8 +18,7 @@ from isacbench.bench.store.provenance import ROW_MAKERS, plugin_version
 from isacbench.cores import one_blas_thread
 from isacbench.plugins.class_code import class_code
 from isacbench.plugins.code_files import files_digest
-from isacbench.plugins.discovery import register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, register_plugin
 from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 
 SOURCE = """

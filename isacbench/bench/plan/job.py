@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from isacbench.bench.studies.study import Scene
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
-    from isacbench.plugins.discovery import PluginKind
-    from isacbench.plugins.local_files import PluginFile
+    from isacbench.plugins.discovery import PluginFile, PluginKind
 
 
 class EntryKey(NamedTuple):

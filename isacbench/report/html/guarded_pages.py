@@ -14,7 +14,7 @@ from isacbench.plugins.registry import distribution, estimator_names
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isacbench.plugins.local_files import PluginFile
+    from isacbench.plugins.discovery import PluginFile
 
 OWN = "isacbench"
 """Distribution of the built-in estimators."""

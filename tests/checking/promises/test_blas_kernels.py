@@ -11,8 +11,7 @@ from isacbench.checking.promises.drift import cloud_drift
 from isacbench.checking.promises.image_promises import BLAS_KERNELS, Imaging
 from isacbench.checking.promises.promise import BrokenPromiseError, NotApplicableError
 from isacbench.checking.promises.small_scenes import RESOLVED, observed
-from isacbench.plugins.discovery import isolated_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 from isacbench.plugins.registry import get_estimator
 
 SHOT = observed(RESOLVED, 40.0)
