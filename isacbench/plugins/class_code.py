@@ -18,7 +18,7 @@ import sys
 import uuid
 from collections.abc import Iterator
 from functools import cached_property
-from types import CodeType, FunctionType, MappingProxyType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -27,13 +27,14 @@ from isacbench.plugins.code_files import ALGORITHMS, VERSIONED, is_importable, r
 from isacbench.plugins.discovery import local_plugins
 from isacbench.plugins.parameters import parameter_fields
 
+CONTAINERS = {list, tuple, dict, set, frozenset}
+WRAPPED = "fget", "fset", "fdel", "__func__", "func"
+"""Attributes of properties and other members of classes that hold their functions."""
+
 PLAIN = {bool, int, float, complex, str, bytes, type(None), type(Ellipsis)}
 
 UNKNOWN = uuid.uuid4
 """Makes a text for what nothing is known of; it is never the same."""
-
-BY_NAME = {"globals", "eval", "exec"}
-"""Built-in functions that values are found with that no instruction names."""
 
 PROTOCOL = 4
 """Of the state of objects, as `pickle` takes it."""
@@ -154,18 +155,11 @@ class _Walk:
                 if has_a_file(value):
                     return f"{value.__module__}.{value.__qualname__}"
                 return self._class(value) if isinstance(value, type) else self._function(value)
-            case list() | tuple() if type(value) in (list, tuple):
-                return f"{name} {[*map(self.text, value)]}"
-            case dict() | MappingProxyType() if type(value) in (dict, MappingProxyType):
-                return f"dict {[*map(self.text, value.items())]}"
-            case set() | frozenset() if type(value) in (set, frozenset):
-                return f"{name} {sorted(map(self.text, value))}"
-            case property():
-                return f"property {self.text((value.fget, value.fset, value.fdel))}"
-            case staticmethod() | classmethod():
-                return f"{name} {self.text(value.__func__)}"
-            case cached_property():
-                return f"{name} {self.text(value.func)}"
+            case list() | tuple() | dict() | set() | frozenset() if type(value) in CONTAINERS:
+                texts = [*map(self.text, value.items() if isinstance(value, dict) else value)]
+                return f"{name} {sorted(texts) if isinstance(value, (set, frozenset)) else texts}"
+            case property() | staticmethod() | classmethod() | cached_property():
+                return f"{name} {self.text([getattr(value, one, None) for one in WRAPPED])}"
             case CodeType():
                 counts = value.co_argcount, value.co_posonlyargcount, value.co_kwonlyargcount, value.co_flags
                 names = value.co_names, value.co_varnames, value.co_freevars, value.co_cellvars
@@ -188,14 +182,10 @@ class _Walk:
                 self.modules.add(module)
                 return f"{module}.{parts}"
             return f"{self.text(kind)} {self.text(_state(value) or str(UNKNOWN()))}"
-        texts = []
-        for part in parts:
-            if isinstance(part, Iterator):  # over the items of a list or a dictionary
-                part = list(part)
-            elif isinstance(part, dict):
-                part = _without_cache(kind, part)
-            texts.append(self.text(part))
-        return f"{self.text(kind)} {texts}"
+        # Iterators are over the items of a list or a dictionary.
+        parts = [list(part) if isinstance(part, Iterator) else part for part in parts]
+        parts = [_without_cache(kind, part) if isinstance(part, dict) else part for part in parts]
+        return f"{self.text(kind)} {self.text(parts)}"
 
     def _class(self, thing: type[Any]) -> str:
         members = {name: value for name, value in sorted(vars(thing).items()) if _is_written(name, value)}
@@ -214,8 +204,6 @@ class _Walk:
         # But for state that it sets itself.
         read -= {name for operation, name in steps if operation == "STORE_GLOBAL"}
         names = {name: known[name] for name in sorted(read) if name in known}
-        if BY_NAME & read - names.keys():
-            names["by name"] = str(UNKNOWN())
         self.modules |= {name for operation, name in steps if operation == "IMPORT_NAME"}
         # A script may have set them since the module was imported.
         words = sorted({name for _, name in steps})
@@ -239,9 +227,9 @@ def _is_written(name: str, value: object) -> bool:
 
 def _state(value: object) -> dict[str, Any]:
     """Attributes of an object, in slots or not."""
-    slots = (name for kind in type(value).__mro__ for name in getattr(kind, "__slots__", ()))
-    found = {name: getattr(value, name) for name in slots if hasattr(value, name)}
-    return _without_cache(type(value), {**found, **getattr(value, "__dict__", {})})
+    names = {name for kind in type(value).__mro__ for name in getattr(kind, "__slots__", ())}
+    held = {name: getattr(value, name) for name in sorted(names) if hasattr(value, name)}
+    return _without_cache(type(value), held | getattr(value, "__dict__", {}))
 
 
 def _without_cache(kind: type[Any], state: dict[Any, Any]) -> dict[Any, Any]:

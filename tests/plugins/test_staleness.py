@@ -388,14 +388,6 @@ def test_constants_that_a_script_sets_in_a_module_count(made, neighbour):
     assert class_code(plugged) != before
 
 
-def test_what_is_found_by_a_text_is_never_the_same():
-    class Local:
-        def estimate(self):
-            return globals()["SOURCE"]
-
-    assert class_code(Local) != class_code(Local)
-
-
 def test_a_universal_function_that_numpy_does_not_have_is_never_the_same():
     adds = np.frompyfunc(lambda x: x + 1, 1, 1)
 
