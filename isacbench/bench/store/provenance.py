@@ -135,17 +135,7 @@ def machine() -> dict[str, Any]:
 
 
 def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
-    """Commit and dirty flag of the checkout that the code runs from.
-
-    Parameters
-    ----------
-    checkout : Path
-
-    Returns
-    -------
-    dict or None
-        ``commit`` and ``dirty``; None without a checkout or without git.
-    """
+    """Commit and dirty flag of the checkout that the code runs from; None without one, or without git."""
     if not (checkout / ".git").exists():
         return None
     try:
@@ -172,16 +162,9 @@ def package_versions() -> dict[str, str | None]:
 
 @cache
 def package_version(package: str) -> str | None:
-    """Version of an installed package, asked once: an imported package stays the same if it is replaced.
+    """Version of an installed package, or None.
 
-    Parameters
-    ----------
-    package : str
-
-    Returns
-    -------
-    str or None
-        None if it is not installed.
+    It is asked once: an imported package stays the same if it is replaced.
     """
     try:
         return version(package)
