@@ -17,18 +17,7 @@ class CheckoutFinder(MetaPathFinder):
     """Finder of the packages in the folders of a checkout."""
 
     def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
-        """Find one of the packages; others are left to others.
-
-        Parameters
-        ----------
-        fullname : str
-        path, target : object
-            Of no meaning here.
-
-        Returns
-        -------
-        ModuleSpec or None
-        """
+        """Find one of the packages; others are left to others."""
         folder = FOLDERS.get(fullname)
         if folder is None:
             return None
@@ -40,10 +29,7 @@ class CheckoutFinder(MetaPathFinder):
 def keep_to_checkout() -> None:
     """Import the other packages from the checkout that this module is in, if it is in one.
 
-    Raises
-    ------
-    ImportError
-        If one of them has been imported from elsewhere.
+    One that has been imported from elsewhere is an ImportError.
     """
     if not all((folder / "__init__.py").is_file() for folder in FOLDERS.values()):
         return

@@ -47,17 +47,7 @@ class OwnOutput(io.TextIOWrapper):
     """The only thread that may write, if there is one; the text of others goes to standard error."""
 
     def write(self, text: str, /) -> int:
-        """Write text, or hand it on.
-
-        Parameters
-        ----------
-        text : str
-
-        Returns
-        -------
-        int
-            Number of characters.
-        """
+        """Write text, or hand it on."""
         is_allowed = self.thread in (None, threading.get_ident())
         return super().write(text) if is_allowed else sys.stderr.write(text)
 

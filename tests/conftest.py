@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins import import_closure, plugin_versions
 from isacbench.plugins.discovery import isolated_plugins
 
 # How long an example takes on a busy machine decides no test. The default run tries the same examples each
@@ -474,26 +473,6 @@ def noisy_cube(clean_cube):
     cube = clean_cube + parts.view(np.complex128)[..., 0]
     cube.setflags(write=False)
     return cube
-
-
-def forget_code():
-    """Have the code of plugins and of what they import read anew."""
-    for remembered in (
-        plugin_versions._library_digest,
-        plugin_versions._distribution,
-        import_closure._spec,
-    ):
-        remembered.cache_clear()
-    import_closure._read_once.cache_clear()
-    import_closure._codes.clear()
-
-
-@pytest.fixture
-def unknown_code():
-    """Packages of a test may have names that others had, and have, too."""
-    forget_code()
-    yield
-    forget_code()
 
 
 POPULATION_SCORES = [

@@ -245,36 +245,13 @@ class Diagnoser(Protocol):
 
 
 def is_reference(plugin: object) -> TypeGuard[ReferenceEstimator]:
-    """Tell whether a plugin sees the truth and has realisations.
-
-    Parameters
-    ----------
-    plugin : object
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a plugin sees the truth and has realisations."""
     return isinstance(plugin, ReferenceEstimator) and plugin.needs_truth
 
 
 @plugin_output()
 def needs_of(estimator: Estimator) -> Needs:
-    """Look up the needs of an estimator: all of the gate on all elements where it declares nothing.
-
-    Parameters
-    ----------
-    estimator : Estimator
-
-    Returns
-    -------
-    Needs
-
-    Raises
-    ------
-    TypeError
-        If its ``needs`` is not a `Needs`.
-    """
+    """Look up the needs of an estimator: all of the gate on all elements where it declares nothing."""
     needs = getattr(estimator, "needs", Needs())
     if not isinstance(needs, Needs):
         raise TypeError(f"estimator {estimator.name}: its needs must be a Needs, not {type(needs).__name__}")

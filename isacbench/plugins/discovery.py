@@ -2,23 +2,84 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import linecache
+import re
 import sys
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from types import ModuleType
+from typing import Any, Literal, get_args
 
 from isacbench.errors import InputError
-from isacbench.plugins.local_files import PluginFile, forget_module, import_plugins
+from isacbench.files.checked_files import SOURCE_BYTES, read_text, require_file
+from isacbench.process_state import process_state_kept
 
 PluginKind = Literal["estimator", "detector", "metric"]
 
 GROUPS: dict[PluginKind, str] = {kind: f"isacbench.{kind}s" for kind in get_args(PluginKind)}
+
+METHODS: dict[PluginKind, str] = {"estimator": "estimate", "detector": "detect", "metric": "score"}
+"""Method that makes a class with a name a plugin of a kind."""
+
+DIGEST_SHOWN = 8
+"""Digits of the digest that tell files of one name apart in tracebacks."""
+
+LIBRARIES = frozenset({"isacbench", "numpy", "scipy", "threadpoolctl"}) | sys.stdlib_module_names - {
+    "__main__"
+}
+"""Packages that call a plugin, or that a plugin calls."""
+
+
+@dataclass(frozen=True)
+class PluginFile:
+    """A Python file by its content, so that another process or machine can have the same.
+
+    Attributes
+    ----------
+    filename : str
+        Without folders, such as ``strongest.py``.
+    source : str
+    path : str
+        Where it was read, as it was named; empty if it was not.
+    """
+
+    filename: str
+    source: str
+    path: str = field(default="", compare=False)
+
+    @classmethod
+    def read(cls, path: str | Path) -> PluginFile:
+        """Read a file of Python source."""
+        path = Path(path)
+        if path.suffix != ".py":
+            raise InputError(f"plugin {path}: allowed is a Python file that ends in .py")
+        require_file(path)
+        return cls(path.name, read_text(path, SOURCE_BYTES), str(path))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the text, hexadecimal; what the file is called does not matter."""
+        return hashlib.sha256(self.source.encode()).hexdigest()
+
+    @property
+    def code_name(self) -> str:
+        """Name of the file in tracebacks: a part of its digest, and its name."""
+        return f"plugin-{self.digest[:DIGEST_SHOWN]}/{self.filename}"
+
+    @property
+    def module_name(self) -> str:
+        """Name in `sys.modules`: the same wherever the content is."""
+        stem = re.sub(r"\W", "_", Path(self.filename).stem)
+        return f"isacbench_plugin_{stem}_{self.digest[:16]}"
 
 
 @dataclass(frozen=True)
@@ -66,21 +127,7 @@ _users: Counter[str] = Counter()
 
 
 def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
-    """Look up everything registered of a kind, by name.
-
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-
-    Returns
-    -------
-    dict of str to RegisteredPlugin
-
-    Raises
-    ------
-    InputError
-        If two packages or files claim the same name, naming both.
-    """
+    """Look up everything registered of a kind, by name, which two packages or files must not share."""
     installed = _installed(kind, _import_path())
     local = [entry for registered in _within.get().values() for entry in registered if entry.kind == kind]
     return _by_name([*installed, *local])
@@ -103,35 +150,21 @@ def load_plugin_file(path: str | Path) -> list[str]:
     Raises
     ------
     InputError
-        As `PluginFile.read` and `register_plugin` do.
+        If the file is no Python source, fails, defines no plugin, or one whose name is taken.
     """
     return register_plugin(PluginFile.read(path))
 
 
 def register_plugin(file: PluginFile) -> list[str]:
-    """Register what a plugin file defines; a second time with equal content changes nothing.
-
-    Parameters
-    ----------
-    file : PluginFile
-
-    Returns
-    -------
-    list of str
-        Names, in the order of definition.
-
-    Raises
-    ------
-    InputError
-        If the file fails, defines no plugin, or one whose name is taken.
-    """
+    """Register what a plugin file defines, and list the names; equal content is registered once."""
     if not entries_of(file):
-        added = tuple(_local_entry(file, cast("PluginKind", kind), cls) for kind, cls in import_plugins(file))
+        module = _run(file)
         try:
+            added = _defined(file, module)
             for kind in GROUPS:
                 _by_name([*entries(kind).values(), *(entry for entry in added if entry.kind == kind)])
         except InputError:
-            forget_module(file)
+            _forget(file)
             raise
         _within.get()[file] = added
         _users[file.module_name] += 1
@@ -139,18 +172,7 @@ def register_plugin(file: PluginFile) -> list[str]:
 
 
 def entries_of(file: PluginFile) -> tuple[RegisteredPlugin, ...]:
-    """Look up what a file of this content has registered.
-
-    Parameters
-    ----------
-    file : PluginFile
-        Its name does not matter.
-
-    Returns
-    -------
-    tuple of RegisteredPlugin
-        Empty if no such file is registered.
-    """
+    """Look up what a file of this content has registered, whatever it was called; empty if nothing."""
     return next((found for other, found in _within.get().items() if other.digest == file.digest), ())
 
 
@@ -172,22 +194,34 @@ def isolated_plugins() -> Iterator[None]:
         for file in own.keys() - before.keys():
             _users[file.module_name] -= 1
             if not _users[file.module_name]:
-                forget_module(file)
+                _forget(file)
+
+
+def error_place(error: BaseException, module: str = "") -> str:
+    """Find where the code of a plugin has raised an exception: file, line and function.
+
+    It is the innermost frame of the plugin's own package, where its module is known, else of any
+    code but `LIBRARIES`; empty if there is none.
+    """
+    own = others = ""
+    # By the names of modules: a plugin's file may lie in any folder, one called numpy as well.
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        place = f"{Path(frame.f_code.co_filename).name}, line {line}, in {frame.f_code.co_name}"
+        if package == module.partition(".")[0]:
+            own = place
+        elif package not in LIBRARIES:
+            others = place
+    return own or others
 
 
 @lru_cache(maxsize=8)
 def _installed(kind: PluginKind, _path: tuple[object, ...]) -> tuple[RegisteredPlugin, ...]:
     """Entries of the packages on the import path; cached, because a run asks often."""
     return tuple(
-        RegisteredPlugin(
-            kind,
-            entry.name,
-            entry.value,
-            entry.dist.name if entry.dist else entry.value,
-            entry.dist.version if entry.dist else None,
-            entry.load,
-        )
-        for entry in entry_points(group=GROUPS[kind])
+        RegisteredPlugin(kind, one.name, one.value, one.dist.name, one.dist.version, one.load)
+        for one in entry_points(group=GROUPS[kind])
+        if one.dist
     )
 
 
@@ -195,11 +229,6 @@ def _import_path() -> tuple[tuple[str, int], ...]:
     """Folders that packages are found in, and the time of the last installation or removal in each."""
     folders = (Path(folder) for folder in sys.path)
     return tuple((str(folder), folder.stat().st_mtime_ns) for folder in folders if folder.exists())
-
-
-def _local_entry(file: PluginFile, kind: PluginKind, plugin: type[Any]) -> RegisteredPlugin:
-    target = f"{file.code_name}:{plugin.__qualname__}"
-    return RegisteredPlugin(kind, plugin.name, target, file.filename, None, lambda: plugin)
 
 
 def _by_name(found: Iterable[RegisteredPlugin]) -> dict[str, RegisteredPlugin]:
@@ -214,3 +243,64 @@ def _by_name(found: Iterable[RegisteredPlugin]) -> dict[str, RegisteredPlugin]:
             )
         named[entry.name] = entry
     return named
+
+
+def _defined(file: PluginFile, module: ModuleType) -> tuple[RegisteredPlugin, ...]:
+    """Plugins among the classes that a file defines; imported classes and abstract ones do not count."""
+    classes: list[Any] = [
+        value
+        for key, value in vars(module).items()
+        if inspect.isclass(value) and value.__module__ == module.__name__ and key == value.__name__
+    ]
+    found = tuple(
+        _local_entry(file, kind, one)
+        for one in classes
+        for kind, method in METHODS.items()
+        if isinstance(getattr(one, "name", None), str)
+        and callable(getattr(one, method, None))
+        and not inspect.isabstract(one)
+    )
+    if not found:
+        raise InputError(
+            f"plugin {file.filename}: it defines no class with a class attribute `name` and a method "
+            f"`estimate`, `detect` or `score`; its classes are "
+            f"{', '.join(one.__name__ for one in classes) or 'none'}"
+        )
+    return found
+
+
+def _local_entry(file: PluginFile, kind: PluginKind, plugin: type[Any]) -> RegisteredPlugin:
+    target = f"{file.code_name}:{plugin.__qualname__}"
+    return RegisteredPlugin(kind, plugin.name, target, file.filename, None, lambda: plugin)
+
+
+def _run(file: PluginFile) -> ModuleType:
+    """Execute a file as a module that pickle, type hints and tracebacks find."""
+    module = ModuleType(file.module_name)
+    module.__file__ = file.code_name
+    # Without a time of modification an entry stays, though no such file exists.
+    lines = file.source.splitlines(keepends=True)
+    linecache.cache[file.code_name] = len(file.source), None, lines, file.code_name
+    sys.modules[file.module_name] = module
+    try:
+        # What it prints is no part of a command's output, which may be JSON.
+        with process_state_kept(at_import=True), redirect_stdout(sys.stderr):
+            exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
+    except BaseException as error:
+        _forget(file)
+        if not isinstance(error, (Exception, SystemExit)):
+            raise
+        # A syntax error has no frame in the file.
+        frames = [*traceback.extract_tb(error.__traceback__), error]
+        names = [getattr(one, "filename", None) for one in frames]
+        lines_in = [one.lineno for one, name in zip(frames, names, strict=True) if name == file.code_name]
+        place = f"line {lines_in[-1]}: " if lines_in else ""
+        reason = f"{place}{type(error).__name__}: {error}"
+        raise InputError(f"plugin {file.filename}: cannot be imported: {reason}") from error
+    return module
+
+
+def _forget(file: PluginFile) -> None:
+    """Undo the import of a plugin file."""
+    sys.modules.pop(file.module_name, None)
+    linecache.cache.pop(file.code_name, None)

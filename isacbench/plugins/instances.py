@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cloudpickle
 
 from isacbench.errors import InputError
-from isacbench.plugins.class_code import known_codes
-from isacbench.plugins.import_closure import is_importable
+from isacbench.plugins.class_code import known_codes, own_codes
+from isacbench.plugins.code_files import is_importable
 from isacbench.plugins.parameters import (
     canonical_params,
     field_defaults,
@@ -30,7 +30,6 @@ from isacbench.plugins.parameters import (
     parameter_types,
     refuse_init_variables,
 )
-from isacbench.plugins.plugin_versions import own_codes
 from isacbench.plugins.registry import check_parameter
 from isacbench.specifications import is_word, spell_spec
 
@@ -39,21 +38,7 @@ if TYPE_CHECKING:
 
 
 def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:
-    """Spell estimators, those that are objects by name and parameters.
-
-    Parameters
-    ----------
-    estimators : iterable of str or Estimator
-
-    Returns
-    -------
-    dict of str to Estimator or None
-        By specification, in order; None for what was a specification.
-
-    Raises
-    ------
-    InputError
-        If something is neither, or two objects have equal parameters.
+    """Spell estimators, in order; objects by name and parameters, texts as they are and with None.
 
     Examples
     --------
@@ -110,10 +95,6 @@ class Instances(Mapping[str, "Estimator"]):
     A copy of them in this process has the same classes. In another process they are
     unpickled where they are first asked for, when the files of their plugins are
     registered, with the codes of their classes as they were when they were sent.
-
-    Parameters
-    ----------
-    estimators : mapping of str to Estimator, optional
     """
 
     def __init__(self, estimators: Mapping[str, Estimator] | None = None) -> None:
@@ -183,7 +164,7 @@ _packing = Lock()
 def _by_value(plugins: Iterable[object]) -> Iterator[None]:
     """Let cloudpickle send classes of some modules by their code; those of ``__main__`` go so in any case."""
     codes = (code for plugin in plugins for code in own_codes(plugin).values())
-    names = {name for code in codes for name in code.homes} - {"__main__", "builtins"}
+    names = {name for code in codes for name in code.modules} - {"__main__", "builtins"}
     names -= cloudpickle.list_registry_pickle_by_value()
     modules = [sys.modules[name] for name in sorted(names & sys.modules.keys()) if not is_importable(name)]
     try:

@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 from isacbench.plugins.contracts import Detector
-from isacbench.plugins.local_files import METHODS
+from isacbench.plugins.discovery import METHODS
 from isacbench.specifications import QuotedText
 
 MOST_BITS = 4096
@@ -24,67 +24,25 @@ ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors
 def canonical_params(plugin: object) -> str:
     """Write every parameter of a dataclass, such as an estimator or a detector, as canonical JSON.
 
-    Parameters
-    ----------
-    plugin : Estimator, Detector or other dataclass
-
-    Returns
-    -------
-    str
-        Sorted keys, no spaces, defaults included; a nested detector is an
-        object with its ``name`` beside its parameters. Equal parameters give
-        equal strings.
-
-    Raises
-    ------
-    InputError
-        If a value is not one of `ALLOWED`, naming plugin and parameter.
+    Sorted keys, no spaces, defaults included; a nested detector is an object with its ``name`` beside its
+    parameters. Equal parameters give equal strings. A value that is not one of `ALLOWED` is refused, naming plugin and parameter.
     """
     return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def is_frozen_dataclass(plugin: object) -> bool:
-    """Tell whether an object is a class, a dataclass and frozen.
-
-    Parameters
-    ----------
-    plugin : object
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether an object is a class, a dataclass and frozen."""
     parameters = getattr(plugin, "__dataclass_params__", None)
     return inspect.isclass(plugin) and bool(getattr(parameters, "frozen", False))
 
 
 def parameter_fields(plugin: Any) -> list[dataclasses.Field[Any]]:
-    """List the fields of a dataclass that are parameters, and not made of others.
-
-    Parameters
-    ----------
-    plugin : type or object
-        A dataclass, or an instance of one.
-
-    Returns
-    -------
-    list of dataclasses.Field
-    """
+    """List the fields of a dataclass, or of an instance, that are parameters and not made of others."""
     return [field for field in dataclasses.fields(plugin) if field.init]
 
 
 def required_fields(plugin: Any) -> list[str]:
-    """List the fields of a dataclass that have no default.
-
-    Parameters
-    ----------
-    plugin : type or object
-        A dataclass, or an instance of one.
-
-    Returns
-    -------
-    list of str
-    """
+    """List the fields of a dataclass that have no default."""
     return [
         field.name
         for field in parameter_fields(plugin)
@@ -93,17 +51,7 @@ def required_fields(plugin: Any) -> list[str]:
 
 
 def field_defaults(plugin: Any) -> dict[str, Any]:
-    """Collect the defaults of the fields of a dataclass that have one.
-
-    Parameters
-    ----------
-    plugin : type or object
-        A dataclass, or an instance of one.
-
-    Returns
-    -------
-    dict of str to Any
-    """
+    """Collect the defaults of the fields of a dataclass that have one."""
     return {
         field.name: field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
         for field in parameter_fields(plugin)
@@ -112,19 +60,7 @@ def field_defaults(plugin: Any) -> dict[str, Any]:
 
 
 def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Resolve the types of a plugin's fields; `Detector` may be imported for type checking only.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the plugin in messages.
-    plugin : type
-        A dataclass with a class attribute ``name``.
-
-    Returns
-    -------
-    dict of str to type
-    """
+    """Resolve the types of a plugin's fields; `Detector` may be imported for type checking only."""
     try:
         hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)
     except NameError as error:
@@ -137,19 +73,7 @@ def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
 
 
 def refuse_init_variables(kind: str, plugin: type[Any]) -> None:
-    """Refuse a dataclass with values that its instances do not keep: no row could name them.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the plugin in messages.
-    plugin : type
-
-    Raises
-    ------
-    InputError
-        Naming the first one.
-    """
+    """Refuse a dataclass with values that its instances do not keep: no row could name them."""
     for base in plugin.__mro__:
         for key, hint in vars(base).get("__annotations__", {}).items():
             if "InitVar" in str(hint):
@@ -159,23 +83,7 @@ def refuse_init_variables(kind: str, plugin: type[Any]) -> None:
 
 
 def plain_value(where: str, key: str, value: Any) -> Any:
-    """Convert a parameter's value to types of JSON, or refuse it.
-
-    Parameters
-    ----------
-    where, key : str
-        Plugin and parameter in messages.
-    value : object
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    InputError
-        If the value is not one of `ALLOWED`.
-    """
+    """Convert a parameter's value to types of JSON, or refuse it; plugin and key are for messages."""
     value = python_number(value)
     if value is None or type(value) is bool or (type(value) is float and math.isfinite(value)):
         return value
@@ -200,17 +108,7 @@ def _plain_params(plugin: Any) -> dict[str, Any]:
 
 
 def python_number(value: Any) -> Any:
-    """Take Python's number, text or truth value for one of NumPy.
-
-    Parameters
-    ----------
-    value : object
-
-    Returns
-    -------
-    object
-        The value itself if it is of another kind.
-    """
+    """Take Python's number, text or truth value for one of NumPy; other values stay."""
     return (
         value.item() if type(value).__module__ == "numpy" and getattr(value, "shape", None) == () else value
     )

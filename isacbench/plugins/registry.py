@@ -15,8 +15,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from isacbench.errors import InputError, InputWarning, unknown_name
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.contracts import Detector, Estimator, Metric
-from isacbench.plugins.discovery import PluginKind, RegisteredPlugin, entries
-from isacbench.plugins.local_files import METHODS
+from isacbench.plugins.discovery import METHODS, PluginKind, RegisteredPlugin, entries
 from isacbench.plugins.parameters import (
     field_defaults,
     is_frozen_dataclass,
@@ -25,7 +24,7 @@ from isacbench.plugins.parameters import (
     python_number,
     required_fields,
 )
-from isacbench.process_state import libraries_kept, process_state_kept
+from isacbench.process_state import process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
 from isacbench.streams import plugin_output
 
@@ -130,35 +129,13 @@ def get_metric(name: str, **params: Any) -> Metric:
 
 
 def build_metric(spec: str) -> Metric:
-    """Build the one metric that ``name[param=value,...]`` describes.
-
-    Parameters
-    ----------
-    spec : str
-
-    Returns
-    -------
-    Metric
-    """
+    """Build the one metric that ``name[param=value,...]`` describes."""
     name, params = parse_spec(spec)
     return get_metric(name, **params)
 
 
 def sees_truth(name: str) -> bool:
     """Tell whether a registered estimator sees the truth; such a one does not compete.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    InputError
-        If the name is unknown, or its class breaks the contract.
 
     Examples
     --------
@@ -169,25 +146,9 @@ def sees_truth(name: str) -> bool:
 
 
 def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
-    """Refuse specifications of estimators or detectors that do not exist, with few imports.
+    """Refuse specifications of plugins that do not exist, grids included, with few imports.
 
     A class is imported only if parameters are given, which must be checked.
-
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-    specs : iterable of str
-        Grids included, see `isacbench.specifications.spec_variants`.
-
-    Raises
-    ------
-    InputError
-        If a specification is broken, its name is unknown, or one of the
-        parameters that it gives is not allowed.
-
-    Examples
-    --------
-    >>> require_plugins("estimator", ["music2d", "music2d[pfa=[1e-3,1e-4]]"])
     """
     for text in specs:
         for _, spec in spec_variants(text):
@@ -198,38 +159,13 @@ def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
 
 
 def build_estimator(spec: str) -> Estimator:
-    """Build the one estimator that ``name[param=value,...]`` describes.
-
-    Parameters
-    ----------
-    spec : str
-
-    Returns
-    -------
-    Estimator
-    """
+    """Build the one estimator that ``name[param=value,...]`` describes."""
     name, params = parse_spec(spec)
     return get_estimator(name, **params)
 
 
 def build_variants(kind: PluginKind, spec: str) -> list[tuple[str, Any]]:
-    """Build every plugin that a grid ``name[param=[value,...],...]`` stands for.
-
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-    spec : str
-        As `isacbench.specifications.spec_variants` takes it.
-
-    Returns
-    -------
-    list of (str, Estimator or Detector)
-        Each plugin with its own specification.
-
-    Raises
-    ------
-    InputError
-        If the grid is broken, or one of its variants cannot be built.
+    """Build every plugin that a grid ``name[param=[value,...],...]`` stands for, each with its specification.
 
     Examples
     --------
@@ -268,43 +204,15 @@ def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
 
 
 def distribution(kind: PluginKind, name: str) -> str:
-    """Look up name and version of the package that registers a name, such as ``isacbench 0.1.0``.
-
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-    name : str
-
-    Returns
-    -------
-    str
-    """
+    """Look up name and version of the package that registers a name, such as ``isacbench 0.1.0``."""
     return entries(kind)[name].origin
 
 
 def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
-    """Describe every registered estimator or detector.
+    """Describe every registered plugin of a kind: name, description in a line, parameters and package.
 
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-
-    Returns
-    -------
-    list of dict
-        ``name``, ``description`` (one line), ``parameters`` (name to ``type``
-        and, where there is one, ``default``) and ``package``. What is broken
-        is left out.
-
-    Raises
-    ------
-    InputError
-        If a plugin of a local file is broken.
-
-    Warns
-    -----
-    InputWarning
-        If one of a package is.
+    Parameters have a ``type`` and perhaps a ``default``. A broken plugin of a package is left out with a
+    warning; that of a file is refused.
     """
     described = []
     for _, entry in sorted(entries(kind).items()):
@@ -320,13 +228,13 @@ def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
 @plugin_output()
 def _described(entry: RegisteredPlugin) -> dict[str, Any]:
     """Name, description, parameters and package of a plugin."""
-    plugin = _load(entry)
-    parameters: dict[str, dict[str, Any]] = {
+    plugin, where = _load(entry), f"{entry.kind} {entry.name}"
+    defaults = _checked_defaults(entry.kind, plugin)
+    parameters = {
         key: {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
+        | ({"default": plain_value(where, key, defaults[key])} if key in defaults else {})
         for key, hint in parameter_types(entry.kind, plugin).items()
     }
-    for key, value in _checked_defaults(entry.kind, plugin).items():
-        parameters[key]["default"] = plain_value(f"{entry.kind} {entry.name}", key, value)
     return {
         "name": entry.name,
         "description": (inspect.getdoc(plugin) or "").partition("\n")[0],
@@ -337,8 +245,7 @@ def _described(entry: RegisteredPlugin) -> dict[str, Any]:
 
 def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
     """Defaults of the parameters of a plugin, checked and converted as values that are given."""
-    where = f"{kind} {plugin.name}"
-    hints = parameter_types(kind, plugin)
+    where, hints = f"{kind} {plugin.name}", parameter_types(kind, plugin)
     try:
         defaults = field_defaults(plugin)
     except Exception as error:  # of a factory
@@ -366,14 +273,16 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
         plugin = _imported(entry)
     except (Exception, SystemExit) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
-    if not is_frozen_dataclass(plugin):
-        raise InputError(f"{where} must be a frozen dataclass")
-    if not callable(getattr(plugin, METHODS[entry.kind], None)):
-        raise InputError(f"{where} must have a method {METHODS[entry.kind]!r}")
     name = getattr(plugin, "name", None)
-    if name != entry.name:
-        raise InputError(f"{where} must have the class attribute name = {entry.name!r}, not {name!r}")
-    if not is_word(name):
+    refusals = {
+        "be a frozen dataclass": not is_frozen_dataclass(plugin),
+        f"have a method {METHODS[entry.kind]!r}": not callable(getattr(plugin, METHODS[entry.kind], None)),
+        f"have the class attribute name = {entry.name!r}, not {name!r}": name != entry.name,
+    }
+    for wanted, is_refused in refusals.items():
+        if is_refused:
+            raise InputError(f"{where} must {wanted}")
+    if not is_word(entry.name):
         raise InputError(f'{where}: its name must be a word without any of []()=," and spaces, and no number')
     if entry.kind == "metric":
         _require_columns(where, getattr(plugin, "columns", None))
@@ -392,14 +301,10 @@ def _require_columns(where: str, columns: object) -> None:
 
 
 def _imported(entry: RegisteredPlugin) -> Any:
-    """Import a plugin; the package of somebody else leaves this process as it was."""
-    if (
-        entry.module in sys.modules
-        or entry.module.startswith(("isacbench_algorithms.", "isacbench.metrics."))
-        or entry.version is None
-    ):
+    """Import a plugin; a package leaves this process as it was."""
+    if entry.module in sys.modules or entry.version is None:
         return entry.load()
-    with process_state_kept(at_import=True), libraries_kept(), redirect_stdout(sys.stderr):
+    with process_state_kept(at_import=True), redirect_stdout(sys.stderr):
         return entry.load()
 
 
@@ -412,24 +317,9 @@ def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
 
 @plugin_output()
 def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]) -> Any:
-    """Build a dataclass; its parameters are checked against the types of its fields.
+    """Build a dataclass with a class attribute ``name``; values are checked against the types of its fields.
 
-    Parameters
-    ----------
-    kind, name : str
-        Kind and name of the object in messages.
-    plugin : type
-        A dataclass with a class attribute ``name``.
-    params : mapping of str to Any
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    InputError
-        If a parameter is unknown or missing, or a value is not allowed.
+    Kind and name are those in messages.
     """
     hints = parameter_types(kind, plugin)
     for key in params:
@@ -451,25 +341,7 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
 
 
 def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
-    """Check a value of a parameter against the type of its field, and build a nested detector.
-
-    Parameters
-    ----------
-    where, key : str
-        Plugin and parameter in messages.
-    value : object
-    hint : type
-
-    Returns
-    -------
-    object
-        Value to pass to the field.
-
-    Raises
-    ------
-    InputError
-        If the value is not allowed.
-    """
+    """Check a value against the type of its field, and build nested detectors; `where` is for messages."""
     error: ValidationError
     for none in (None, "none") if _has_none(value) else ("none",):
         try:

@@ -17,7 +17,7 @@ from isacbench.metrics.paper import Paper
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
-from isacbench.plugins.error_places import error_place
+from isacbench.plugins.discovery import error_place
 from isacbench.plugins.parameters import canonical_params, python_number
 from isacbench.plugins.registry import build_metric
 from isacbench.streams import plugin_output
@@ -110,17 +110,7 @@ def _counts(pair: CloudPair) -> dict[str, int]:
 
 
 def lacks_of(metric: Metric, scenario: Scenario | None) -> str:
-    """Say what a scenario lacks for a metric; empty where it lacks nothing.
-
-    Parameters
-    ----------
-    metric : Metric
-    scenario : Scenario or None
-
-    Returns
-    -------
-    str
-    """
+    """Say what a scenario lacks for a metric; empty where it lacks nothing."""
     lacks = getattr(metric, "lacks", None)
     return "" if lacks is None else str(lacks(scenario))
 
@@ -128,22 +118,10 @@ def lacks_of(metric: Metric, scenario: Scenario | None) -> str:
 @plugin_output()
 @one_blas_thread()
 def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
-    """Score a pair by a metric, and check what it returns.
+    """Score a pair by a metric: a value for each column, in order; NaN where the scenario lacks something.
 
-    Parameters
-    ----------
-    metric : Metric
-    pair : CloudPair
-
-    Returns
-    -------
-    dict of str to float
-        A value for each column, in order; NaN where the scenario lacks something for the metric.
-
-    Raises
-    ------
-    InputError
-        If the metric raises an exception, returns other columns than it describes, or what is no number.
+    A metric that raises an exception, or returns other columns than it describes or what is no number, is
+    refused with an `InputError`.
     """
     known = expanded(metric.columns, () if pair.scenario is None else object_kinds(pair.scenario))
     if lacks_of(metric, pair.scenario):
@@ -178,16 +156,7 @@ def _number(metric: Metric, name: str, value: object) -> float:
 
 @lru_cache(maxsize=64)
 def object_kinds(scenario: Scenario) -> tuple[str, ...]:
-    """Kinds of objects of a scenario, sorted.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Kinds of objects of a scenario, sorted."""
     return tuple(sorted({object_kind(name) for name in set(scenario.scatterers.objects)} - {""}))
 
 
@@ -207,22 +176,7 @@ class Metrics:
 
     @classmethod
     def of(cls, specs: Iterable[str]) -> Metrics:
-        """Build registered metrics.
-
-        Parameters
-        ----------
-        specs : iterable of str
-            As ``name[param=value,...]``.
-
-        Returns
-        -------
-        Metrics
-
-        Raises
-        ------
-        InputError
-            If one is unknown, or named twice.
-        """
+        """Build registered metrics, as ``name[param=value,...]``; none twice."""
         built = [build_metric(spec) for spec in specs]
         names = [PAPER, *(metric.name for metric in built)]
         for number, name in enumerate(names):
@@ -233,32 +187,12 @@ class Metrics:
         return cls(tuple(built))
 
     def columns(self, kinds: Sequence[str]) -> dict[str, ScoreColumn]:
-        """Columns of rows, counts and those of ``paper`` included.
-
-        Parameters
-        ----------
-        kinds : sequence of str
-            Kinds of objects that the scenarios have.
-
-        Returns
-        -------
-        dict of str to ScoreColumn
-        """
+        """Columns of rows, counts and those of ``paper`` included; scenarios have objects of some kinds."""
         found = {column.name: column for column in COUNTS}
         return found | {name: column for own in self._named(kinds) for name, column in own.items()}
 
     def score(self, pair: CloudPair) -> dict[str, float]:
-        """Score a pair by all of them.
-
-        Parameters
-        ----------
-        pair : CloudPair
-
-        Returns
-        -------
-        dict of str to float
-            Counts, and columns of rows.
-        """
+        """Score a pair by all of them: counts, and columns of rows."""
         kinds = () if pair.scenario is None else object_kinds(pair.scenario)
         scores: dict[str, float] = dict(_counts(pair))
         for metric, named in zip(self._all(), self._named(kinds), strict=True):
@@ -266,13 +200,7 @@ class Metrics:
         return scores
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Versions and parameters by name, in terms of JSON.
-
-        Returns
-        -------
-        dict of str to dict
-            With the keys ``version`` and ``params``.
-        """
+        """``version`` and ``params`` by name, in terms of JSON."""
         return {
             metric.name: {
                 "version": getattr(metric, "version", 1),

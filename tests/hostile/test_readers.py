@@ -19,7 +19,7 @@ from isacbench.model.cloud_files import point_files
 from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.scenes import scenario
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile
 
 from .files import ANY, CLOUDS, CSV, CUBES, LIMIT_MIB, TABLE, TOML, load_cube
 

@@ -11,8 +11,13 @@ import pytest
 from isacbench.bench.suites.catalogue import catalogue
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.discovery import isolated_plugins, load_plugin_file, local_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import (
+    PluginFile,
+    isolated_plugins,
+    load_plugin_file,
+    local_plugins,
+    register_plugin,
+)
 from isacbench.plugins.registry import (
     build_estimator,
     describe_plugin,

@@ -12,7 +12,7 @@ from isacbench.bench.cells.scored_images import PAPER_ALONE, ScoredImage, image_
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator, is_reference
-from isacbench.plugins.error_places import error_place
+from isacbench.plugins.discovery import error_place
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:

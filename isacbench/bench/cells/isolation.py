@@ -14,35 +14,18 @@ if TYPE_CHECKING:
 
 
 def seed_global_generators(*key: object) -> None:
-    """Seed the global random generators, so that a plugin that uses them gives the same on every machine.
-
-    Parameters
-    ----------
-    *key : object
-        Values on whose ``repr`` the numbers depend.
-    """
+    """Seed the global random generators by a key: a plugin that uses them gives the same everywhere."""
     seed = zlib.crc32(repr(key).encode())
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002, a plugin may use the global one
 
 
 def array_digest(array: NDArray[Any]) -> str:
-    """Digest of an array that shows whether the array has changed.
+    """Digest of an array that shows whether the array has changed; not of an empty one.
 
-    It consists of the sums of columns over the first and the second half of
-    the rows. A changed bit changes it, and so do changed signs and a reversed
-    order; rows that change places within a half do not. It takes a tenth of the
-    time of a checksum.
-
-    Parameters
-    ----------
-    array : ndarray
-        Not empty, items of a multiple of 8 bytes.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
+    It consists of the sums of columns over the first and the second half of the rows, which are read as
+    words of 8 bytes. A changed bit changes it, and so do changed signs and a reversed order; rows that
+    change places within a half do not. It takes a tenth of the time of a checksum.
     """
     words = np.ascontiguousarray(array).view(np.uint64)
     table = words.reshape(len(words), -1)

@@ -15,8 +15,8 @@ from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
+from isacbench.plugins.class_code import foreign_classes
 from isacbench.plugins.discovery import local_plugins, register_plugin
-from isacbench.plugins.plugin_versions import foreign_classes
 from isacbench.plugins.registry import build_variants
 
 if TYPE_CHECKING:
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from isacbench.bench.kinds.scenes import Scene
     from isacbench.bench.suites.suite import Suite
     from isacbench.model.scene import Scenario
-    from isacbench.plugins.discovery import PluginKind
-    from isacbench.plugins.local_files import PluginFile
+    from isacbench.plugins.discovery import PluginFile, PluginKind
 
 
 class EntryKey(NamedTuple):

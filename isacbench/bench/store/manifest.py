@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any
 import isacbench
 from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Plan
-from isacbench.bench.store.provenance import blas_libraries, git_state, machine, package_versions
+from isacbench.bench.store.provenance import (
+    blas_libraries,
+    git_state,
+    machine,
+    package_versions,
+    plugin_version,
+)
 from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
 from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
@@ -20,7 +26,6 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_inside, require_utf8
 from isacbench.files.escaping import visible
 from isacbench.model.scenes.scene_families import spelled_scenarios
-from isacbench.plugins.plugin_versions import plugin_version
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

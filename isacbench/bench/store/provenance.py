@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 from functools import cache
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,8 +15,18 @@ from threadpoolctl import threadpool_info
 
 import isacbench
 from isacbench.bench.suites.scenario_digest import digest
-from isacbench.bench.suites.suite_kinds import PLANNERS
-from isacbench.plugins.plugin_versions import library_code, plugin_version
+from isacbench.plugins.class_code import attributes_digest, own_codes, plugin_classes, plugin_parts
+from isacbench.plugins.code_files import (
+    VERSIONED,
+    files_digest,
+    imported_roots,
+    is_importable,
+    is_installed,
+    own_packages,
+    root_of,
+    with_imports,
+)
+from isacbench.plugins.discovery import GROUPS, entries, local_plugins
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import Outcome
@@ -29,34 +40,28 @@ RESULT_PACKAGES = ("numpy", "scipy")
 """Packages whose versions can change a row."""
 
 DIGITS = 16
-"""Hexadecimal digits of a digest of code."""
+"""Hexadecimal digits of a digest of isacbench."""
 
 GIT_TIMEOUT_S = 30.0
 
 SOURCE = Path(isacbench.__file__).parent
 
-ROW_MAKERS = "isacbench.bench.plan.job", "isacbench.bench.workers.workbench", *PLANNERS
-"""Modules that plan cells and make rows. Rows depend on them and on all modules that they import."""
+ROW_MAKERS = "bench", "dsp", "link", "metrics", "model", "plugins"
+"""Folders of isacbench whose code rows follow from."""
 
 
 def environment_of(plugin: Estimator | Detector) -> Environment:
     """Describe what makes the rows of an estimator or detector in this process.
 
-    Parameters
-    ----------
-    plugin : Estimator or Detector
-
-    Returns
-    -------
-    dict
-        ``versions``: of isacbench with `code_digest`, of the packages of the
-        plugin and its detectors likewise, of Python, NumPy and SciPy.
-        ``machine``: its system, processor and cores. Rows whose ``versions``
-        are equal may stand in one table.
+    Rows whose ``versions`` are equal may stand in one table: of isacbench with the digest of
+    `ROW_MAKERS`, of the plugin and its detectors, of Python, NumPy and SciPy.
     """
     return {
         "versions": {
-            "isacbench": {"version": isacbench.__version__, "digest": code_digest(plugin)},
+            "isacbench": {
+                "version": isacbench.__version__,
+                "digest": files_digest(["isacbench"], ROW_MAKERS)[:DIGITS],
+            },
             "plugins": plugin_version(plugin),
             "python": platform.python_version(),
             **{name: package_version(name) for name in RESULT_PACKAGES},
@@ -66,36 +71,61 @@ def environment_of(plugin: Estimator | Detector) -> Environment:
 
 
 def environment_id(environment: Environment) -> str:
-    """Short name of an environment.
-
-    Parameters
-    ----------
-    environment : dict
-
-    Returns
-    -------
-    str
-        Equal for equal environments.
-    """
+    """Short name of an environment, equal for equal ones."""
     return digest(environment)[:12]
 
 
-def code_digest(plugin: Estimator | Detector) -> str:
-    """Digest of the code of isacbench that the rows of an estimator or detector follow from.
+def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
+    """Identify the code of an estimator or a detector, and of the detectors in its parameters.
 
-    It covers the modules that make rows, those of the plugin and its
-    detectors, and all modules that these import.
+    For each distribution, plugin file or class without a file: ``version``, None if it has none, and
+    ``digest``, SHA-256. Of a package that registers plugins, or is the user's own, all files count, and
+    those of the user's packages that it imports; of a plugin file its text; of a class of a notebook or a
+    script its functions and all values that they use. Other people's packages have a version alone.
 
-    Parameters
-    ----------
-    plugin : Estimator or Detector
-
-    Returns
-    -------
-    str
-        16 hexadecimal digits.
+    Examples
+    --------
+    >>> from isacbench.plugins.registry import get_estimator
+    >>> found = plugin_version(get_estimator("oracle"))
+    >>> list(found), found["isacbench"]["version"], len(found["isacbench"]["digest"])
+    (['isacbench'], '0.2.0', 64)
     """
-    return library_code(plugin, ROW_MAKERS)[:DIGITS]
+    local = {file.module_name: file for file in local_plugins()}
+    found: dict[str, dict[str, str | None]] = {}
+    roots: set[str] = set()
+    codes = own_codes(plugin)
+    modules = {base.__module__ for base in plugin_classes(plugin)}
+    for module in modules.union(*(code.modules for code in codes.values())):
+        if module in local:
+            file = local[module]
+            is_alone = [other.filename for other in local.values()].count(file.filename) == 1
+            name = file.filename if is_alone else file.code_name
+            found[name] = {"version": None, "digest": file.digest}
+            roots |= own_packages(imported_roots(file.source.encode()))
+        elif is_importable(module):
+            roots.add(root_of(module))
+    packages: dict[tuple[str, str | None, bool], set[str]] = {}
+    for root in with_imports(roots - VERSIONED):
+        packages.setdefault(_distribution(root), set()).add(root)
+    for (name, number, is_released), members in packages.items():
+        found[name] = {"version": number, "digest": None if is_released else files_digest(members)}
+    for base, code in codes.items():
+        found[f"{base.__module__}.{base.__qualname__}"] = {"version": None, "digest": code.digest}
+    for part in plugin_parts(plugin):
+        if held := attributes_digest(part):
+            name = f"attributes of {type(part).__module__}.{type(part).__qualname__}"
+            found[name] = {"version": None, "digest": held}
+    return dict(sorted(found.items()))
+
+
+def _distribution(root: str) -> tuple[str, str | None, bool]:
+    """Name and version of the distribution of a package, and whether the version says all about its code."""
+    for kind in GROUPS:
+        for entry in entries(kind).values():
+            if entry.version is not None and root_of(entry.module) == root:
+                return entry.package, entry.version, False
+    number = getattr(import_module(root), "__version__", None)
+    return root, number, number is not None and is_installed(root)
 
 
 @cache
@@ -105,17 +135,7 @@ def machine() -> dict[str, Any]:
 
 
 def git_state(checkout: Path = SOURCE.parent) -> dict[str, Any] | None:
-    """Commit and dirty flag of the checkout that the code runs from.
-
-    Parameters
-    ----------
-    checkout : Path
-
-    Returns
-    -------
-    dict or None
-        ``commit`` and ``dirty``; None without a checkout or without git.
-    """
+    """Commit and dirty flag of the checkout that the code runs from; None without one, or without git."""
     if not (checkout / ".git").exists():
         return None
     try:
@@ -142,16 +162,9 @@ def package_versions() -> dict[str, str | None]:
 
 @cache
 def package_version(package: str) -> str | None:
-    """Version of an installed package, asked once: an imported package stays the same if it is replaced.
+    """Version of an installed package, or None.
 
-    Parameters
-    ----------
-    package : str
-
-    Returns
-    -------
-    str or None
-        None if it is not installed.
+    It is asked once: an imported package stays the same if it is replaced.
     """
     try:
         return version(package)

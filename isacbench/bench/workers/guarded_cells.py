@@ -288,7 +288,7 @@ def _observe(block: Block) -> list[Made]:
     global _workbench
     if _workbench is None:
         assert _job is not None
-        _workbench = Workbench(_job, _repeats, is_shared=False)
+        _workbench = Workbench(_job, _repeats)
         # Permanent objects need not be searched at every garbage collection.
         gc.freeze()
     return _workbench.observe(block)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import time
-from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,7 @@ from isacbench.bench.cells.isolation import seed_global_generators
 from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.store.provenance import Made, environment_id, environment_of
 from isacbench.cores import one_blas_thread
-from isacbench.plugins.plugin_versions import foreign_classes
-from isacbench.process_state import libraries_kept, process_state_kept
+from isacbench.process_state import process_state_kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -53,15 +51,13 @@ class Workbench:
     repeats : int, optional
         How often each estimate is timed (`isacbench.bench.cells.timing`); without it
         times do not count.
-    is_shared : bool
-        Whether plugins of different people meet in this process.
     """
 
-    def __init__(self, job: Job, repeats: int | None = None, is_shared: bool = True) -> None:
+    def __init__(self, job: Job, repeats: int | None = None) -> None:
         # Plugins see a copy, and the next ones a fresh copy should they have changed it. Classes are not
         # copied: in this process they are the caller's.
         self._job = copy.deepcopy(job)
-        self._seed, self._repeats, self._is_shared = job.suite.seed, repeats, is_shared
+        self._seed, self._repeats = job.suite.seed, repeats
         self._scenes = self._fresh_scenes()
         self._scene: Scene | None = None
         self._block: Block
@@ -175,9 +171,7 @@ class Workbench:
         chosen, block = self._entry(entry), self._block
         key = self._scenes[block.scene].name, block.trial, block.snr_db, chosen.name, chosen.params
         start = time.perf_counter()
-        is_foreign = self._is_shared and foreign_classes(chosen.plugin)
-        guard = libraries_kept() if is_foreign else nullcontext()
-        with process_state_kept(), one_blas_thread(), guard:
+        with process_state_kept(), one_blas_thread():
             outcome = act(chosen, partial(seed_global_generators, self._seed, *key))
         if self._is_unchanged():
             return self._made(outcome, chosen)

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from isacbench.checking.contract.findings import Check, DoubtfulError
 from isacbench.checking.promises.promise import BrokenPromiseError, NotApplicableError, Promise
 from isacbench.errors import InputError
-from isacbench.plugins.discovery import RegisteredPlugin
-from isacbench.plugins.local_files import METHODS
+from isacbench.plugins.discovery import METHODS, RegisteredPlugin
 from isacbench.plugins.parameters import (
     canonical_params,
     is_frozen_dataclass,

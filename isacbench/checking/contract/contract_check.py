@@ -127,7 +127,7 @@ def _checked(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding
 
 def _findings(entry: RegisteredPlugin, plugin: object = None) -> PluginFindings:
     """All findings about a class, or about an instance of it, which leave this process as it was."""
-    from isacbench.process_state import libraries_kept, process_state_kept
+    from isacbench.process_state import process_state_kept
 
-    with process_state_kept(), one_blas_thread(), libraries_kept():
+    with process_state_kept(), one_blas_thread():
         return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checked(entry, plugin)))

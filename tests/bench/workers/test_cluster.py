@@ -231,7 +231,7 @@ def test_a_plugin_that_workers_lack_is_told_before_anything_is_made(cluster, sui
 
 
 @pytest.fixture
-def changed_plugins(plugin_folder, tiny, monkeypatch, unknown_code):
+def changed_plugins(plugin_folder, tiny, monkeypatch):
     """Install the plugins with another code than workers have."""
     monkeypatch.delitem(sys.modules, "test_plugins", raising=False)
     source = PLUGINS.replace("np.zeros(self.n)", "np.full(self.n, 1.0)")

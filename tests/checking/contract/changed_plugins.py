@@ -1,8 +1,7 @@
 """Checks of a plugin with a part of its source replaced."""
 
 from isacbench.checking.contract import check_plugin
-from isacbench.plugins.discovery import isolated_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 
 
 def indented(code):

@@ -2,8 +2,7 @@ import pytest
 
 from isacbench.checking.contract import check_names, check_plugin, guarded_checks
 from isacbench.checking.contract.guarded_checks import check_guarded
-from isacbench.plugins.discovery import isolated_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 from tests.conftest import estimator_source
 
 

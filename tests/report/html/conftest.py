@@ -11,8 +11,7 @@ from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.plugins.discovery import isolated_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 
 HOSTILE = """<script>alert('x')</script>"&amp;'{{content}} %{x} __proto__"""
 """Name of a scenario that a page could take for something else."""

@@ -16,8 +16,7 @@ from isacbench.checking.stress.case import Case
 from isacbench.checking.stress.runs.examining import BROKEN, CaseOutcome, Verdict, examine
 from isacbench.checking.stress.runs.families import find_cases, require_kind, table_of
 from isacbench.cores import one_blas_thread
-from isacbench.plugins.discovery import PluginKind, local_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
 from isacbench.process_state import process_state_kept

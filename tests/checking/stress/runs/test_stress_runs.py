@@ -27,8 +27,7 @@ from isacbench.checking.stress.runs.stress_table import (
 )
 from isacbench.cli import app
 from isacbench.errors import InputError
-from isacbench.plugins.discovery import isolated_plugins, register_plugin
-from isacbench.plugins.local_files import PluginFile
+from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
 from tests.conftest import estimator_source
 

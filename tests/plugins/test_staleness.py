@@ -1,4 +1,4 @@
-"""Code of classes that no file holds: what counts, what does not, and that it is the same elsewhere."""
+"""When rows are stale: a case for each way to change the code that made them, and what changes nothing."""
 
 import importlib
 import os
@@ -6,14 +6,20 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from isacbench_algorithms.omp4d import Omp4d
 
+import isacbench
+from isacbench.bench.store.provenance import ROW_MAKERS, plugin_version
+from isacbench.cores import one_blas_thread
 from isacbench.plugins.class_code import class_code
-from isacbench.plugins.plugin_versions import library_code, plugin_version
-from isacbench.plugins.registry import get_estimator
+from isacbench.plugins.code_files import files_digest
+from isacbench.plugins.discovery import PluginFile, register_plugin
+from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 
 SOURCE = """
 import enum
@@ -112,7 +118,7 @@ class Meta(type):
     order = 38
 
 class WithMeta(metaclass=Meta):
-    __gain__ = 39
+    pass
 
 class Base:
     def begin(self):
@@ -153,6 +159,39 @@ class Plugged(Base):
 @dataclass(frozen=True)
 class Frozen(Plugged):
     pass
+"""
+
+DETECTOR = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+@dataclass(frozen=True)
+class Never:
+    name: ClassVar[str] = "never"
+    pfa: float = 1e-3
+    def detect(self, power, looks=1): ...
+"""
+
+HEIR = """
+from dataclasses import dataclass
+from typing import ClassVar
+from isacbench.plugins.contracts import Estimator
+from isacbench_algorithms.music2d import Music2d
+
+@dataclass(frozen=True)
+class Heir(Music2d, Estimator):
+    name: ClassVar[str] = "heir"
+"""
+
+PACKAGED = """
+from dataclasses import dataclass
+from typing import ClassVar
+from .helper import HELP
+
+@dataclass(frozen=True)
+class Packaged:
+    name: ClassVar[str] = "packaged"
+    def estimate(self, observation): ...
 """
 
 COUNTS = [
@@ -197,7 +236,6 @@ COUNTS = [
     ("depth: int = 36", "depth: int = 37"),
     ("lambda: [37]", "lambda: [38]"),
     ("order = 38", "order = 39"),
-    ("__gain__ = 39", "__gain__ = 40"),
     ("41 * function(*args)", "42 * function(*args)"),
     ("(42, 43)", "(42, 44)"),
     ("text 44", "text 45"),
@@ -231,9 +269,6 @@ def made(neighbour, monkeypatch):
         return module.Frozen
 
     return run
-
-
-pytestmark = pytest.mark.usefixtures("unknown_code")
 
 
 @pytest.mark.parametrize(("old", "new"), COUNTS, ids=[old.strip() for old, _ in COUNTS])
@@ -353,14 +388,6 @@ def test_constants_that_a_script_sets_in_a_module_count(made, neighbour):
     assert class_code(plugged) != before
 
 
-def test_what_is_found_by_a_text_is_never_the_same():
-    class Local:
-        def estimate(self):
-            return globals()["SOURCE"]
-
-    assert class_code(Local) != class_code(Local)
-
-
 def test_a_universal_function_that_numpy_does_not_have_is_never_the_same():
     adds = np.frompyfunc(lambda x: x + 1, 1, 1)
 
@@ -369,16 +396,6 @@ def test_a_universal_function_that_numpy_does_not_have_is_never_the_same():
             return adds
 
     assert class_code(Local) != class_code(Local)
-
-
-def test_an_init_that_is_no_dataclass_s_counts():
-    def code(number):
-        space = {"dataclass": dataclass}
-        body = f"class Made:\n    def __init__(self): self.__dict__['n'] = {number}"
-        exec(f"@dataclass(frozen=True, init=False)\n{body}", space)
-        return class_code(space["Made"])
-
-    assert code(1) == code(1) != code(2)
 
 
 @dataclass(frozen=True)
@@ -403,11 +420,6 @@ def test_what_an_instance_holds_besides_its_parameters_counts():
     assert plugin_version(used) == plugin_version(Trained())
 
 
-def test_what_it_uses_of_isacbench_counts(made):
-    without = SOURCE.replace("from isacbench.dsp.stable_order import stepped", "stepped = 1")
-    assert library_code(made()()) != library_code(made(without)())
-
-
 def test_the_code_is_the_same_in_every_process(made, neighbour):
     ask = f"import sys; sys.path.insert(0, {str(neighbour.parent)!r})"
     answer = "from isacbench.plugins.class_code import class_code\nprint(class_code(Frozen).digest)"
@@ -423,3 +435,108 @@ def test_the_code_is_the_same_in_every_process(made, neighbour):
     ]
     assert {process.stderr for process in processes} == {""}
     assert len({process.stdout for process in processes}) == 1
+
+
+@pytest.fixture
+def package(plugin_folder, monkeypatch):
+    """Return the folder of an installed package of two modules."""
+    plugin_folder.install("packed-plugins", "", estimators={"packaged": "Packaged"})
+    (plugin_folder.path / "packed_plugins.py").unlink()
+    folder = plugin_folder.path / "packed_plugins"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(PACKAGED)
+    (folder / "helper.py").write_text("HELP = 1\n")
+    yield folder
+    for name in [name for name in sys.modules if name.partition(".")[0] == "packed_plugins"]:
+        del sys.modules[name]
+
+
+def digest(plugin, package):
+    return plugin_version(plugin)[package]["digest"]
+
+
+def test_built_in_plugins_are_of_this_package():
+    for plugin in (get_estimator("music2d"), get_detector("os")):
+        assert list(plugin_version(plugin)) == ["isacbench"]
+        assert plugin_version(plugin)["isacbench"]["version"] == isacbench.__version__
+
+
+def test_every_file_of_code_of_a_package_counts_by_content_and_name_and_no_other(package):
+    plugin = get_estimator("packaged")
+    assert plugin_version(plugin)["packed-plugins"]["version"] == "1.0"
+    before = digest(plugin, "packed-plugins")
+    (package / "notes.txt").write_text("nothing")
+    assert digest(plugin, "packed-plugins") == before
+    (package / "helper.py").write_text("HELP = 2\n")
+    changed = digest(plugin, "packed-plugins")
+    (package / "helper.py").rename(package / "renamed.py")
+    assert len({before, changed, digest(plugin, "packed-plugins")}) == 3
+
+
+def test_the_folders_of_isacbench_that_make_rows_count_and_no_other(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    paths = [tmp_path / "library" / name for name in ("__init__.py", "model/echo.py", "cli/app.py")]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("")
+    before = files_digest(["library"], ["model"])
+    paths[2].write_text("# edited")
+    assert files_digest(["library"], ["model"]) == before
+    paths[1].write_text("# edited")
+    assert files_digest(["library"], ["model"]) != before
+    assert all((Path(isacbench.__file__).parent / name).is_dir() for name in ROW_MAKERS)
+
+
+def test_an_edit_of_one_built_in_estimator_makes_the_rows_of_all_stale():
+    digests = {digest(get_estimator(name), "isacbench") for name in ("music2d", "nomp4d", "oracle")}
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize(
+    "source",
+    [HEIR, DETECTOR.replace("detect(", "estimate(") + "from isacbench_algorithms import music2d\n"],
+    ids=["base", "import"],
+)
+def test_what_a_plugin_file_takes_of_the_built_in_estimators_counts(write_plugin, source):
+    (name,) = register_plugin(PluginFile("mine.py", source))
+    versions = plugin_version(get_estimator(name))
+    assert list(versions) == ["isacbench", "mine.py"]
+    assert versions["isacbench"]["digest"] == digest(get_estimator("music2d"), "isacbench")
+
+
+def test_a_local_file_is_its_content_and_has_no_version(write_plugin):
+    file = PluginFile("local.py", DETECTOR)
+    register_plugin(file)
+    assert plugin_version(get_detector("never")) == {"local.py": {"version": None, "digest": file.digest}}
+
+
+def test_nested_detectors_count_where_they_come_from(plugins, write_plugin):
+    register_plugin(PluginFile("local.py", DETECTOR))
+    assert list(plugin_version(build_estimator("blob[detector=never]"))) == ["local.py", "test-plugins"]
+    assert list(plugin_version(build_estimator("music2d[spectrum_detector=level]"))) == [
+        "isacbench",
+        "test-plugins",
+    ]
+
+
+def test_local_files_of_one_name_are_told_apart(write_plugin):
+    estimator = HEIR.replace("(Music2d, Estimator)", "(Music2d)")
+    for source in (DETECTOR, estimator):
+        register_plugin(PluginFile("plugin.py", source))
+    versions = plugin_version(build_estimator("heir[detector=never]"))
+    digests = {PluginFile("", source).digest for source in (DETECTOR, estimator)}
+    assert digests <= {version["digest"] for version in versions.values()}
+
+
+@pytest.mark.parametrize("base", [Omp4d, object], ids=["decorated by a base", "decorated"])
+def test_the_code_behind_a_decorator_counts(base):
+    def digest_with(number):
+        class Local(base):
+            estimate = (lambda *_: 1) if number == 1 else (lambda *_: 2)
+            if base is object:
+                estimate = one_blas_thread()(estimate)
+
+        assert Local().estimate(None) == number
+        return class_code(Local)
+
+    assert digest_with(1) == digest_with(1) != digest_with(2)
