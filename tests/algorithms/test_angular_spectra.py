@@ -7,7 +7,7 @@ from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.iaa2d import Iaa2d
 
 import isacbench
-from isacbench.checking.promises.small_scenes import RESOLVED, observed
+from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.errors import InputError
 
 ALL = pytest.mark.parametrize("estimator", [Bartlett2d, Capon2d, Iaa2d], ids=lambda one: one.name)

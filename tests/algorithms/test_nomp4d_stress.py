@@ -7,10 +7,8 @@ import pytest
 from isacbench_algorithms import nomp4d
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.checking.promises import blas_kernels
-from isacbench.checking.promises.image_promises import ANY_SCALE, FOUND_FIRST, LAYOUT, Imaging
-from isacbench.checking.stress.runs.examining import BROKEN, examine
-from isacbench.checking.stress.runs.families import find_cases
+from isacbench.checking.image_checks import ANY_SCALE, FOUND_FIRST, LAYOUT
+from isacbench.checking.stress import BROKEN, find_cases, run_case
 from isacbench.dsp.fitting.pursuit import SPLIT_OFFSETS_CELLS
 from isacbench.dsp.fitting.pursuit_moves import are_near
 
@@ -18,6 +16,10 @@ from isacbench.dsp.fitting.pursuit_moves import are_near
 def only(spec):
     (case,) = find_cases(spec)
     return case
+
+
+def image_of(spec):
+    return only(spec).make(Nomp4d())[0]
 
 
 @pytest.fixture
@@ -40,29 +42,28 @@ BEYOND = "beyond[what=gate,noise=none,excess=0.3]"
 
 
 def broken(spec):
-    return [verdict for verdict in examine(only(spec), Nomp4d()) if verdict.outcome in BROKEN]
+    return [finding for finding in run_case(only(spec), Nomp4d()) if finding.status in BROKEN]
 
 
 @pytest.mark.parametrize(
     "spec", ["direction[radius=1.0,angle_deg=0.0]", "direction[radius=1.0,angle_deg=90.0]", NO_RANGE]
 )
-def test_every_promise_is_kept_under_the_kernel_that_there_is(spec, monkeypatch):
-    monkeypatch.setattr(blas_kernels, "_known", {})
+def test_every_promise_is_kept(spec):
     assert not broken(spec)
 
 
 def test_a_strong_echo_beyond_the_gate_is_found_in_whatever_order_its_cells_are_added():
-    imaging = Imaging(Nomp4d(), only(BEYOND).shot(0))
-    assert FOUND_FIRST.drift(imaging) <= FOUND_FIRST.bound
-    assert imaging.drift(imaging.image_of(np.asfortranarray(imaging.shot.seen.cells))) <= LAYOUT.bound
+    image = image_of(BEYOND)
+    assert FOUND_FIRST.measure(image) <= FOUND_FIRST.bound
+    assert image.difference(image.image_of(np.asfortranarray(image.scene.seen.cells))) <= LAYOUT.bound
 
 
 @pytest.mark.parametrize(
     "spec", ["beyond[what=prefix,noise=none,excess=0.3]", "beyond[what=gate,noise=none,excess=0.96]"]
 )
 def test_atoms_that_meet_on_the_leakage_of_an_echo_are_the_same_however_it_is_rounded(spec):
-    imaging = Imaging(Nomp4d(), only(spec).shot(0))
-    assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
+    image = image_of(spec)
+    assert ANY_SCALE.measure(image) <= ANY_SCALE.bound
 
 
 @pytest.mark.parametrize(
@@ -75,9 +76,9 @@ def test_atoms_that_meet_on_the_leakage_of_an_echo_are_the_same_however_it_is_ro
 )
 def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled, n_steps, monkeypatch):
     monkeypatch.setattr(nomp4d, "STEPS", n_steps)
-    imaging = Imaging(Nomp4d(), only(f"map[filled={filled},exponent=0.0]").shot(0))
-    assert len(imaging.cloud)
-    assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
+    image = image_of(f"map[filled={filled},exponent=0.0]")
+    assert len(image.cloud)
+    assert ANY_SCALE.measure(image) <= ANY_SCALE.bound
 
 
 @pytest.mark.parametrize(
@@ -90,9 +91,9 @@ def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(
     ],
 )
 def test_echoes_that_almost_coincide_are_known_to_the_last_digits(spec, n_echoes):
-    imaging = Imaging(Nomp4d(), only(spec).shot(0))
-    assert len(imaging.cloud) == n_echoes
-    assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
+    image = image_of(spec)
+    assert len(image.cloud) == n_echoes
+    assert ANY_SCALE.measure(image) <= ANY_SCALE.bound
 
 
 def test_half_of_a_failed_split_that_stayed_is_not_split_again_whatever_its_last_digits():
@@ -102,25 +103,25 @@ def test_half_of_a_failed_split_that_stayed_is_not_split_again_whatever_its_last
 
 
 def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):
-    Nomp4d().estimate(only("map[filled=constant,exponent=0.0]").shot(0).observation())
+    Nomp4d().estimate(image_of("map[filled=constant,exponent=0.0]").scene.observation())
     assert len(rounds) <= 12 + 2
     assert max(rounds) < 100
 
 
 def test_a_crowd_gets_all_its_rounds(rounds):
-    observation = only("crowd[n_echoes=100,where=one_cell,snr_db=200.0]").shot(0).observation()
+    observation = image_of("crowd[n_echoes=100,where=one_cell,snr_db=200.0]").scene.observation()
     Nomp4d(max_rounds=4).estimate(observation)
     assert len(rounds) == 4 + 2
 
 
 def test_noise_that_hides_most_of_the_echoes_does_not_end_a_pursuit(rounds):
-    observation = only("crowd[n_echoes=100,where=region,snr_db=-20.0]").shot(0).observation()
+    observation = image_of("crowd[n_echoes=100,where=region,snr_db=-20.0]").scene.observation()
     Nomp4d(max_rounds=3).estimate(observation)
     assert len(rounds) == 3 + 2
 
 
 def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):
-    observation = only("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]").shot(0).observation()
+    observation = image_of("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]").scene.observation()
     Nomp4d(max_scatterers=26).estimate(observation)
     # Two refinements follow, of no more atoms.
     assert rounds.index(26) == len(rounds) - 3
@@ -128,5 +129,5 @@ def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):
 
 
 def test_one_subcarrier_tells_no_range_and_no_image_follows():
-    shot = only("numerology[n_subcarriers=1,n_symbols=32,noise=20dB]").shot(0)
+    shot = image_of("numerology[n_subcarriers=1,n_symbols=32,noise=20dB]").scene
     assert len(Nomp4d().estimate(shot.observation())) == 0

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from isacbench.checking.promises.image_promises import EVERY, FOUND, RESOLVED_ECHOES, Imaging
-from isacbench.checking.promises.small_scenes import NARROW, RESOLVED, Echo, Layout, observed
+from isacbench.checking.image_checks import EVERY, FOUND, RESOLVED_ECHOES, ImageSubject
+from isacbench.checking.scenes import NARROW, RESOLVED, Echo, Layout, observed
 from isacbench.errors import InputError
 from isacbench.plugins.registry import get_detector, get_estimator
 from tests.conftest import slow_but
@@ -24,10 +24,10 @@ SHARES = [((8, 8), 0.5), ((8, 8), 1.0), ((5, 12), 0.01), ((3, 2), 0.01), ((3, 2)
     ),
 )
 def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name, shape, fraction):
-    shot = observed([Echo(9.3, 0.7, 0.05, -0.08)], layout=Layout(array=shape, region=NARROW))
-    imaging = Imaging(get_estimator(name, subarray_fraction=fraction), shot)
-    for promise in (*EVERY, *RESOLVED_ECHOES):
-        assert promise.drift(imaging) <= promise.bound, promise.name
+    scene = observed([Echo(9.3, 0.7, 0.05, -0.08)], layout=Layout(array=shape, region=NARROW))
+    image = ImageSubject(get_estimator(name, subarray_fraction=fraction), scene)
+    for check in (*EVERY, *RESOLVED_ECHOES):
+        assert check.measure(image) <= check.bound, check.name
 
 
 @pytest.mark.parametrize(
@@ -39,8 +39,8 @@ def test_one_echo_is_one_point_whatever_share_of_the_array_a_subarray_takes(name
 )
 def test_echoes_are_found_with_any_window_that_fits_the_map(name, training):
     detector = get_detector("osca", training=training, order_axis=1)
-    imaging = Imaging(get_estimator(name, detector=detector), observed(RESOLVED, 20.0))
-    assert FOUND.drift(imaging) <= FOUND.bound
+    image = ImageSubject(get_estimator(name, detector=detector), observed(RESOLVED, 20.0))
+    assert FOUND.measure(image) <= FOUND.bound
 
 
 def test_a_window_larger_than_the_map_is_refused():

@@ -9,8 +9,8 @@ from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.sbl4d import Sbl4d
 
 from isacbench import load_scenario, observe, score
-from isacbench.checking.promises.image_promises import ELEMENT_ORDER, Imaging
-from isacbench.checking.stress.runs.families import find_cases
+from isacbench.checking.image_checks import ELEMENT_ORDER
+from isacbench.checking.stress import find_cases
 from isacbench.errors import InputError
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
@@ -107,9 +107,9 @@ def test_the_coherent_street_has_few_ghosts():
 )
 def test_atoms_on_the_leakage_of_an_echo_beyond_the_gate_mirror_and_turn_with_the_array(spec):
     (case,) = find_cases(spec)
-    imaging = Imaging(Sbl4d(), case.shot(0))
-    assert len(imaging.cloud) > 2
-    assert ELEMENT_ORDER.drift(imaging) <= ELEMENT_ORDER.bound
+    image, _ = case.make(Sbl4d())
+    assert len(image.cloud) > 2
+    assert ELEMENT_ORDER.measure(image) <= ELEMENT_ORDER.bound
 
 
 def test_a_crowd_beyond_the_limit_is_imaged_by_its_strongest_atoms_and_said():
