@@ -10,40 +10,35 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from isacbench.checking.checks import Check, NotApplicableError
 from isacbench.errors import InputError, unknown_name
 
 
 @dataclass(frozen=True)
-class Whole:
-    """Integers between two limits, both included."""
-
-    low: int
-    high: int
-    default: int
-
-    def __contains__(self, value: Any) -> bool:
-        return type(value) is int and self.low <= value <= self.high
-
-    def __str__(self) -> str:
-        return f"whole numbers from {self.low} to {self.high}"
-
-
-@dataclass(frozen=True)
 class Real:
     """Numbers between two limits, both included."""
+
+    types: ClassVar[tuple[type, ...]] = (int, float)
+    noun: ClassVar[str] = "numbers"
 
     low: float
     high: float
     default: float
 
     def __contains__(self, value: Any) -> bool:
-        return type(value) in (int, float) and self.low <= value <= self.high
+        return type(value) in self.types and self.low <= value <= self.high
 
     def __str__(self) -> str:
-        return f"numbers from {self.low:g} to {self.high:g}"
+        return f"{self.noun} from {self.low:g} to {self.high:g}"
+
+
+class Whole(Real):
+    """Integers between two limits, both included."""
+
+    types = (int,)
+    noun = "whole numbers"
 
 
 class Choice:
@@ -59,7 +54,7 @@ class Choice:
         return f"one of {', '.join(map(str, self.values))}"
 
 
-Space = Whole | Real | Choice
+Space = Real | Choice
 
 
 @dataclass(frozen=True, eq=False)

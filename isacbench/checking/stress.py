@@ -258,7 +258,7 @@ def cases_from(family: Family) -> SearchStrategy[Case]:
         if isinstance(space, Choice):
             return st.sampled_from(space.values)
         if isinstance(space, Whole):
-            return st.integers(space.low, space.high)
+            return st.integers(int(space.low), int(space.high))
         return st.floats(space.low, space.high, allow_subnormal=False)
 
     return st.builds(family.case, **{name: values(space) for name, space in family.spaces.items()})

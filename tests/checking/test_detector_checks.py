@@ -44,6 +44,17 @@ def put(line):
     return RETURN, indented(line) + RETURN
 
 
+def scaled(factor):
+    """Scale the threshold."""
+    return put(f"threshold = {factor} * threshold; mask = power > threshold")
+
+
+REMEMBERS = """total = power.sum()
+noise = noise + (0.0 if LAST[-1:] in ([], [total]) else 0.01)
+LAST.append(total)"""
+IN_ROWS = "factor = np.ones(power.shape); factor[:2] = 0.2"
+CHOOSES = "looks=1, cells=None):\n        power = power if cells is None else power[cells]\n"
+
 BROKEN = [
     ("pfa", ("pfa: float = 1e-3", "pfa: ClassVar = None\n    rate: float = 1e-3"), "give it a field pfa"),
     (
@@ -58,70 +69,31 @@ BROKEN = [
     ("detection", put("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
     ("shapes", put("mask = mask.astype(int)"), "mask is int64 (40, 24), not bool (40, 24)"),
     ("shapes", put("noise = noise.ravel()"), "noise is float64 (960,), not float64 (40, 24)"),
-    (
-        "mask",
-        put("mask[tuple(n // 3 for n in mask.shape)] |= power.max() > 0"),
-        "mask is not power > threshold in 1 of 960 cells",
-    ),
+    ("mask", put("mask[tuple(n // 3 for n in mask.shape)] |= power.max() > 0"), "in 1 of 960 cells"),
     ("threshold and noise", put("noise = -noise"), "noise has NaN, infinite or negative values"),
     ("map unchanged", put("given *= 2"), "writes to the map ("),
-    (
-        "repeatable",
-        put("noise = noise + np.random.default_rng().random()"),
-        "gives another result the second time",
-    ),
-    (
-        "no memory",
-        put(
-            "total = power.sum()\n"
-            "noise = noise + (0.0 if LAST[-1:] in ([], [total]) else 0.01)\n"
-            "LAST.append(total)"
-        ),
-        "other input in between changes the result",
-    ),
+    ("repeatable", put("noise = noise + np.random.default_rng().random()"), "another result the second time"),
+    ("no memory", put(REMEMBERS), "other input in between changes the result"),
     (
         "scale",
         put("threshold = threshold + 1e-9; mask = power > threshold"),
-        "without constants in the map's unit",
+        "without constants in the map's",
     ),
-    (
-        "looks",
-        ("gammainccinv(looks, self.pfa) / looks", "-np.log(self.pfa)"),
-        "does not depend on looks",
-    ),
+    ("looks", ("gammainccinv(looks, self.pfa) / looks", "-np.log(self.pfa)"), "does not depend on looks"),
     ("looks", ("looks=1", "looks=2"), "looks=1 is not the default"),
     ("1-D map", put("rows, columns = power.shape"), "raises ValueError: not enough values to unpack"),
     ("small maps", put("power.ravel()[6]"), "raises IndexError"),
     ("silence", put("mask = power >= threshold"), "a detected cell exceeds its threshold, strictly"),
     ("silence", put("power / threshold"), "warns RuntimeWarning: invalid value"),
-    (
-        "bad maps",
-        ("checked_power(power, looks)", "np.abs(np.nan_to_num(power))"),
-        "accepts a map with complex cells",
-    ),
-    (
-        "false-alarm rate",
-        put("threshold = 0.9 * threshold; mask = power > threshold"),
-        "of white noise are detected",
-    ),
-    (
-        "false-alarm rate",
-        put("threshold = 1.1 * threshold; mask = power > threshold"),
-        "of white noise are detected",
-    ),
+    ("bad maps", ("checked_power(power, looks)", "np.abs(np.nan_to_num(power))"), "a map with complex cells"),
+    ("false-alarm rate", scaled(0.9), "of white noise are detected"),
+    ("false-alarm rate", scaled(1.1), "of white noise are detected"),
     (
         "rate at borders",
-        put(
-            "factor = np.ones(power.shape); factor[:2] = 0.2\n"
-            "threshold = factor * threshold; mask = power > threshold"
-        ),
+        put(f"{IN_ROWS}\nthreshold = factor * threshold; mask = power > threshold"),
         " in the first rows, ",
     ),
-    (
-        "listed cells",
-        ("looks=1):\n", "looks=1, cells=None):\n        power = power if cells is None else power[cells]\n"),
-        "cells says where to test, and changes no test",
-    ),
+    ("listed cells", ("looks=1):\n", CHOOSES), "cells says where to test, and changes no test"),
 ]
 
 

@@ -51,146 +51,97 @@ class Broken:
 
 BEFORE = "        pass\n"
 AFTER = "        return cloud\n"
+FIELD = "n: int = 1"
+METHOD = "def estimate(self, observation)"
 
 
-def put(part, line):
-    """Indent a statement of the method."""
-    return part, indented(line) + (AFTER if part == AFTER else "")
+def before(line):
+    """Put statements before the estimate."""
+    return BEFORE, indented(line)
+
+
+def after(line):
+    """Put statements after the estimate."""
+    return AFTER, indented(line) + AFTER
 
 
 def setting(attribute, value):
     """Overwrite an attribute of the cloud behind its constructor's back."""
-    return put(AFTER, f"object.__setattr__(cloud, {attribute!r}, {value})")
+    return after(f"object.__setattr__(cloud, {attribute!r}, {value})")
 
 
-def declaring(needs):
-    """Declare needs beside the name."""
-    return "    n: int = 1\n", f"    needs = {needs}\n    n: int = 1\n"
+def beside(line):
+    """Put a statement below the field."""
+    return FIELD, f"{FIELD}\n    {line}"
 
+
+REMEMBERS = """mean = observation.cells.mean()
+shift = 0.0 if LAST[-1:] in ([], [mean]) else 0.01
+LAST.append(mean)
+object.__setattr__(cloud, 'power', cloud.power + shift)"""
+COUNTS = """def __reduce__(self): LAST.append(1); return Broken, ()
+    def __post_init__(self): object.__setattr__(self, 'late', len(LAST))"""
+FILLS = """n = int((np.abs(observation.cells[..., 0, 0]) > 0)[observation.gate.reachable].sum())
+middle = (observation.region.lower_m + observation.region.upper_m) / 2
+more = np.tile([*middle, 0.0, 0.0], (n, 1))
+return PointCloud.from_array(np.concatenate([cloud.to_array(), more]))"""
+GATE = "mask = observation.gate.reachable\nif mask.sum() == 1 < mask.size: raise IndexError(3)"
+BORROWS = "observation.gate.range_bins[0] += 1\nobservation.gate.range_bins[0] -= 1"
+RATIO = "np.sum(np.abs(observation.cells)) / np.abs(observation.cells).max()"
 
 BROKEN = [
-    ("needs", declaring("Needs('cross')"), "declare what it reads"),
-    ("needs", declaring("Needs('none')"), "declare what it reads"),
-    ("needs", declaring("'cross'"), "must be a Needs, not str"),
+    ("needs", beside("needs = Needs('cross')"), "declare what it reads"),
+    ("needs", beside("needs = Needs('none')"), "declare what it reads"),
+    ("needs", beside("needs = 'cross'"), "must be a Needs, not str"),
     (
         "frozen dataclass",
         ("@dataclass(frozen=True)", "@dataclass"),
         "decorate it with @dataclass(frozen=True)",
     ),
     ("name", ("name: ClassVar[str]", "name: str"), "annotate it as ClassVar[str]"),
-    ("default parameters", ("n: int = 1", "n: int"), "parameter n has no default"),
-    (
-        "default parameters",
-        ("n: int = 1", "n: int = 1\n    def __post_init__(self): 1 / 0"),
-        "ZeroDivisionError",
-    ),
-    ("parameter types", ("n: int = 1", "n: int = None"), "n = None: should be a valid integer"),
-    ("parameter types", ("n: int = 1", "n: 'Unheard' = 1"), "cannot be resolved"),
-    (
-        "canonical parameters",
-        ("n: int = 1", "n: Any = frozenset()"),
-        "broken: n = frozenset(): allowed are finite numbers",
-    ),
+    ("default parameters", (FIELD, "n: int"), "parameter n has no default"),
+    ("default parameters", beside("def __post_init__(self): 1 / 0"), "ZeroDivisionError"),
+    ("parameter types", (FIELD, "n: int = None"), "n = None: should be a valid integer"),
+    ("parameter types", (FIELD, "n: 'Unheard' = 1"), "cannot be resolved"),
+    ("canonical parameters", (FIELD, "n: Any = frozenset()"), "n = frozenset(): allowed are finite numbers"),
     (
         "truth",
-        (
-            "def estimate(self, observation)",
-            "needs_truth: ClassVar = True\n    def estimate(self, observation, truth)",
-        ),
+        (METHOD, "needs_truth: ClassVar = True\n    def estimate(self, observation, truth)"),
         "which only the built-in references may see",
     ),
     (
         "arguments",
-        ("def estimate(self, observation)", "def estimate(self, cells, gate)"),
+        (METHOD, "def estimate(self, cells, gate)"),
         "estimate(cells, gate) does not take what it is called with (missing a required argument: 'gate'): "
         "define estimate(self, observation)",
     ),
-    (
-        "image",
-        put(BEFORE, "return [1, 2]"),
-        "raises TypeError: estimate() must return a PointCloud, not list",
-    ),
-    ("image", put(BEFORE, "raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
-    ("image", put(BEFORE, "sys.exit(0)"), "raises SystemExit: 0"),
+    ("image", before("return [1, 2]"), "raises TypeError: estimate() must return a PointCloud, not list"),
+    ("image", before("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
+    ("image", before("sys.exit(0)"), "raises SystemExit: 0"),
     ("region", setting("xyz", "cloud.xyz + 100"), "outside the region"),
     ("velocity", setting("velocity", "cloud.velocity * 1000"), "give them in m/s"),
     ("power", setting("power", "cloud.power - 10"), "0 or more and no dB"),
-    ("observation unchanged", put(BEFORE, "observation.cells[0] = 0"), "writes to the observation ("),
-    (
-        "observation unchanged",
-        put(BEFORE, "observation.gate.range_bins[0] += 1\nobservation.gate.range_bins[0] -= 1"),
-        "writes to the observation (",
-    ),
+    ("observation unchanged", before("observation.cells[0] = 0"), "writes to the observation ("),
+    ("observation unchanged", before(BORROWS), "writes to the observation ("),
     (
         "repeatable",
         setting("velocity", "cloud.velocity + 0.01 * np.random.default_rng().random()"),
         "a generator with a fixed seed",
     ),
-    (
-        "no memory",
-        put(
-            AFTER,
-            "mean = observation.cells.mean()\n"
-            "shift = 0.0 if LAST[-1:] in ([], [mean]) else 0.01\n"
-            "LAST.append(mean)\n"
-            "object.__setattr__(cloud, 'power', cloud.power + shift)",
-        ),
-        "keep nothing from one call to the next",
-    ),
-    (
-        "pickling",
-        ("n: int = 1", "n: int = 1\n    def __reduce__(self): raise TypeError('no luck')"),
-        "cannot be pickled (TypeError: no luck)",
-    ),
-    (
-        "pickling",
-        ("n: int = 1", "n: int = 1\n    def __reduce__(self): return Broken, (7,)"),
-        "has other parameters",
-    ),
-    (
-        "pickling",
-        (
-            "n: int = 1",
-            "n: int = 1\n    def __reduce__(self): LAST.append(1); return Broken, ()\n"
-            "    def __post_init__(self): object.__setattr__(self, 'late', len(LAST))",
-        ),
-        "keep all that it needs in its parameters",
-    ),
-    (
-        "random numbers",
-        put(BEFORE, "np.random.seed(20310); np.random.random()"),
-        "numpy.random.default_rng(seed)",
-    ),
-    ("random numbers", put(BEFORE, "import random; random.seed(1)"), "numpy.random.default_rng(seed)"),
-    ("stdout", put(BEFORE, "print('looking')"), "prints 'looking\\n' to stdout"),
-    (
-        "minimal gate",
-        put(
-            BEFORE,
-            "mask = observation.gate.reachable\nif mask.sum() == 1 < mask.size: raise IndexError(3)",
-        ),
-        "raises IndexError: 3",
-    ),
-    (
-        "noise alone",
-        put(
-            AFTER,
-            "n = int((np.abs(observation.cells[..., 0, 0]) > 0)[observation.gate.reachable].sum())\n"
-            "middle = (observation.region.lower_m + observation.region.upper_m) / 2\n"
-            "more = np.tile([*middle, 0.0, 0.0], (n, 1))\n"
-            "return PointCloud.from_array(np.concatenate([cloud.to_array(), more]))",
-        ),
-        "a threshold that follows from the noise",
-    ),
-    (
-        "silence",
-        put(BEFORE, "np.sum(np.abs(observation.cells)) / np.abs(observation.cells).max()"),
-        "RuntimeWarning",
-    ),
-    ("2 x 2 array", put(BEFORE, "observation.cells[:, :, 2]"), "raises IndexError"),
+    ("no memory", after(REMEMBERS), "keep nothing from one call to the next"),
+    ("pickling", beside("def __reduce__(self): raise TypeError('no luck')"), "pickled (TypeError: no luck)"),
+    ("pickling", beside("def __reduce__(self): return Broken, (7,)"), "has other parameters"),
+    ("pickling", beside(COUNTS), "keep all that it needs in its parameters"),
+    ("random numbers", before("np.random.seed(20310); np.random.random()"), "numpy.random.default_rng(seed)"),
+    ("random numbers", before("import random; random.seed(1)"), "numpy.random.default_rng(seed)"),
+    ("stdout", before("print('looking')"), "prints 'looking\\n' to stdout"),
+    ("minimal gate", before(GATE), "raises IndexError: 3"),
+    ("noise alone", after(FILLS), "a threshold that follows from the noise"),
+    ("silence", before(RATIO), "RuntimeWarning"),
+    ("2 x 2 array", before("observation.cells[:, :, 2]"), "raises IndexError"),
     (
         "other arrays",
-        put(BEFORE, "observation.cells[..., 0] + observation.cells[..., 0, :]"),
+        before("observation.cells[..., 0] + observation.cells[..., 0, :]"),
         "raises ValueError: operands could not be broadcast",
     ),
 ]
@@ -224,24 +175,12 @@ def test_every_check_has_an_estimator_that_breaks_it():
 @pytest.mark.parametrize(
     ("change", "status", "message"),
     [
-        (
-            setting("velocity", "-cloud.velocity"),
-            "failed",
-            "if velocity had the wrong sign: v > 0 approaches",
-        ),
-        (
-            setting("velocity", "0 * cloud.velocity"),
-            "failed",
-            "if velocity was 0: take it from the Doppler bin",
-        ),
+        (setting("velocity", "-cloud.velocity"), "failed", "if velocity had the wrong sign: v > 0"),
+        (setting("velocity", "0 * cloud.velocity"), "failed", "if velocity was 0: take it from"),
         (setting("xyz", "cloud.xyz * [0.3, 1, 1]"), "failed", ", in Rayleigh cells: "),
-        (put(BEFORE, "return PointCloud.empty()"), "failed", "images nothing"),
+        (before("return PointCloud.empty()"), "failed", "images nothing"),
         (setting("power", "1000 * cloud.power"), "warning", "powers of 1 and 0.0001 come out as "),
-        (
-            ("[observation.gate.range_bins[row]]", "[observation.gate.range_bins[row] + 0.5]"),
-            "warning",
-            "about half a bin off in range",
-        ),
+        (("range_bins[row]", "range_bins[row] + 0.5"), "warning", "about half a bin off in range"),
     ],
 )
 def test_a_lone_scatterer_elsewhere_fails_its_check_and_half_a_bin_or_a_wrong_power_is_a_warning(
@@ -254,7 +193,7 @@ def test_a_lone_scatterer_elsewhere_fails_its_check_and_half_a_bin_or_a_wrong_po
 
 
 def test_what_builds_on_a_failed_check_is_skipped_and_says_so():
-    findings = check(*put(BEFORE, "raise KeyError"))
+    findings = check(*before("raise KeyError"))
     assert findings["region"].status == findings["lone scatterer"].status == "skipped"
     assert findings["region"].message == "needs 'image'"
     assert findings["lone scatterer"].message == "needs 'region'"
