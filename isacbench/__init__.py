@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from isacbench.bench.compare.ranking import Ranking, rank
     from isacbench.bench.run.runner import run
     from isacbench.bench.store.run import load_run
-    from isacbench.checking.contract import check
+    from isacbench.checking.plugin_check import check
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.errors import InputError
     from isacbench.link.sensing.observing import observe
@@ -70,7 +70,7 @@ _HOMES = {
     "Ranking": "isacbench.bench.compare.ranking",
     "Scenario": "isacbench.model.scenes.scenario",
     "compare": "isacbench.bench.compare.comparison",
-    "check": "isacbench.checking.contract",
+    "check": "isacbench.checking.plugin_check",
     "get_detector": "isacbench.plugins.registry",
     "get_estimator": "isacbench.plugins.registry",
     "get_metric": "isacbench.plugins.registry",

@@ -17,7 +17,7 @@ import threadpoolctl
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench import cores
-from isacbench.checking.promises.small_scenes import RESOLVED, observed
+from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.cores import one_blas_thread
 from isacbench.cubes.frame_observation import observe_cube
 from isacbench.link.sensing.observing import observe

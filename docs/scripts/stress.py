@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from isacbench.checking.stress.runs.families import FAMILIES
-from isacbench.checking.stress.runs.stress_table import PROMISES, TABLE
+from isacbench.checking.stress import FAMILIES
+from isacbench.checking.stress_tables import PROMISES, TABLE
 from isacbench.report.table_texts import markdown
 from isacbench.report.texts.stress_findings import family_grid, promise_grid
 
@@ -40,9 +40,8 @@ def _families() -> str:
     """Every family: what it holds, and what its parameters can be."""
     lines = ["| case | what | parameters | in the table |", "|---|---|---|--:|"]
     for family in FAMILIES.values():
-        what = (family.__doc__ or "").partition("\n")[0]
-        spaces = "; ".join(f"`{name}`: {space}" for name, space in family.spaces().items())
-        lines.append(f"| `{family.name}` | {what} | {spaces} | {len(family.fixed)} |")
+        spaces = "; ".join(f"`{name}`: {space}" for name, space in family.spaces.items())
+        lines.append(f"| `{family.name}` | {family.description} | {spaces} | {len(family.table)} |")
     return "\n".join([*lines, ""])
 
 

@@ -41,22 +41,20 @@ def check_command(
     plugin: PluginFiles = None,
 ) -> None:
     """Check estimators, detectors and metrics against the contract, and say what to correct."""
-    from isacbench.checking.contract.targets import find_plugins
+    from isacbench.checking.plugin_check import CheckReport, PluginFindings, check_guarded, find_plugins
 
     register(plugin)
-    wanted = find_plugins(package_or_file)
-    from isacbench.checking.contract import CheckReport, PluginFindings
-    from isacbench.checking.contract.guarded_checks import check_guarded
+    plugins = find_plugins(package_or_file)
     from isacbench.plugins.registry import distribution
     from isacbench.report.texts.contract_findings import describe_checks, print_counts, print_findings
 
     found = []
-    for kind, name in wanted:
+    for kind, name in plugins:
 
-        def tell(running: str, of: str = f"{kind} {name}") -> None:
+        def still_at(running: str, of: str = f"{kind} {name}") -> None:
             say(f"isacbench: {of}: still at {running!r}", err=True)
 
-        findings = tuple(check_guarded(kind, name, tell=tell))
+        findings = tuple(check_guarded(kind, name, still_at=still_at))
         found.append(PluginFindings(kind, name, distribution(kind, name), findings))
         if not as_json:
             print_findings(found[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,11 +15,11 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
-    from isacbench.checking.stress.case import Case
-    from isacbench.checking.stress.runs.stress_runs import Examined, Target
+    from isacbench.checking.case import Family
+    from isacbench.checking.stress import CaseResult, Target
 
 TIMEOUT_S = 120.0
-"""Equal to `isacbench.checking.stress.runs.stress_runs.TIMEOUT_S`, whose import takes long."""
+"""Equal to `isacbench.checking.stress.TIMEOUT_S`, whose import takes long."""
 
 
 @app.command("stress")
@@ -66,55 +66,54 @@ def stress_command(
 
     start_process_server()
     from isacbench.bench.store.run_folder import default_folder
-    from isacbench.checking.stress.runs import stress_table
-    from isacbench.checking.stress.runs.families import find_families
-    from isacbench.checking.stress.runs.stress_runs import examine_all, find_targets, tasks_of
+    from isacbench.checking import stress, stress_tables
     from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
     from isacbench.report.texts import stress_findings
 
     if estimator is None and detector is None:
         estimator = [name for name in estimator_names() if not sees_truth(name)]
         detector = detector_names()
-    targets = [*find_targets("estimator", estimator or ()), *find_targets("detector", detector or ())]
+    targets = [
+        *stress.find_targets("estimator", estimator or ()),
+        *stress.find_targets("detector", detector or ()),
+    ]
     options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
     if search is None:
-        work = examine_all(tasks_of(targets, case or [], seed, options), jobs, timeout)
+        running = stress.run_cases(stress.tasks_of(targets, case or [], seed, options), jobs, timeout)
     else:
         _require_search(search, jobs)
-        from isacbench.checking.stress.runs import random_search
-
-        families = find_families(case or [], {target.kind for target in targets})
-        work = random_search.search(targets, families, search, seed, timeout, options, _tell)
-    examined: list[Examined] = []
+        families = stress.find_families(case or [], {target.kind for target in targets})
+        running = stress.search(targets, families, search, seed, timeout, options, _say_family)
+    results: list[CaseResult] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
-    with stress_table.open_stress_folder(folder):
+    with stress_tables.open_stress_folder(folder):
         try:
             if not as_json:
                 say(stress_findings.HEADER)
-            for one in work:
-                examined.append(one)
+            for result in running:
+                results.append(result)
                 if not as_json:
-                    say_lines(stress_findings.line(one))
+                    say_lines(stress_findings.line(result))
         except KeyboardInterrupt:
             interrupted = True
         finally:
             # Whatever ends this, a terminal that is gone included.
-            paths = stress_table.write_stress_tables(folder, examined, timeout_s=timeout)
+            paths = stress_tables.write_stress_tables(folder, results, timeout_s=timeout)
     if as_json:
-        print_json(stress_findings.describe_stress(examined))
+        print_json(stress_findings.describe_stress(results))
     else:
-        if search is None and examined:
-            print_table(stress_findings.promise_grid(stress_table.promise_table(examined)))
-            print_table(stress_findings.family_grid(stress_table.case_table(examined)))
+        if search is None and results:
+            print_table(stress_findings.promise_grid(stress_tables.check_table(results)))
+            print_table(stress_findings.family_grid(stress_tables.case_table(results)))
         if search is None or interrupted:
-            say(stress_findings.summary(examined))
+            say(stress_findings.summary(results))
         else:
-            say(stress_findings.searched(examined, search, len(targets)))
+            say(stress_findings.search_summary(results, search, len(targets)))
         say(f"{folder}: {', '.join(path.name for path in paths)}")
     if interrupted:
-        fail(f"interrupted: the {len(examined)} cases so far are in {folder}", EXIT_INTERRUPTED)
-    broken = [one for one in examined if one.is_broken]
+        fail(f"interrupted: the {len(results)} cases so far are in {folder}", EXIT_INTERRUPTED)
+    broken = [result for result in results if result.is_broken]
     if broken:
         fail(f"{counted(len(broken), 'finding')}; the first one: {broken[0].reproduce}", EXIT_FAILED_CELLS)
 
@@ -131,6 +130,6 @@ def _require_search(n_examples: int, jobs: int) -> None:
         )
 
 
-def _tell(target: Target, family: type[Case[Any]]) -> None:
+def _say_family(target: Target, family: Family) -> None:
     """Announce the next family on stderr, for a search takes a while."""
     say(f"searching {family.name} for {target.spec}", err=True)

@@ -25,7 +25,8 @@ def canonical_params(plugin: object) -> str:
     """Write every parameter of a dataclass, such as an estimator or a detector, as canonical JSON.
 
     Sorted keys, no spaces, defaults included; a nested detector is an object with its ``name`` beside its
-    parameters. Equal parameters give equal strings. A value that is not one of `ALLOWED` is refused, naming plugin and parameter.
+    parameters. Equal parameters give equal strings. A value that is not one of `ALLOWED` is refused, naming
+    plugin and parameter.
     """
     return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
 

@@ -11,7 +11,7 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
 import isacbench
-from isacbench.checking.promises.small_scenes import RESOLVED, observed
+from isacbench.checking.scenes import RESOLVED, observed
 
 SPECTRA = [Bartlett2d, Capon2d, Iaa2d]
 ALL = pytest.mark.parametrize("estimator", SPECTRA, ids=lambda one: one.name)

@@ -9,8 +9,8 @@ from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.checking.promises.image_promises import ANY_SCALE, ELEMENT_ORDER, Imaging
-from isacbench.checking.stress.cases.crowds import Close, Coherent
+from isacbench.checking.image_cases import close, coherent
+from isacbench.checking.image_checks import ANY_SCALE, ELEMENT_ORDER
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
@@ -137,25 +137,26 @@ def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
 @pytest.mark.parametrize(
     ("method", "case"),
     [
-        (Music2dJoint, Close(exponent=-1.0, along="all")),
-        (Esprit2d, Close(exponent=-1.25, along="u")),
-        *((method, Coherent(n_echoes=3, separation=0.3)) for method in (Music2dJoint, Esprit2d)),
-        *((Music2dJoint, Coherent(n_echoes=3, separation=0.1)), (Esprit2d, Coherent(4, separation=0.15))),
+        (Music2dJoint, close.case(exponent=-1.0, along="all")),
+        (Esprit2d, close.case(exponent=-1.25, along="u")),
+        *((method, coherent.case(n_echoes=3, separation=0.3)) for method in (Music2dJoint, Esprit2d)),
+        (Music2dJoint, coherent.case(n_echoes=3, separation=0.1)),
+        (Esprit2d, coherent.case(n_echoes=4, separation=0.15)),
     ],
     ids=lambda value: getattr(value, "spec", None),
 )
 def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digits_and_fewer_as_certain(
     method, case
 ):
-    imaging = Imaging(method(), case.shot(0))
-    truth = imaging.shot.scenario.truth
-    if isinstance(case, Close) or case.separation == 0.3:
-        assert len(imaging.cloud) == len(truth)
-        distance = np.linalg.norm(imaging.cloud.xyz[:, None] - truth.xyz, axis=2)
+    image, _ = case.make(method())
+    truth = image.scene.scenario.truth
+    if case.family is close or case.values[1] == 0.3:
+        assert len(image.cloud) == len(truth)
+        distance = np.linalg.norm(image.cloud.xyz[:, None] - truth.xyz, axis=2)
         assert distance.min(axis=0).max() < 1e-9
     else:
-        assert 1 <= len(imaging.cloud) < len(truth)
+        assert 1 <= len(image.cloud) < len(truth)
     # The condition of the joint fit squared: 1e-8. Where fewer points leave 1e-5 of the map, steps that
     # lose no more than rounding are taken.
-    assert ANY_SCALE.drift(imaging) < 1e-10
-    assert ELEMENT_ORDER.drift(imaging) < 1e-10
+    assert ANY_SCALE.measure(image) < 1e-10
+    assert ELEMENT_ORDER.measure(image) < 1e-10

@@ -6,22 +6,13 @@ import numpy as np
 import pytest
 from isacbench_algorithms.fft4d import Fft4d
 
-from isacbench.checking.promises import blas_kernels
-from isacbench.checking.promises.image_promises import (
-    ANY_SCALE,
-    ELEMENT_ORDER,
-    FOUND_FIRST,
-    INVARIANT,
-    LAYOUT,
-    Imaging,
-)
-from isacbench.checking.promises.small_scenes import Echo, Layout, observed
-from isacbench.checking.stress.runs.examining import BROKEN, examine
-from isacbench.checking.stress.runs.families import find_cases
+from isacbench.checking.image_checks import ANY_SCALE, ELEMENT_ORDER, FOUND_FIRST, INVARIANT, LAYOUT
+from isacbench.checking.scenes import Echo, Layout, observed
+from isacbench.checking.stress import BROKEN, find_cases, run_case
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.plugins.registry import build_estimator
-from tests.checking.promises.narrowed import narrowed
+from tests.checking.narrowed import narrowed
 from tests.conftest import slow_but
 
 NAMES = [
@@ -63,12 +54,6 @@ WITH_PARAMETERS = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def no_other_kernel(monkeypatch):
-    """Let no process start under another BLAS kernel."""
-    monkeypatch.setattr(blas_kernels, "_known", {})
-
-
 def only(spec):
     (case,) = find_cases(spec)
     return case
@@ -81,8 +66,8 @@ def test_hostile_scenes_are_imaged_as_promised(estimator, spec):
     # Invariances have tests of their own, but for the pursuit where there is no range.
     invariant = spec == NO_RANGE.format("none")
     case = narrowed(only(spec), lambda promise: invariant or promise not in INVARIANT)
-    verdicts = examine(case, build_estimator(estimator))
-    assert [verdict for verdict in verdicts if verdict.outcome in BROKEN] == []
+    findings = run_case(case, build_estimator(estimator))
+    assert [finding for finding in findings if finding.status in BROKEN] == []
 
 
 ROUNDED = [
@@ -99,16 +84,16 @@ SLOW = [
 
 
 @cache
-def imaging_of(name, spec):
-    """Estimator and shot, whose image is made once."""
-    return Imaging(build_estimator(name), only(spec).shot(0))
+def subject_of(name, spec):
+    """Estimator and scene, whose image is made once."""
+    return only(spec).make(build_estimator(name))[0]
 
 
 @pytest.mark.parametrize(("name", "spec", "promise"), slow_but(ROUNDED, [*ROUNDED, *SLOW]))
 def test_images_that_hang_on_the_last_digits_keep_their_promise(name, spec, promise):
-    imaging = imaging_of(name, spec)
-    assert len(imaging.cloud) >= (3 if name == "sbl4d" or "coherent" in spec else 1 + ("close" in spec))
-    assert promise.drift(imaging) <= promise.bound
+    subject = subject_of(name, spec)
+    assert len(subject.cloud) >= (3 if name == "sbl4d" or "coherent" in spec else 1 + ("close" in spec))
+    assert promise.measure(subject) <= promise.bound
 
 
 WHOLE = System(n_subcarriers=16, n_symbols=64, cyclic_prefix_ratio=1.0, cyclic_suffix_ratio=0.0)

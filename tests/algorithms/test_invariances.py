@@ -12,10 +12,9 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.oracle import Oracle
 from threadpoolctl import threadpool_limits
 
-from isacbench.checking.promises.drift import cloud_drift
-from isacbench.checking.promises.image_promises import ELEMENT_ORDER, Imaging
-from isacbench.checking.promises.small_scenes import RESOLVED, Echo, Layout, observed, scenario_of
-from isacbench.checking.stress.cases.crowds import Spread
+from isacbench.checking.image_cases import spread
+from isacbench.checking.image_checks import ELEMENT_ORDER, ImageSubject, cloud_difference
+from isacbench.checking.scenes import RESOLVED, Echo, Layout, observed, scenario_of
 from isacbench.errors import InputError
 from isacbench.model.echo import Simulator
 from isacbench.model.radio_coordinates import rayleigh_cells, space_places
@@ -48,28 +47,28 @@ def nudged(cells, seed=0):
     return cells * (1 + 1e-15 * noise)
 
 
-def assert_scaled_by_a_power_of_two(imaging, exponent):
+def assert_scaled_by_a_power_of_two(image, exponent):
     """Places are the same in every bit, and powers are those of the other unit."""
-    cloud, scaled = imaging.cloud, imaging.image_of(imaging.shot.seen.cells * 2.0**exponent)
+    cloud, scaled = image.cloud, image.image_of(image.scene.seen.cells * 2.0**exponent)
     np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4], f"2^{exponent}")
     np.testing.assert_array_equal(scaled.power, cloud.power * 2.0**exponent * 2.0**exponent)
 
 
-def assert_same_in_any_memory(imaging, factor, bound, single_bound):
-    """With other last bits, memory order and unit, and with two threads, the drift is below a bound.
+def assert_same_in_any_memory(image, factor, bound, single_bound):
+    """With other last bits, memory order and unit, and with two threads, the difference is below a bound.
 
     In single precision, with gaps between the elements, it is below another.
     """
-    cells = imaging.shot.seen.cells
+    cells = image.scene.seen.cells
     single = np.repeat(cells.astype(np.complex64), 2, axis=2)[:, :, ::2]
-    assert imaging.drift(imaging.image_of(single)) < single_bound
+    assert image.difference(image.image_of(single)) < single_bound
     with threadpool_limits(limits=2):
-        scaled = imaging.image_of(np.asfortranarray(nudged(cells)) * factor)
-    assert imaging.drift(replace(scaled, power=scaled.power / factor / factor)) < bound
+        scaled = image.image_of(np.asfortranarray(nudged(cells)) * factor)
+    assert image.difference(replace(scaled, power=scaled.power / factor / factor)) < bound
 
 
 @cache
-def shot_apart():
+def scene_apart():
     """Three echoes, each in cells of its own."""
     region = Region((-5.0, 30.0), (20.0, 46.0), (-5.0, 35.0), (-50.0, 50.0))
     return observed(RESOLVED, 10.0, layout=Layout(array=(6, 5), region=region))
@@ -77,25 +76,25 @@ def shot_apart():
 
 @cache
 def apart(name):
-    return Imaging(EVERY[name], shot_apart())
+    return ImageSubject(EVERY[name], scene_apart())
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_an_image_of_echoes_apart_is_the_same_in_any_unit_memory_precision_and_number_of_threads(name):
-    imaging = apart(name)
-    assert len(imaging.cloud) == len(RESOLVED)
+    image = apart(name)
+    assert len(image.cloud) == len(RESOLVED)
     for exponent in (-FAR, NEAR):
-        assert_scaled_by_a_power_of_two(imaging, exponent)
-    assert_same_in_any_memory(imaging, 1e150, 1e-10, 1e-6)
+        assert_scaled_by_a_power_of_two(image, exponent)
+    assert_same_in_any_memory(image, 1e150, 1e-10, 1e-6)
 
 
 @pytest.mark.parametrize("name", ["fft4d", "music2d", "music2d_joint", "esprit2d"])
 def test_so_is_the_image_of_a_crowd(name):
-    imaging = Imaging(get_estimator(name), observed(crowd(), 30.0, layout=Layout(array=(8, 6))))
-    assert len(imaging.cloud) > len(RESOLVED)
-    assert_scaled_by_a_power_of_two(imaging, FAR)
+    image = ImageSubject(get_estimator(name), observed(crowd(), 30.0, layout=Layout(array=(8, 6))))
+    assert len(image.cloud) > len(RESOLVED)
+    assert_scaled_by_a_power_of_two(image, FAR)
     # The last step of the joint fit of a crowd is one that rounding takes or leaves.
-    assert_same_in_any_memory(imaging, 0.3, 1e-7, 1e-5)
+    assert_same_in_any_memory(image, 0.3, 1e-7, 1e-5)
 
 
 @few
@@ -108,16 +107,17 @@ def test_so_is_the_image_of_a_crowd(name):
 )
 @example(name="nomp4d", n_echoes=3, draw=1, snr_db=10.0, exponent=NEAR)
 def test_so_is_the_image_of_any_echoes_apart(name, n_echoes, draw, snr_db, exponent):
-    shot = Spread(n_echoes=n_echoes, draw=draw).shot(0)
-    imaging = Imaging(get_estimator(name), replace(shot, seen=Simulator(shot.scenario).observe(snr_db)))
-    cells = imaging.shot.seen.cells
-    assert_scaled_by_a_power_of_two(imaging, exponent)
-    assert imaging.drift(imaging.image_of(nudged(cells))) < 1e-9
+    image, _ = spread.case(n_echoes=n_echoes, draw=draw).make(get_estimator(name))
+    noisy = replace(image.scene, seen=Simulator(image.scene.scenario).observe(snr_db))
+    image = replace(image, scene=noisy)
+    cells = image.scene.seen.cells
+    assert_scaled_by_a_power_of_two(image, exponent)
+    assert image.difference(image.image_of(nudged(cells))) < 1e-9
 
 
 @pytest.mark.parametrize("name", BLIND)
 def test_a_mirrored_array_sees_the_mirrored_scene(name):
-    assert ELEMENT_ORDER.drift(apart(name)) < 1e-9
+    assert ELEMENT_ORDER.measure(apart(name)) < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -135,12 +135,12 @@ def test_the_order_of_scatterers_moves_no_point(name, echoes):
         truth = (scenario.truth,) if isinstance(estimator, Oracle) else ()
         clouds.append(estimator.estimate(Simulator(scenario).observe(20.0), *truth))
     assert len(clouds[0]) >= 3
-    assert cloud_drift(scenario, *clouds) < 1e-7
+    assert cloud_difference(scenario, *clouds) < 1e-7
 
 
 @pytest.mark.parametrize("estimator", EVERY.values(), ids=EVERY)
 def test_cells_whose_power_is_no_number_are_refused(estimator):
-    seen = shot_apart().seen
+    seen = scene_apart().seen
     with pytest.raises(
         InputError, match=r"observation: its largest amplitude = .*: allowed is less than 3\.3"
     ):
@@ -164,4 +164,4 @@ def test_halfway_between_two_cells_rounding_decides_nothing(estimator, offsets):
     cloud = estimator.estimate(seen)
     for seed in range(2):
         other = estimator.estimate(replace(seen, cells=nudged(seen.cells, seed)))
-        assert cloud_drift(EMPTY, cloud, other) < 1e-9
+        assert cloud_difference(EMPTY, cloud, other) < 1e-9

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isacbench.checking.promises.small_scenes import Echo, Layout, observed
+from isacbench.checking.scenes import Echo, Layout, observed
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.scene import Scatterers

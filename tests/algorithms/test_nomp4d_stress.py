@@ -7,8 +7,8 @@ import pytest
 from isacbench_algorithms import nomp4d
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.checking.promises.image_promises import ANY_SCALE, Imaging
-from isacbench.checking.stress.runs.families import find_cases
+from isacbench.checking.image_checks import ANY_SCALE
+from isacbench.checking.stress import find_cases
 from isacbench.dsp.fitting.pursuit import SPLIT_OFFSETS_CELLS
 from isacbench.dsp.fitting.pursuit_moves import are_near
 
@@ -43,9 +43,9 @@ def rounds(monkeypatch):
 )
 def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled, n_steps, monkeypatch):
     monkeypatch.setattr(nomp4d, "STEPS", n_steps)
-    imaging = Imaging(Nomp4d(), only(f"map[filled={filled},exponent=0.0]").shot(0))
-    assert len(imaging.cloud)
-    assert ANY_SCALE.drift(imaging) <= ANY_SCALE.bound
+    image, _ = only(f"map[filled={filled},exponent=0.0]").make(Nomp4d())
+    assert len(image.cloud)
+    assert ANY_SCALE.measure(image) <= ANY_SCALE.bound
 
 
 def test_half_of_a_failed_split_that_stayed_is_not_split_again_whatever_its_last_digits():
@@ -55,25 +55,29 @@ def test_half_of_a_failed_split_that_stayed_is_not_split_again_whatever_its_last
 
 
 def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):
-    Nomp4d().estimate(only("map[filled=constant,exponent=0.0]").shot(0).observation())
+    Nomp4d().estimate(only("map[filled=constant,exponent=0.0]").make(Nomp4d())[0].scene.observation())
     assert len(rounds) <= 12 + 2
     assert max(rounds) < 100
 
 
 def test_a_crowd_gets_all_its_rounds(rounds):
-    observation = only("crowd[n_echoes=100,where=one_cell,snr_db=200.0]").shot(0).observation()
+    observation = (
+        only("crowd[n_echoes=100,where=one_cell,snr_db=200.0]").make(Nomp4d())[0].scene.observation()
+    )
     Nomp4d(max_rounds=4).estimate(observation)
     assert len(rounds) == 4 + 2
 
 
 def test_noise_that_hides_most_of_the_echoes_does_not_end_a_pursuit(rounds):
-    observation = only("crowd[n_echoes=100,where=region,snr_db=-20.0]").shot(0).observation()
+    observation = only("crowd[n_echoes=100,where=region,snr_db=-20.0]").make(Nomp4d())[0].scene.observation()
     Nomp4d(max_rounds=3).estimate(observation)
     assert len(rounds) == 3 + 2
 
 
 def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):
-    observation = only("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]").shot(0).observation()
+    observation = (
+        only("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]").make(Nomp4d())[0].scene.observation()
+    )
     Nomp4d(max_scatterers=26).estimate(observation)
     # Two refinements follow, of no more atoms.
     assert rounds.index(26) == len(rounds) - 3

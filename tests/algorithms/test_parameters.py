@@ -15,7 +15,7 @@ from isacbench_algorithms.nomp4d import Nomp4d
 from isacbench_algorithms.oracle import Oracle
 from isacbench_algorithms.sbl4d import Sbl4d
 
-from isacbench.checking.promises.small_scenes import RESOLVED, observed
+from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.errors import InputError
 from isacbench.plugins.registry import get_detector, get_estimator
 

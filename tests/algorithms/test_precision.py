@@ -12,7 +12,7 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.checking.promises.small_scenes import RESOLVED, observed
+from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.plugins.registry import get_estimator
 from tests.algorithms.scenes import XYZ, simulator
 from tests.conftest import slow_but

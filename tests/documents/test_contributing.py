@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from isacbench.checking.contract import check_plugin, find_plugins
-from isacbench.checking.stress.runs.examining import examine
+from isacbench.checking.plugin_check import check_plugin, find_plugins
+from isacbench.checking.stress import run_case
 from isacbench.plugins.registry import get_estimator
 
 RECIPES = Path(__file__).parents[2] / "CONTRIBUTING.md"
@@ -25,8 +25,8 @@ def test_the_example_of_an_estimator_and_of_a_detector_keep_the_contract(write_p
 
 def test_the_example_of_a_stress_case_is_one_that_estimators_keep(tmp_path, monkeypatch):
     blocks = re.findall(r"```python\n(.*?)```", RECIPES.read_text(encoding="utf-8"), flags=re.DOTALL)
-    (source,) = [block for block in blocks if "class Faint" in block]
+    (source,) = [block for block in blocks if "def faint" in block]
     (tmp_path / "faint_case.py").write_text(textwrap.dedent(source), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    for case in importlib.import_module("faint_case").Faint.table():
-        assert {verdict.outcome for verdict in examine(case, get_estimator("music2d"))} == {"ok"}
+    for case in importlib.import_module("faint_case").faint.cases():
+        assert {finding.status for finding in run_case(case, get_estimator("music2d"))} == {"ok"}

@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 
 import isacbench
-from isacbench.checking.contract import detector_checks
+from isacbench.checking import detector_checks
 from tests.documents.sources import FILES
 
 WITH_EXAMPLES = [name for name, path in FILES.items() if ">>> " in path.read_text(encoding="utf-8")]

@@ -1,8 +1,7 @@
-"""Findings of conformance checks, for the terminal and as JSON."""
+"""Findings of the contract check, for the terminal and as JSON."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -12,9 +11,9 @@ from rich.text import Text
 from isacbench.files.escaping import counted, visible, visible_lines
 
 if TYPE_CHECKING:
-    from isacbench.checking.contract import CheckReport, PluginFindings, Status
+    from isacbench.checking.plugin_check import CheckReport, PluginFindings
 
-SHOWN: dict[Status, tuple[str, str]] = {
+WORDS = {
     "ok": ("ok", "green"),
     "warning": ("warning", "yellow"),
     "failed": ("FAILED", "bold red"),
@@ -24,34 +23,29 @@ SHOWN: dict[Status, tuple[str, str]] = {
 
 
 def describe_checks(report: CheckReport) -> dict[str, Any]:
-    """Put findings in terms of JSON.
-
-    Parameters
-    ----------
-    report : CheckReport
-
-    Returns
-    -------
-    dict
-        ``plugins``, each with ``kind``, ``name``, ``package`` and
-        ``findings`` (``check``, ``status``, ``message``), and ``counts``, the
-        number of findings of every status.
-    """
-    return {**dataclasses.asdict(report), "counts": report.counts}
+    """Findings in terms of JSON: of every plugin, and the number of every status."""
+    plugins = [
+        {
+            "kind": plugin.kind,
+            "name": plugin.name,
+            "package": plugin.package,
+            "findings": [
+                {"check": finding.check, "status": finding.status, "message": finding.message}
+                for finding in plugin.findings
+            ],
+        }
+        for plugin in report.plugins
+    ]
+    return {"plugins": plugins, "counts": report.counts}
 
 
 def print_findings(plugin: PluginFindings) -> None:
-    """Print the findings about a plugin, a line a check.
-
-    Parameters
-    ----------
-    plugin : PluginFindings
-    """
+    """Print the findings about a plugin, a line a check."""
     console = _console()
     console.print(Text(visible(str(plugin)), style="bold"))
     table = Table.grid(padding=(0, 2))
     for finding in plugin.findings:
-        word, colour = SHOWN[finding.status]
+        word, colour = WORDS[finding.status]
         table.add_row(
             "",
             Text(word, style=colour),
@@ -62,13 +56,8 @@ def print_findings(plugin: PluginFindings) -> None:
 
 
 def print_counts(report: CheckReport) -> None:
-    """Print how many checks of all plugins ended how.
-
-    Parameters
-    ----------
-    report : CheckReport
-    """
-    counts = ", ".join(f"{n} {SHOWN[status][0]}" for status, n in report.counts.items() if n)
+    """Print how many checks of all plugins ended how."""
+    counts = ", ".join(f"{n} {WORDS[status][0]}" for status, n in report.counts.items() if n)
     _console().print(f"{counted(len(report.plugins), 'plugin')}: {counts}")
 
 

@@ -1,0 +1,527 @@
+"""Cases of estimators: levels, few and many echoes, places at the edges of sight, and odd radios."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
+
+from isacbench.bench.cells.cell import raw_cloud
+from isacbench.checking import case
+from isacbench.checking.case import Choice, Real, Whole, grid, with_parameters
+from isacbench.checking.checks import Check
+from isacbench.checking.image_checks import (
+    EVERY,
+    FOUND,
+    FOUND_FIRST,
+    INVARIANT,
+    LAYOUT,
+    NO_FALSE_POINT,
+    NO_POINT,
+    POWER,
+    RESOLVED_ECHOES,
+    SINGLE_PRECISION,
+    THREADS,
+    ImageSubject,
+)
+from isacbench.checking.scenes import (
+    BASE_STATION_M,
+    NARROW,
+    PAPER_REGION,
+    REGION,
+    RESOLVED,
+    SYSTEM,
+    Echo,
+    Layout,
+    observed,
+    scenario_of,
+)
+from isacbench.model.echo import Simulator, central_phase, random_stream
+from isacbench.model.frame import PanelFrame, PaperFrame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.scoring import score
+
+ImageCase = tuple[ImageSubject, Sequence[Check[ImageSubject]]]
+
+family = partial(case.family, kind="estimator")
+
+SNR_DB = {"none": math.inf, "20dB": 20.0}
+"""SNR by the word for the noise."""
+
+NOISE = Choice(*SNR_DB)
+
+LEAKAGE = THREADS, LAYOUT
+"""What must not change an image of what is no echo."""
+
+# Levels: noise, amplitudes, dynamic range, rates, precision, and cells of one value.
+
+CLEAR_DB = 60.0
+"""SNR from which noise excuses neither a false point nor a wrong power."""
+
+SEEN_DB = 0.0
+"""SNR from which every echo is seen."""
+
+FOUND_DB = 10.0
+"""Level below the strongest echo down to which every estimator is expected to see a resolved one."""
+
+
+@family("snr", grid(snr_db=(-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
+def snr(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
+    """Three resolved echoes at any SNR."""
+    found = (FOUND,) if snr_db >= SEEN_DB else ()
+    clear = (NO_FALSE_POINT, POWER) if snr_db >= CLEAR_DB else ()
+    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, *found, *clear, *INVARIANT)
+
+
+@family(
+    "amplitude",
+    [*grid(noise=("none",), exponent=(-30.0, 30.0)), {"exponent": 30.0, "noise": "weak"}],
+    exponent=Real(-30.0, 30.0, 0.0),
+    noise=Choice("none", "weak"),
+)
+def amplitude(plugin: Estimator, seed: int, exponent: float, noise: str) -> ImageCase:
+    """Three resolved echoes of any amplitude that float32 holds, without noise or far above it."""
+    echoes = [echo._replace(amplitude=10.0**exponent) for echo in RESOLVED]
+    scene = observed(echoes, math.inf if noise == "none" else CLEAR_DB, seed)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, POWER, *INVARIANT)
+
+
+WEAK_BINS = {"own_cell": (0, 0), "next_range": (1, 0), "next_doppler": (0, 1), "far": (-4, -4)}
+"""Bins from the strong echo to the weak one."""
+
+
+@family(
+    "dynamic_range",
+    grid(where=WEAK_BINS, level_db=(3.0, 60.0, 140.0)),
+    level_db=Real(0.0, 140.0, 20.0),
+    where=Choice(*WEAK_BINS),
+)
+def dynamic_range(plugin: Estimator, seed: int, level_db: float, where: str) -> ImageCase:
+    """An echo, and a weaker one in its own cell, in a neighbouring one or far away; no noise."""
+    strong, bins = RESOLVED[1], WEAK_BINS[where]
+    weak = strong._replace(
+        range_bin=strong.range_bin + bins[0],
+        doppler_bin=strong.doppler_bin + bins[1],
+        u=strong.u - 0.8,
+        w=strong.w + 0.7,
+        amplitude=10 ** (-level_db / 20),
+    )
+    both = (FOUND,) if level_db <= FOUND_DB and where == "far" else ()
+    scene = observed([strong, weak], seed=seed)
+    return ImageSubject(plugin, scene), (*EVERY, NO_FALSE_POINT, FOUND_FIRST, *both, *INVARIANT)
+
+
+@family("pfa", grid(exponent=(-15.0, -0.302), noise=SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
+def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> ImageCase:
+    """Resolved echoes at any probability of false alarm."""
+    estimator = with_parameters(plugin, pfa=10.0**exponent)
+    scene = observed(RESOLVED, SNR_DB[noise], seed)
+    return ImageSubject(estimator, scene), (*EVERY, FOUND, *INVARIANT)
+
+
+@family("single_precision", grid(snr_db=(0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
+def single_precision(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
+    """Resolved echoes in single precision."""
+    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, SINGLE_PRECISION)
+
+
+FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
+
+
+@family(
+    "map",
+    [
+        {"filled": "zeros"},
+        *grid(filled=FILLED, exponent=(-30.0, 30.0)),
+    ],
+    filled=Choice("zeros", *FILLED),
+    exponent=Real(-30.0, 30.0, 0.0),
+)
+def blank(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCase:
+    """Cells of one value, or zeros but for a cell, an element or every second cell."""
+    scene = observed([], 0.0, seed, Layout(region=NARROW))
+    cells = np.zeros_like(scene.seen.cells)
+    level = 10.0**exponent
+    middle = cells.shape[0] // 2, cells.shape[1] // 2
+    match filled:
+        case "constant":
+            cells[:] = level
+        case "one_cell":
+            cells[middle] = level
+        case "one_element":
+            cells[*middle, 1, 1] = level
+        case "loud_element":
+            cells[:] = scene.seen.cells
+            cells[*middle, 1, 1] = level
+        case "checkers":
+            cells[::2, ::2] = cells[1::2, 1::2] = level
+    nothing = (NO_FALSE_POINT,) if filled == "zeros" else ()
+    return ImageSubject(plugin, scene.with_cells(cells)), (*EVERY, *nothing, *LEAKAGE)
+
+
+# A ladder of SNRs.
+
+N_TRIALS = 12
+STEPS_DB = 5.0
+N_STEPS = 8
+START_DB = -25.0
+
+LEVEL = 0.01
+"""Probability that any step of a ladder that falls is taken for a bump."""
+
+
+@dataclass(frozen=True, eq=False)
+class LadderSubject:
+    """An estimator, and a scene that it images at rising SNR."""
+
+    estimator: Estimator
+    simulator: Simulator
+    snr_db: tuple[float, ...]
+    seed: int
+
+    @property
+    def plugin_module(self) -> str:
+        """Module of the estimator's class."""
+        return type(self.estimator).__module__
+
+    @cached_property
+    def errors_bins(self) -> NDArray[np.float64]:
+        """Sums (steps, trials) of the Hausdorff distances, in range bins."""
+        errors_m = [[self._error_m(snr_db, trial) for trial in range(N_TRIALS)] for snr_db in self.snr_db]
+        return np.array(errors_m) / self.simulator.scenario.system.range_bin_m
+
+    def _error_m(self, snr_db: float, trial: int) -> float:
+        scenario = self.simulator.scenario
+        observation = self.simulator.observe(snr_db, trial, self.seed)
+        cloud = raw_cloud(self.estimator, observation, scenario.truth)
+        scores = score(scenario.truth, cloud, region=scenario.region)
+        return sum(scores[f"hausdorff_{plane}_m"] for plane in ("xy", "xz", "yz"))
+
+
+def _largest_bump(ladder: LadderSubject) -> float:
+    """Largest rise of the mean error, in range bins, beyond its confidence interval."""
+    # The noise of a trial is the same on all steps, so that they differ by their level alone.
+    rises = np.diff(ladder.errors_bins, axis=0)
+    width = -stdtrit(N_TRIALS - 1, LEVEL / len(rises)) / math.sqrt(N_TRIALS)
+    unexplained = rises.mean(axis=1) - width * rises.std(axis=1, ddof=1)
+    return max(float(unexplained.max()), 0.0)
+
+
+# Errors below 1e-3 bins are ignored: the bias of superposed echoes moves with the noise.
+FALLS = Check("error falls with SNR", _largest_bump, 1e-3)
+
+
+def _last_error(ladder: LadderSubject) -> float:
+    return float(ladder.errors_bins[-1].mean())
+
+
+SMALL_AT_LAST = Check("small error at last", _last_error, 0.3)
+
+
+@family(
+    "ladder",
+    [{"echoes": "one"}, {"echoes": "three"}, {"echoes": "three", "from_db": 20.0}],
+    from_db=Real(-40.0, 100.0, START_DB),
+    echoes=Choice("one", "three"),
+)
+def ladder(
+    plugin: Estimator, seed: int, from_db: float, echoes: str
+) -> tuple[LadderSubject, Sequence[Check[LadderSubject]]]:
+    """One resolved echo, or three, at rising SNR: the error falls, within its confidence interval."""
+    scenario = scenario_of(RESOLVED[:1] if echoes == "one" else RESOLVED)
+    levels_db = tuple(from_db + STEPS_DB * step for step in range(N_STEPS))
+    checks = (FALLS,) if from_db < START_DB else (FALLS, SMALL_AT_LAST)
+    return LadderSubject(plugin, Simulator(scenario), levels_db, seed), checks
+
+
+# Few and many: pairs that the radio cannot tell apart, coherent sources, thousands.
+
+RAYLEIGH_COSINE = 0.25
+"""Rayleigh cell of the array of 8 x 8 elements, in a direction cosine."""
+
+CELL = np.array([1.0, 1.0, RAYLEIGH_COSINE, RAYLEIGH_COSINE])
+"""Rayleigh cell in range bins, Doppler bins, u and w."""
+
+STEPS = {
+    "range": (1, 0, 0, 0),
+    "doppler": (0, 1, 0, 0),
+    "u": (0, 0, 1, 0),
+    "w": (0, 0, 0, 1),
+    "all": (1,) * 4,
+}
+"""Directions in which two close echoes are apart."""
+
+CANCELLING = 0.9
+"""Half turns between two echoes from which hardly anything is left of them."""
+
+UNEQUAL = 0.9
+"""Ratio of the amplitudes of successive echoes: equal ones in phase have no order."""
+
+LOWEST_SPREAD, HIGHEST_SPREAD = np.array([3.0, -4.0, -0.55, -0.55]), np.array([13.0, 4.0, 0.55, 0.55])
+SPREAD_CELLS = 3.0
+"""Cells between any two echoes, in range, speed or a direction."""
+
+
+@family("pair", grid(half_turns=(0.0, 0.5, 1.0), noise=SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
+def pair(plugin: Estimator, seed: int, half_turns: float, noise: str) -> ImageCase:
+    """Two echoes in one place, of any phase; at half a turn they cancel."""
+    one, is_clear = RESOLVED[0], noise == "none"
+    scene = observed([one, one._replace(phase_rad=math.pi * half_turns)], SNR_DB[noise], seed)
+    if half_turns > CANCELLING:
+        return ImageSubject(plugin, scene), (*EVERY, NO_POINT) if is_clear and half_turns == 1 else EVERY
+    clear = (NO_FALSE_POINT,) if is_clear else ()
+    return ImageSubject(plugin, scene), (*EVERY, *clear, FOUND, *INVARIANT)
+
+
+@family(
+    "close",
+    grid(along=STEPS, exponent=(-1.0, -3.0, -9.0)),
+    exponent=Real(-12.0, -1.0, -6.0),
+    along=Choice(*STEPS),
+)
+def close(plugin: Estimator, seed: int, exponent: float, along: str) -> ImageCase:
+    """Two echoes closer than any cell, in phase at the centre of the frame and of the array; no noise."""
+    one = RESOLVED[0]
+    place = one[:4] + 10.0**exponent * CELL * STEPS[along]
+    echoes = _in_phase([one, Echo(*place.tolist())._replace(amplitude=UNEQUAL)])
+    return ImageSubject(plugin, observed(echoes, seed=seed)), (*EVERY, NO_FALSE_POINT, FOUND, *INVARIANT)
+
+
+@family(
+    "coherent",
+    grid(n_echoes=(2, 3), separation=(0.3, 0.6, 1.0, 1.5)),
+    n_echoes=Whole(2, 6, 2),
+    separation=Real(0.0, 2.0, 1.0),
+)
+def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> ImageCase:
+    """Echoes of one range and one speed, exactly coherent, in a row over directions; no noise."""
+    step = separation * RAYLEIGH_COSINE
+    middle = (n_echoes - 1) / 2
+    echoes = [
+        Echo(9.2, 1.3, (k - middle) * step * 0.8, 0.1 + (k - middle) * step * 0.6, UNEQUAL**k)
+        for k in range(n_echoes)
+    ]
+    scene = observed(_in_phase([echo for echo in echoes if math.hypot(echo.u, echo.w) < 1]), seed=seed)
+    resolved = (NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
+    return ImageSubject(plugin, scene), (*EVERY, *resolved, *INVARIANT)
+
+
+CROWDS = {"region": ((3.0, -4.0), (13.0, 4.0)), "one_cell": ((8.8, 0.8), (9.2, 1.2))}
+"""Lowest and highest range and Doppler bins of a crowd."""
+
+
+@family(
+    "crowd",
+    [
+        {"n_echoes": n_echoes, "where": where, "snr_db": snr_db}
+        for where in CROWDS
+        for n_echoes, snr_db in ((12, 20.0), (100, 200.0), (5000, 20.0))
+    ],
+    n_echoes=Whole(1, 5000, 100),
+    where=Choice(*CROWDS),
+    snr_db=Real(-20.0, 200.0, 20.0),
+)
+def crowd(plugin: Estimator, seed: int, n_echoes: int, where: str, snr_db: float) -> ImageCase:
+    """Many echoes, in one cell or everywhere."""
+    # Its specification seeds its draws.
+    stream = random_stream("stress", 0, seed, crowd.case(n_echoes=n_echoes, where=where, snr_db=snr_db).spec)
+    bins = stream.uniform(*CROWDS[where], (n_echoes, 2))
+    radius = 0.8 * np.sqrt(stream.uniform(size=n_echoes))
+    angle = stream.uniform(0, 2 * np.pi, n_echoes)
+    phase = stream.uniform(0, 2 * np.pi, n_echoes)
+    places = np.column_stack([bins, radius * np.cos(angle), radius * np.sin(angle)])
+    return ImageSubject(plugin, observed(_unit_echoes(places, phase), snr_db, seed)), EVERY
+
+
+@family(
+    "spread",
+    [
+        *grid(n_echoes=(2, 4, 8), draw=(0, 1)),
+        # Found by search: a spectrum's pole that a sample struck hid the other source of the cell.
+        {"n_echoes": 2, "draw": 147},
+        {"n_echoes": 2, "draw": 1785},
+        {"n_echoes": 8, "draw": 192},
+    ],
+    n_echoes=Whole(1, 10, 4),
+    draw=Whole(0, 9999, 0),
+)
+def spread(plugin: Estimator, seed: int, n_echoes: int, draw: int) -> ImageCase:
+    """Equal echoes at random places of which no two share a cell; no noise."""
+    stream = random_stream("stress", draw, seed, "spread")
+    places: list[NDArray[np.float64]] = []
+    while len(places) < n_echoes:
+        place = stream.uniform(LOWEST_SPREAD, HIGHEST_SPREAD)
+        if all((np.abs(place - other) / CELL).max() >= SPREAD_CELLS for other in places):
+            places.append(place)
+    phase = stream.uniform(0, 2 * np.pi, n_echoes)
+    scene = observed(_unit_echoes(places, phase), seed=seed)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
+
+
+def _unit_echoes(places: ArrayLike, phase_rad: NDArray[np.float64]) -> list[Echo]:
+    """Echoes of amplitude 1 at places (n, 4): bins and direction cosines."""
+    return [Echo(*row) for row in np.column_stack([places, np.ones_like(phase_rad), phase_rad]).tolist()]
+
+
+def _in_phase(echoes: list[Echo]) -> list[Echo]:
+    """Echoes with such phases that they are equal at the centre of the frame and of the array.
+
+    That is where echoes closer than a Rayleigh cell are hardest to tell apart.
+    """
+    phases = central_phase(scenario_of(echoes))
+    return [
+        echo._replace(phase_rad=echo.phase_rad - float(phase))
+        for echo, phase in zip(echoes, phases, strict=True)
+    ]
+
+
+# Places: on bins and between them, at the edges of sight, and beyond what is unambiguous.
+
+FOUND_RADIUS = 0.98
+"""Distance from straight ahead, in direction cosines, up to which an echo is promised to be found: 78.5°."""
+
+FARTHEST_M = REGION.range_limits_m(np.array(BASE_STATION_M))[1]
+
+
+@family(
+    "bin",
+    [
+        {"range_offset": 0.0, "doppler_offset": 0.0},
+        {"range_offset": 0.5, "doppler_offset": 0.5},
+        {"range_offset": 0.49999999, "doppler_offset": -0.50000001},
+        {"range_offset": 0.5, "doppler_offset": 0.5, "where": "last_bins"},
+        {"range_offset": 1.0, "doppler_offset": 1.0, "where": "last_bins"},
+        {"range_offset": 0.5, "doppler_offset": -0.5, "where": "whole_map"},
+        {"range_offset": 0.0, "doppler_offset": 0.99, "where": "whole_map"},
+    ],
+    range_offset=Real(-1.0, 1.0, 0.0),
+    doppler_offset=Real(-1.0, 1.0, 0.0),
+    where=Choice("middle", "last_bins", "whole_map"),
+)
+def bin_offset(
+    plugin: Estimator, seed: int, range_offset: float, doppler_offset: float, where: str
+) -> ImageCase:
+    """One echo at any place relative to the bins: in the middle, in the last bins, in the last of all."""
+    region = REGION
+    range_bin, doppler_bin, u, w = 10.0, 1.0, 0.2, -0.3
+    if where == "last_bins":  # those that the region's speed limit and corner reach
+        u = w = (region.x_m[1] - BASE_STATION_M[0]) / FARTHEST_M
+        range_bin = math.floor(FARTHEST_M / SYSTEM.range_bin_m) - 1.0
+        doppler_bin = math.floor(region.speed_mps[1] / SYSTEM.velocity_bin_mps) - 1.0
+    elif where == "whole_map":
+        limit_mps = SYSTEM.unambiguous_speed_mps
+        region = Region(region.x_m, region.y_m, region.z_m, (-limit_mps, limit_mps))
+        doppler_bin = SYSTEM.n_symbols / 2 - 1.0
+    echo = Echo(range_bin + range_offset, doppler_bin + doppler_offset, u, w)
+    scene = observed([echo], seed=seed, layout=Layout(region=region))
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, POWER, *INVARIANT)
+
+
+@family(
+    "direction",
+    [
+        {"radius": 0.0},
+        {"radius": 1e-12},
+        *grid(radius=(0.3, 0.8, 0.97), angle_deg=(30.0,)),
+        *grid(radius=(FOUND_RADIUS,), angle_deg=(0.0, 90.0, 180.0, 270.0)),
+        *grid(radius=(0.999,), angle_deg=(0.0, 45.0, 225.0)),
+        {"radius": 1.0 - 1e-9, "angle_deg": 30.0},
+        {"radius": 1.0, "angle_deg": 0.0},
+        {"radius": 1.0, "angle_deg": 90.0},
+    ],
+    radius=Real(0.0, 1.0, 0.0),
+    angle_deg=Real(0.0, 360.0, 0.0),
+)
+def direction(plugin: Estimator, seed: int, radius: float, angle_deg: float) -> ImageCase:
+    """One echo from any direction, from straight ahead to grazing."""
+    angle = math.radians(angle_deg)
+    scene = observed([Echo(9.3, 1.2, radius * math.cos(angle), radius * math.sin(angle))], seed=seed)
+    # Farther out, the errors of the direction decide on which side of the border it lies.
+    inner = (FOUND, *INVARIANT) if radius <= FOUND_RADIUS else ()
+    return ImageSubject(plugin, scene), (*EVERY, NO_FALSE_POINT, *inner)
+
+
+BEYOND = "gate", "region", "prefix", "range", "speed"
+
+
+@family(
+    "beyond", grid(what=BEYOND, noise=SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3)
+)
+def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -> ImageCase:
+    """An echo in the region, and one beyond the gate, the region, the prefix or an ambiguity."""
+    inside = RESOLVED[0]
+    farthest_bin = FARTHEST_M / SYSTEM.range_bin_m
+    free_bins = SYSTEM.isi_free_range_m / SYSTEM.range_bin_m
+    fastest_bin = SYSTEM.n_symbols - 3 + excess
+    stray = {
+        "gate": inside._replace(range_bin=farthest_bin + 8 + 40 * excess),
+        "region": inside._replace(range_bin=farthest_bin + 2 * excess, u=0.0, w=0.0),
+        "prefix": inside._replace(range_bin=(1 + excess) * free_bins),
+        "range": inside._replace(range_bin=SYSTEM.n_subcarriers + 9 + excess),
+        "speed": inside._replace(range_bin=10.0, doppler_bin=fastest_bin, u=0.4, w=-0.4),
+    }[what]
+    scene = observed([inside, stray], SNR_DB[noise], seed)
+    # Points of what leaks in from beyond the gate, which is no echo of the model, may move with the last
+    # digits.
+    return ImageSubject(plugin, scene), (*EVERY, FOUND_FIRST, *(LEAKAGE if what == "gate" else INVARIANT))
+
+
+# Radios: arrays, numerologies and frames.
+
+SMALLEST_MAP = 11
+"""Bins along an axis below which a taper or a detector's window need not fit."""
+
+
+@family(
+    "array",
+    [{"n_u": n_u, "n_w": n_w} for n_u, n_w in ((2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9))],
+    n_u=Whole(2, 32, 8),
+    n_w=Whole(2, 32, 8),
+)
+def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
+    """One echo without noise, seen by any array."""
+    layout = Layout(array=(n_u, n_w), region=NARROW)
+    scene = observed([Echo(9.3, 0.7, 0.05, -0.08)], seed=seed, layout=layout)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
+
+
+NUMEROLOGIES = (1, 1), (1, 32), (2, 2), (64, 1), (251, 31), (97, 13), (1021, 61)
+
+
+@family(
+    "numerology",
+    [{"n_subcarriers": subcarriers, "n_symbols": symbols} for subcarriers, symbols in NUMEROLOGIES],
+    may_refuse=lambda n_subcarriers, n_symbols, noise: min(n_subcarriers, n_symbols) < SMALLEST_MAP,
+    n_subcarriers=Whole(1, 1024, 256),
+    n_symbols=Whole(1, 64, 32),
+    noise=NOISE,
+)
+def numerology(plugin: Estimator, seed: int, n_subcarriers: int, n_symbols: int, noise: str) -> ImageCase:
+    """Two echoes, with any number of subcarriers and of symbols: prime, odd, even, one."""
+    system = System(n_subcarriers=n_subcarriers, n_symbols=n_symbols)
+    echoes = [  # from 22 m, and from 25 m and moving
+        Echo(22.0 / system.range_bin_m, 0.0, 0.1, -0.1),
+        Echo(25.0 / system.range_bin_m, 15.0 / system.velocity_bin_mps, -0.15, 0.15),
+    ]
+    both = (FOUND,) if min(n_subcarriers / 8, n_symbols) >= SMALLEST_MAP else ()
+    scene = observed(echoes, SNR_DB[noise], seed, Layout(system, region=NARROW))
+    return ImageSubject(plugin, scene), (*EVERY, *both, *INVARIANT)
+
+
+FRAMES: dict[str, Any] = {"paper": PaperFrame(), "turned_panel": PanelFrame(yaw_deg=11.0, tilt_deg=-7.0)}
+
+
+@family("frame", grid(frame=FRAMES), frame=Choice(*FRAMES))
+def frames(plugin: Estimator, seed: int, frame: str) -> ImageCase:
+    """Resolved echoes in the paper's frame or on a turned panel."""
+    layout = Layout(frame=FRAMES[frame], region=PAPER_REGION)
+    scene = observed(RESOLVED[::2], seed=seed, layout=layout)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)

@@ -1,0 +1,337 @@
+"""A lone scatterer: whether it is imaged where it is and as strong as it is, and else by which mistake.
+
+Two views of a scatterer are imaged. A known mistake leads to a certain place in each of them, so it is named
+where both images have most of their power there. An offset is the same in both views, and what does not
+depend on the echo has the same place in both. Sidelobes, which lie elsewhere in each view, decide nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isacbench.checking.checks import CheckFailedError, DoubtfulError
+from isacbench.checking.image_checks import ImageSubject
+from isacbench.checking.known_mistakes import Mistake, Place, places_of_mistakes
+from isacbench.model.cloud import PointCloud
+from isacbench.model.frame import FrameName
+from isacbench.model.observation import Observation
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+
+Floats = NDArray[np.float64]
+
+MISS_CELLS = 2.0
+"""Rayleigh cells beyond which a point is not of a place."""
+
+BIAS_CELLS = 0.35
+"""Mean error in both views, in Rayleigh cells, from which bins are not the nearest: near half a bin."""
+
+OFF_CELLS = 0.6
+"""Error in one view, in Rayleigh cells, from which a bin is not the nearest: half a bin, and noise."""
+
+SHIFTED_CELLS = 0.8
+"""Mean error in both views, in Rayleigh cells, that is more than half a bin and noise."""
+
+TIE_CELLS = 0.1
+"""Difference of errors, in Rayleigh cells, that rounding makes."""
+
+MOST = 0.25
+"""Power at a place, over that at the place with most of it, from which the image may be of that place."""
+
+SPREAD = 0.125
+"""Share of the power of an image at its strongest place, below which powers do not tell the place."""
+
+POWER_FACTOR = 10.0
+
+SAME_LAW = 0.1
+"""Largest difference of the exponent of a power law, and largest relative one of a difference in dB."""
+
+AXES = "range", "velocity", "u", "w"
+
+
+class _Image:
+    """Points (n, 4) of an image of a lone scatterer: range, velocity, u and w in Rayleigh cells.
+
+    The cloud is the image that the points are of, or that was made of them.
+    """
+
+    def __init__(self, subject: ImageSubject, points: Floats, cloud: PointCloud, power: Floats) -> None:
+        self.subject, self.cloud, self.power = subject, cloud, power
+        system = subject.scene.scenario.system
+        turns = np.array([system.n_subcarriers, system.n_symbols])
+        # The first of their range and Doppler bins on either side of 0.
+        bins = points[:, :2] - turns * np.rint(points[:, :2] / turns)
+        self._turns, self.points = turns, np.column_stack([bins, points[:, 2:]])
+        self._weights = power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
+        self._sum = float(self._weights.sum())
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def true(self) -> Floats:
+        """Place (4,) of the scatterer."""
+        scenario = self.subject.scene.scenario
+        place: Floats = radio_places(scenario, scenario.truth)[0] / rayleigh_cells(scenario)
+        return place
+
+    @cached_property
+    def places(self) -> list[Place]:
+        """Places that known mistakes lead to, first the true one."""
+        return list(places_of_mistakes(self.subject.scene, self.true))
+
+    @cached_property
+    def offset(self) -> Floats:
+        """Offset (4,) of the image from the scatterer."""
+        start = self.true if self.is_at(self.places[0]) else self.strongest
+        return self._settled(start, np.ones(4)) - self.true
+
+    @cached_property
+    def strongest(self) -> Floats:
+        """Centre (4,) of the Rayleigh cell with most power."""
+        return self._fullest[0]
+
+    @property
+    def cosine(self) -> float:
+        """Largest magnitude of u and w where the image has most power."""
+        cells = rayleigh_cells(self.subject.scene.scenario)
+        return float(np.abs(self.strongest * cells)[2:].max())
+
+    @cached_property
+    def _fullest(self) -> tuple[Floats, float]:
+        cells, which = np.unique(np.rint(self.points), axis=0, return_inverse=True)
+        sums = np.bincount(which.ravel(), self._weights)
+        return cells[sums.argmax()], float(sums.max())
+
+    @cached_property
+    def _most(self) -> float:
+        return max(self._fullest[1], *map(self._power_at, self.places))
+
+    @property
+    def is_spread(self) -> bool:
+        """Tell whether some of the power is at the scatterer, but as much is all over the image."""
+        is_there = self.cosine <= 1 and self._power_at(self.places[0]) > 0
+        return is_there and self._most < SPREAD * self._sum
+
+    def _power_at(self, place: Place) -> float:
+        return float(self._weights[self._near(place.at, place.stretch)].sum())
+
+    def is_at(self, place: Place) -> bool:
+        """Tell whether much of the power is at a place."""
+        power = self._power_at(place)
+        return power >= MOST * self._sum or power >= MOST * self._most
+
+    def error(self, place: Place) -> float:
+        """Largest error on any axis if the image is at a place; infinite where it is not."""
+        if not self.is_at(place):
+            return np.inf
+        off = self._settled(place.at, place.stretch) - self._wrapped(place.at)
+        allowed = OFF_CELLS + BIAS_CELLS * (place.stretch - 1)
+        return float(np.abs(off).max()) if (np.abs(off) <= allowed).all() else np.inf
+
+    @cached_property
+    def sighted(self) -> NDArray[np.intp]:
+        """Points within `MISS_CELLS` of the scatterer, the strongest first."""
+        near = np.flatnonzero(self._near(self.true, np.full(4, MISS_CELLS)))
+        return near[np.argsort(-self.power[near], kind="stable")]
+
+    def _near(self, place: Floats, radius: Floats) -> Any:
+        off: Floats = np.abs(self.points - self._wrapped(place))
+        return np.all(off <= radius, axis=1)
+
+    def _settled(self, place: Floats, radius: Floats) -> Floats:
+        """Centre of power (4,) around a place, found from centre to centre."""
+        for _ in range(4):
+            near = self._near(place, radius)
+            if not near.any():
+                break
+            place = np.average(self.points[near], axis=0, weights=self._weights[near] + 1e-30)
+        return place
+
+    def _wrapped(self, place: Floats) -> Floats:
+        bins: Floats = place[:2] - self._turns * np.rint(place[:2] / self._turns)
+        return np.concatenate([bins, place[2:]])
+
+
+def require_lone_scatterer(views: Mapping[FrameName, ImageSubject]) -> str:
+    """Require that a lone scatterer is imaged where and as strong as it is; return its errors in words.
+
+    There are two views, by the name of the frame; their scatterers differ in place and in power. Fails where
+    the scatterer is imaged elsewhere or not at all, doubts half a bin and a wrong power.
+    """
+    placed, imaged = zip(*map(_images, views.values()), strict=True)
+    # What the region leaves of a wrong image may be a sidelobe at the right place: look before it does.
+    first = [one if len(one) else other for one, other in zip(placed, imaged, strict=True)]
+    if not all(map(len, first)):
+        raise CheckFailedError(
+            "images nothing where one scatterer stands far above the noise: it is not detected, or all "
+            "detections fall outside the region (place them with observation.cloud(...), and this check says "
+            "by which mistake)"
+        )
+    _require_place(dict(zip(views, first, strict=True)))
+    bias = _bias(np.array([image.offset for image in first]))
+    if not bias and all(map(len, imaged)):
+        _require_place(dict(zip(views, imaged, strict=True)))
+    is_sighted = all(len(image.sighted) for image in imaged)
+    if not is_sighted and not bias:
+        raise CheckFailedError(
+            "drops a lone scatterer that it has placed rightly: look at what follows observation.cloud(...)"
+        )
+    doubts = [bias, _wrong_power(*imaged) if is_sighted else ""]
+    if any(doubts):
+        raise DoubtfulError("; and ".join(filter(None, doubts)))
+    return ", ".join(
+        f"{_miss_m(image):.2g} m off in the {name} frame" for name, image in zip(views, imaged, strict=True)
+    )
+
+
+def _images(subject: ImageSubject, cells: NDArray[Any] | None = None) -> tuple[_Image, _Image]:
+    """Image of all that was placed for an image, and the image itself; of other cells, if they are given."""
+    observation = subject.scene.observation()
+    if cells is not None:
+        observation = dataclasses.replace(observation, cells=cells.copy())
+    cloud, placed = _placed(subject, observation)
+    scenario = subject.scene.scenario
+    sizes = rayleigh_cells(scenario)
+    return (
+        _Image(subject, placed[:, :4] / [1, 1, *sizes[2:]], cloud, placed[:, 4]),
+        _Image(subject, radio_places(scenario, cloud) / sizes, cloud, cloud.power),
+    )
+
+
+def _placed(subject: ImageSubject, observation: Observation) -> tuple[PointCloud, Floats]:
+    """Image, and range bin, Doppler bin, u, w and power (n, 5) of all that was placed for it."""
+    placed: list[Floats] = [np.empty((0, 5))]
+
+    def cloud(
+        range_bin: ArrayLike, doppler_bin: ArrayLike, u: ArrayLike, w: ArrayLike, power: ArrayLike
+    ) -> PointCloud:
+        points = Observation.cloud(observation, range_bin, doppler_bin, u, w, power)
+        columns = np.broadcast_arrays(range_bin, doppler_bin, u, w, power)
+        placed.append(np.stack(columns, axis=-1).astype(np.float64).reshape(-1, 5))
+        return points
+
+    vars(observation)["cloud"] = cloud
+    image, found = subject.image(observation), np.concatenate(placed)
+    return image, found[np.isfinite(found).all(axis=1)]
+
+
+def _miss_m(image: _Image) -> float:
+    """Distance in m from the scatterer to the strongest point near it."""
+    true = image.subject.scene.scenario.truth.xyz[0]
+    return float(np.linalg.norm(image.cloud.xyz[image.sighted[0]] - true))
+
+
+def _require_place(images: Mapping[FrameName, _Image]) -> None:
+    """Refuse images that have the scatterer elsewhere, by the name of the mistake."""
+    off = np.array([image.offset for image in images.values()])
+    is_wrong = np.abs(off).max(axis=1) > BIAS_CELLS
+    if not is_wrong.any():
+        return
+    is_far = np.abs(off).max() > MISS_CELLS or np.abs(off.mean(axis=0)).max() > SHIFTED_CELLS
+    if is_far and _ignores_the_cells([*images.values()][int(is_wrong.argmax())]):
+        raise CheckFailedError(
+            "images the same points whatever the cells hold: estimate them from observation.cells"
+        )
+    wrong = {name: image for (name, image), found in zip(images.items(), is_wrong, strict=True) if found}
+    if all(image.is_spread for image in images.values()):
+        raise DoubtfulError(
+            "images a lone scatterer by points all over the scene, none of which stands out: give each its "
+            "power, |cells|² / observation.system.processing_gain"
+        )
+    alone = [wrong] if len(wrong) < len(images) else []
+    for some in [images, *alone]:
+        where = f" ({' and '.join(some)} frame)" if some is wrong else ""
+        # An offset that both images have is no other mistake.
+        shift = np.array([image.offset for image in some.values()])
+        spread = np.abs(shift - shift.mean(axis=0)).max() if len(some) > 1 else np.inf
+        mistakes, error = _likeliest([*some.values()])
+        if error <= min(spread + TIE_CELLS, np.abs(shift).max() / 2):
+            words, remedies = (" and ".join(dict.fromkeys(part)) for part in zip(*mistakes, strict=True))
+            raise CheckFailedError(f"images a lone scatterer where it would be if {words}: {remedies}{where}")
+    if is_far:
+        raise CheckFailedError(_astray([*images.values()], off))
+
+
+def _likeliest(images: Sequence[_Image]) -> tuple[tuple[Mistake, ...], float]:
+    """Mistakes that explain all images best, and the largest error that they leave, in Rayleigh cells."""
+    errors = [
+        (max(image.error(place) for image, place in zip(images, places, strict=True)), places[0].mistakes)
+        for places in zip(*(image.places[1:] for image in images), strict=True)
+        if any(
+            np.abs(place.at - image.true).max() > OFF_CELLS
+            for image, place in zip(images, places, strict=True)
+        )
+    ]
+    error, mistakes = min(errors, key=itemgetter(0))
+    return mistakes, error
+
+
+def _astray(images: Sequence[_Image], off: Floats) -> str:
+    """Say where images are whose mistake is not known, from the offsets (2, 4) of both views."""
+    cosine = max(image.cosine for image in images)
+    if cosine > np.pi / 2:  # which no offset makes of a cosine
+        return f"directions of a lone scatterer reach {cosine:.3g}: u and w are cosines, between -1 and 1"
+    places = off + [image.true for image in images]
+    is_same = np.abs(places[0] - places[1]) <= BIAS_CELLS
+    if is_same.any():
+        same = " and ".join(axis for axis, one in zip(AXES, is_same, strict=True) if one)
+        return f"images all lone scatterers at the same {same}: estimate that from observation.cells, too"
+    offsets = [
+        f"{' and '.join(dict.fromkeys(f'{one:+.2g}' for one in off[:, k]))} in {axis}"
+        for k, axis in enumerate(AXES)
+        if np.abs(off[:, k]).max() > OFF_CELLS
+    ]
+    return (
+        f"images of lone scatterers far above the noise are off by {', '.join(offsets)}, in Rayleigh cells: "
+        "look at units (m, m/s), at signs, and at the first bins of observation.gate"
+    )
+
+
+def _ignores_the_cells(image: _Image) -> bool:
+    """Tell whether an image stays what it is when the cells change places."""
+    placed, imaged = _images(image.subject, image.subject.scene.seen.cells[::-1, ::-1])
+    if len(image.cloud):
+        return np.array_equal(image.cloud.to_array(), imaged.cloud.to_array())
+    return np.array_equal(image.points, placed.points)
+
+
+def _bias(off_cells: Floats) -> str:
+    """Say that bins are not the nearest ones, from the errors (2, 4) in both views; empty if they are."""
+    wrong = (np.abs(off_cells.mean(axis=0)) > BIAS_CELLS) | (np.abs(off_cells).max(axis=0) > OFF_CELLS)
+    axes = [
+        f"{AXES[axis]} ({off_cells[0, axis]:+.2f} and {off_cells[1, axis]:+.2f} Rayleigh cells)"
+        for axis in np.flatnonzero(wrong)
+    ]
+    largest = np.abs(off_cells).max()
+    amount = "about half a bin" if largest <= SHIFTED_CELLS else f"up to {largest:.2g} cells"
+    remedy = "take the nearest bin, not the one below or above, and bins as observation.gate has them"
+    return f"images lone scatterers {amount} off in {' and '.join(axes)}: {remedy}" if axes else ""
+
+
+def _wrong_power(one: _Image, two: _Image) -> str:
+    """Say what is wrong with the powers of two scatterers that differ in power; empty if nothing is."""
+    powers = np.array([image.power[image.sighted[0]] for image in (one, two)])
+    true = np.array([image.subject.scene.scenario.truth.power[0] for image in (one, two)])
+    factors = powers / true
+    if np.all((factors > 1 / POWER_FACTOR) & (factors < POWER_FACTOR)):
+        return ""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exponent = np.diff(np.log10(powers))[0] / np.diff(np.log10(true))[0]
+    tens_of_db = np.diff(powers)[0] / (10 * np.diff(np.log10(true))[0])
+    gain = one.subject.scene.scenario.system.processing_gain
+    wanted = "a power is |G|² relative to a unit scatterer, |cells|² / observation.system.processing_gain"
+    if abs(exponent - 0.5) < SAME_LAW:
+        wanted = "these follow the amplitude, a power is its square"
+    elif abs(exponent - 1) < SAME_LAW:
+        if np.all(np.abs(np.log10(factors / gain)) < np.log10(POWER_FACTOR)):
+            wanted = "divide by observation.system.processing_gain"
+    elif min(abs(tens_of_db - 1), abs(tens_of_db - 2) / 2) < SAME_LAW:
+        wanted = "these are in dB, give the power itself"
+    return f"powers of {true[0]:g} and {true[1]:g} come out as {powers[0]:.3g} and {powers[1]:.3g}: {wanted}"

@@ -1,0 +1,179 @@
+"""Checks of metrics: their columns, and scores of images with the same points, fewer, none and moved ones."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isacbench.bench.kinds.kind import taken_columns
+from isacbench.bench.suites.suite_kinds import KINDS
+from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError
+from isacbench.checking.class_checks import (
+    BUILT,
+    CALLABLE,
+    CLASS_CHECKS,
+    PluginSubject,
+    conduct_checks,
+    input_errors_fail,
+    refuse_writes,
+    timed_call,
+)
+from isacbench.metrics.descriptions import ScoreColumn
+from isacbench.metrics.geometry import CloudPair
+from isacbench.model.cloud import PointCloud
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.plugins.scoring import metric_scores, object_kinds
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from isacbench.model.scene import Scenario
+
+SCENES = "street[seed=7]", "town[seed=7]"
+"""Scenes whose images are scored."""
+
+PUBLISHED = "position", "velocity"
+"""Columns of the metric ``repository``, named as in the code published with the paper."""
+
+SUFFIXES = {"m": "_m", "m/s": "_mps", "dB": "_db", "s": "_s"}
+"""Ends of the names of columns by their units."""
+
+JITTER_M = 0.2
+MOVED_M = 30.0
+ROUNDING = 1e-9
+
+
+class MetricSubject(PluginSubject):
+    """A metric under check."""
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """Scene with objects of several kinds."""
+        return load_scenario(SCENES[0])
+
+    @cached_property
+    def image(self) -> PointCloud:
+        """Every third scatterer, a little beside its place."""
+        return _image(self.scenario)
+
+    def scores(self, cloud: PointCloud) -> dict[str, float]:
+        """Score an image of the scene."""
+        return metric_scores(self.plugin, CloudPair.of(self.scenario, cloud))
+
+    def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
+        """Score an image of one of two scenes."""
+        scenario = load_scenario(SCENES[other])
+        scores = metric_scores(plugin or self.plugin, CloudPair.of(scenario, _image(scenario)))
+        return [np.nan_to_num([*scores.values()], nan=-1.0)]
+
+
+def _image(scenario: Scenario) -> PointCloud:
+    truth = scenario.truth
+    rng = np.random.default_rng(len(truth))
+    xyz = truth.xyz[::3] + rng.normal(0, JITTER_M, truth.xyz[::3].shape)
+    return PointCloud(xyz, truth.velocity[::3], truth.power[::3])
+
+
+def _describes_its_columns(subject: MetricSubject) -> str:
+    columns = getattr(subject.plugin_class, "columns", None)
+    if not isinstance(columns, tuple) or not all(isinstance(one, ScoreColumn) for one in columns):
+        raise CheckFailedError(
+            f"columns is {columns!r}: make it a class attribute, a tuple of "
+            "isacbench.plugins.contracts.ScoreColumn"
+        )
+    if not columns or len({one.name for one in columns}) < len(columns):
+        raise CheckFailedError("columns has none, or two of one name: give each score a name of its own")
+    if bare := [column.name for column in columns if not column.description]:
+        raise CheckFailedError(f"column {bare[0]} has no description: say in a line what it is")
+    if taken := taken_columns(
+        subject.plugin_class, [name for kind in KINDS.values() for name in kind.columns]
+    ):
+        raise CheckFailedError(f"rows of a run have a column {taken[0]} already: give the score another name")
+    for column in columns:
+        suffix = SUFFIXES.get(column.unit, "")
+        others = tuple(end for unit, end in SUFFIXES.items() if unit != column.unit)
+        if not column.name.endswith((suffix, *PUBLISHED)) or (not suffix and column.name.endswith(others)):
+            raise DoubtfulError(
+                f"column {column.name} has the unit {column.unit!r}: let the name end in that of the unit; "
+                f"{', '.join(f'{unit!r} ends in {end}' for unit, end in SUFFIXES.items())}"
+            )
+    return ", ".join(column.name for column in columns)
+
+
+def _scores_an_image(subject: MetricSubject) -> str:
+    with input_errors_fail():
+        scores = subject.scores(subject.image)
+    infinite = [name for name, value in scores.items() if math.isinf(value)]
+    if infinite:
+        raise CheckFailedError(f"{infinite[0]} is infinite: score it finite, or NaN where it has no value")
+    return f"{len(scores)} scores, with {', '.join(object_kinds(subject.scenario))}"
+
+
+def _leaves_the_clouds(subject: MetricSubject) -> None:
+    refuse_writes(lambda: subject.plugin.score(CloudPair.of(subject.scenario, subject.image)), "the clouds")
+
+
+def _knows_no_order(subject: MetricSubject) -> None:
+    order = np.random.default_rng(1).permutation(len(subject.image))
+    mixed = subject.scores(subject.image.select(order))
+    for name, value in subject.scores(subject.image).items():
+        if not np.isclose(value, mixed[name], rtol=ROUNDING, atol=ROUNDING, equal_nan=True):
+            raise CheckFailedError(
+                f"{name} depends on the order of points ({value:.6g} or {mixed[name]:.6g}): sort them, or do "
+                "without an order"
+            )
+
+
+def _scores_nothing(subject: MetricSubject) -> str:
+    scores = subject.scores(PointCloud.empty())
+    described = {column.name: column.empty for column in subject.plugin.columns}
+    for name, value in scores.items():
+        empty = described.get(name)
+        if empty is not None and not (math.isnan(empty) and math.isnan(value)) and value != empty:
+            raise CheckFailedError(
+                f"{name} of an image without points is {value:g}, but its column says {empty:g}: make them "
+                "equal"
+            )
+    values = ", ".join(f"{name} {value:.4g}" for name, value in scores.items() if not math.isnan(value))
+    return f"an image without points: {values}"
+
+
+def _is_worse_far_off(subject: MetricSubject) -> None:
+    """Whatever is measured, the truth itself is no worse than the truth somewhere else."""
+    truth = subject.scenario.truth
+    here = subject.scores(truth)
+    there = subject.scores(PointCloud(truth.xyz + np.array([MOVED_M, 0, 0]), truth.velocity, truth.power))
+    for column in subject.plugin.columns:
+        if column.name not in here or column.better == "neither":
+            continue
+        change = there[column.name] - here[column.name]
+        if (change if column.better == "higher" else -change) > ROUNDING:
+            raise CheckFailedError(
+                f"{column.name} of the truth is {here[column.name]:.4g}, and {there[column.name]:.4g} where "
+                f"all of it is moved by {MOVED_M:g} m, but {column.better} is better: correct the score or "
+                "its better"
+            )
+
+
+def _is_fast(subject: MetricSubject) -> str:
+    pair = CloudPair.of(subject.scenario, subject.image)
+    return timed_call(
+        lambda: subject.plugin.score(pair), f"{len(pair.truth)} and {len(pair.estimate)} points"
+    )
+
+
+SCORED = "scores"
+METRIC_CHECKS: tuple[Check[Any], ...] = (
+    *CLASS_CHECKS,
+    Check("columns", _describes_its_columns, needs=(BUILT,)),
+    Check(SCORED, _scores_an_image, needs=(CALLABLE, "columns")),
+    Check("clouds unchanged", _leaves_the_clouds, needs=(SCORED,)),
+    *conduct_checks(SCORED),
+    Check("order of points", _knows_no_order, needs=(SCORED,)),
+    Check("no points", _scores_nothing, needs=(SCORED,)),
+    Check("moved image", _is_worse_far_off, needs=(SCORED,)),
+    Check("time", _is_fast, needs=(SCORED,)),
+)

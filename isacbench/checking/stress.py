@@ -1,0 +1,342 @@
+"""Stress: estimators and detectors go through cases, each in a guarded process, whatever becomes of it."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable, Iterator, Sequence, Set
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from isacbench.bench.cells.isolation import seed_global_generators
+from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
+from isacbench.checking import image_cases, map_cases
+from isacbench.checking.case import Case, Choice, Family, Whole
+from isacbench.checking.checks import Check, Finding, Status, run_check
+from isacbench.cores import one_blas_thread
+from isacbench.errors import InputError, unknown_name
+from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import build_variants
+from isacbench.process_state import process_state_kept
+from isacbench.specifications import parse_spec
+
+if TYPE_CHECKING:
+    from hypothesis.strategies import SearchStrategy
+
+TIMEOUT_S = 120.0
+"""Longest time of a case in s; most take milliseconds, thousands of scatterers seconds."""
+
+BROKEN: frozenset[Status] = frozenset({"failed", "timeout", "killed"})
+"""Ends of a case that are to be reported."""
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for module in (image_cases, map_cases)
+    for family in vars(module).values()
+    if isinstance(family, Family)
+}
+"""Families by name: all that the modules of cases define, in the order of the table."""
+
+
+def find_cases(text: str) -> list[Case]:
+    """Cases of a specification: all of a family's table, or one, ``name[param=value,...]``.
+
+    Examples
+    --------
+    >>> [case.spec for case in find_cases("frame")]
+    ['frame[frame=paper]', 'frame[frame=turned_panel]']
+    >>> find_cases("snr[snr_db=33]")[0].spec
+    'snr[snr_db=33]'
+    """
+    spec = parse_spec(text)
+    if spec.name not in FAMILIES:
+        raise unknown_name("family of cases", spec.name, FAMILIES)
+    family = FAMILIES[spec.name]
+    return [family.case(**spec.params)] if "[" in text else family.cases()
+
+
+def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[Family]:
+    """Families by name, all of those kinds of plugins without a name; refuse cases, and other kinds."""
+    for name in names:
+        if "[" in name:
+            raise InputError(f"case {name!r}: a search draws from families; give {name.partition('[')[0]}")
+        find_cases(name)
+        _require_kind(name, FAMILIES[name], kinds)
+    return [
+        family for family in FAMILIES.values() if family.kind in kinds and (family.name in names or not names)
+    ]
+
+
+def _require_kind(text: str, family: Family, kinds: Set[PluginKind]) -> None:
+    if family.kind not in kinds:
+        raise InputError(
+            f"case {text!r} is a case for {family.kind}s, but only {' and '.join(kinds)}s were selected"
+        )
+
+
+class Target(NamedTuple):
+    """An estimator or a detector under stress: its kind, specification, and all parameters as JSON."""
+
+    kind: PluginKind
+    spec: str
+    params: str
+
+    @property
+    def name(self) -> str:
+        """Registered name."""
+        return parse_spec(self.spec).name
+
+
+class Task(NamedTuple):
+    """A case that a target is to go through.
+
+    Attributes
+    ----------
+    target : Target
+    case : Case
+    seed : int
+        Seed of what is random in the case.
+    options : tuple of str
+        Further options of the command that runs it alone: where the plugin is found.
+    """
+
+    target: Target
+    case: Case
+    seed: int
+    options: tuple[str, ...] = ()
+
+
+class CaseResult(NamedTuple):
+    """A task and its findings: one a check."""
+
+    task: Task
+    findings: list[Finding]
+
+    @property
+    def worst(self) -> Finding:
+        """Finding that counts: one that is broken, else the one that came closest to its bound."""
+        return max(self.findings, key=_severity)
+
+    @property
+    def is_broken(self) -> bool:
+        """True if a check has failed, or the process was lost."""
+        return self.worst.status in BROKEN
+
+    @property
+    def status(self) -> Status:
+        """How the whole case ended."""
+        return self.worst.status if self.is_broken else self.findings[0].status
+
+    @property
+    def time_s(self) -> float:
+        """Time of all checks together."""
+        return sum(finding.time_s for finding in self.findings)
+
+    @property
+    def reproduce(self) -> str:
+        """Command that runs this case alone."""
+        target, case, seed, options = self.task
+        option = "-e" if target.kind == "estimator" else "-d"
+        return shlex.join(
+            ["isacbench", "stress", *options, option, target.spec, "--case", case.spec, "--seed", str(seed)]
+        )
+
+
+def _severity(finding: Finding) -> tuple[bool, float]:
+    """Key that sorts what is broken last, then by the share of its bound that a difference takes."""
+    difference, bound = finding.difference, finding.bound
+    share = difference / bound if bound else math.inf if difference else 0.0
+    return finding.status in BROKEN, -1.0 if math.isnan(share) else share
+
+
+def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
+    """Targets that specifications stand for, grids included, each once."""
+    found = [
+        Target(kind, spec, canonical_params(plugin))
+        for text in specs
+        for spec, plugin in build_variants(kind, text)
+    ]
+    return list(dict.fromkeys(found))
+
+
+def tasks_of(
+    targets: Sequence[Target], cases: Sequence[str], seed: int, options: tuple[str, ...] = ()
+) -> list[Task]:
+    """Every target through every case that is meant for it: of families or cases, without any of all tables.
+
+    Refuses a case that is unknown, or meant for none of the targets.
+    """
+    kinds = {target.kind for target in targets}
+    chosen = [] if cases else [case for family in find_families([], kinds) for case in family.cases()]
+    for text in dict.fromkeys(cases):
+        members = find_cases(text)
+        _require_kind(text, members[0].family, kinds)
+        chosen += members
+    return [
+        Task(target, case, seed, options)
+        for target in targets
+        for case in chosen
+        if case.family.kind == target.kind
+    ]
+
+
+def run_case(case: Case, plugin: Any, seed: int = 0) -> list[Finding]:
+    """Put a plugin through a case: a finding a check, the first alone unless it passes.
+
+    There is one of the "input" alone where plugin and case do not come together.
+    """
+    made: list[Any] = []
+    put_together = Check[Any]("input", lambda one: made.extend(case.make(one, seed)))
+    finding = run_check(put_together, plugin, is_strict=True, may_refuse=case.may_refuse)
+    if not made:
+        return [finding]
+    subject, checks = made
+    findings: list[Finding] = []
+    for check in checks:
+        findings.append(run_check(check, subject, is_strict=True, may_refuse=case.may_refuse))
+        if findings[0].status != "ok":
+            break
+    return findings
+
+
+class CaseRunner:
+    """One guarded process that runs cases of at most that many seconds; to be closed."""
+
+    def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
+        self._timeout_s = timeout_s
+        self._target: Target | None = None
+        self._process = GuardedProcess(_start, local_plugins())
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.stop()
+
+    def run(self, task: Task) -> CaseResult:
+        """Put a target through a case; a plugin that hangs or dies has a finding, too."""
+        target, case, seed = task[:3]
+        if self._target not in (None, target):
+            self._process.renew()  # whatever one plugin has done to its process, the next has another
+        self._target = target
+        try:
+            findings = self._process.call(
+                _run, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
+            )
+        except ProcessLostError as loss:
+            time_s = self._timeout_s if loss.status == "timeout" else math.nan
+            findings = [Finding("finite", loss.status, loss.reason, time_s=time_s)]
+        return CaseResult(task, findings)
+
+
+def run_cases(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT_S) -> Iterator[CaseResult]:
+    """Run tasks in that many processes side by side; results come in the order of the tasks."""
+    idle: SimpleQueue[CaseRunner] = SimpleQueue()
+    with ExitStack() as stack:
+        threads = stack.enter_context(ThreadPoolExecutor(jobs))
+        for _ in range(jobs):
+            idle.put(stack.enter_context(closing(CaseRunner(timeout_s))))
+        stack.callback(threads.shutdown, wait=False, cancel_futures=True)
+
+        def run_one(task: Task) -> CaseResult:
+            runner = idle.get()
+            try:
+                return runner.run(task)
+            finally:
+                idle.put(runner)
+
+        yield from threads.map(run_one, tasks)
+
+
+def cases_from(family: Family) -> SearchStrategy[Case]:
+    """Strategy of all cases of a family, from its spaces."""
+    from hypothesis import strategies as st
+
+    def values(space: Any) -> SearchStrategy[Any]:
+        if isinstance(space, Choice):
+            return st.sampled_from(space.values)
+        if isinstance(space, Whole):
+            return st.integers(int(space.low), int(space.high))
+        return st.floats(space.low, space.high, allow_subnormal=False)
+
+    return st.builds(family.case, **{name: values(space) for name, space in family.spaces.items()})
+
+
+class _FoundError(Exception):
+    """A case is broken."""
+
+
+def search(
+    targets: Sequence[Target],
+    families: Sequence[Family],
+    n_examples: int,
+    seed: int,
+    timeout_s: float,
+    options: tuple[str, ...] = (),
+    progress: Callable[[Target, Family], None] = lambda target, family: None,
+) -> Iterator[CaseResult]:
+    """Draw that many cases for each target and family, and yield the simplest that is broken, if any is.
+
+    The seed is that of the draws and of what is random in a case. `progress` is called with each target and
+    family before they are searched.
+    """
+    with closing(CaseRunner(timeout_s)) as runner:
+        for target in targets:
+            for family in families:
+                if family.kind == target.kind:
+                    progress(target, family)
+                    yield from _simplest_broken(runner, target, family, n_examples, seed, options)
+
+
+def _simplest_broken(
+    runner: CaseRunner,
+    target: Target,
+    family: Family,
+    n_examples: int,
+    seed: int,
+    options: tuple[str, ...],
+) -> list[CaseResult]:
+    """Simplest broken case of a family that can be found: the last one that hypothesis tries."""
+    import hypothesis
+    from hypothesis import HealthCheck, Phase
+
+    found: list[CaseResult] = []
+
+    @hypothesis.seed(seed)
+    @hypothesis.settings(
+        max_examples=n_examples,
+        deadline=None,
+        database=None,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=list(HealthCheck),
+        report_multiple_bugs=False,
+    )
+    @hypothesis.given(cases_from(family))
+    def attempt(case: Case) -> None:
+        result = runner.run(Task(target, case, seed, options))
+        if result.is_broken:
+            found[:] = [result]
+            raise _FoundError
+
+    try:
+        attempt()
+    except _FoundError:
+        return found
+    return []
+
+
+# What follows runs in the process.
+
+
+def _start(plugins: tuple[PluginFile, ...]) -> None:
+    for plugin in plugins:
+        register_plugin(plugin)
+
+
+def _run(kind: PluginKind, spec: str, case_spec: str, seed: int) -> list[Finding]:
+    [(_, plugin)] = build_variants(kind, spec)
+    [case] = find_cases(case_spec)
+    with process_state_kept(), one_blas_thread():
+        seed_global_generators(seed, spec, case_spec)
+        return run_case(case, plugin, seed)

@@ -1,3 +1,0 @@
-"""Stress runs: cases chosen, gone through in guarded processes, and tabulated."""
-
-__all__ = ["examining", "families", "random_search", "stress_runs", "stress_table"]
