@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.registry import get_detector, get_estimator, get_metric
     from isacbench.plugins.scoring import score
-    from isacbench.report.figures.plotting import plot_clouds
+    from isacbench.report.clouds import plot_clouds
 
 __version__ = "0.2.0"
 
@@ -78,7 +78,7 @@ _HOMES = {
     "load_scenario": "isacbench.model.scenes.scenario",
     "observe": "isacbench.link.sensing.observing",
     "observe_cube": "isacbench.cubes.frame_observation",
-    "plot_clouds": "isacbench.report.figures.plotting",
+    "plot_clouds": "isacbench.report.clouds",
     "rank": "isacbench.bench.compare.ranking",
     "run": "isacbench.bench.run.runner",
     "score": "isacbench.plugins.scoring",

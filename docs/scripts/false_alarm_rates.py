@@ -23,7 +23,7 @@ from scipy.stats import binomtest
 from threadpoolctl import threadpool_limits
 
 from isacbench import get_detector
-from isacbench.report.drawing.style import new_figure, save, styled
+from isacbench.report.figures import new_figure, save, styled
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE, FIGURE = DOCS / "detectors.md", DOCS / "images" / "false-alarm-rates.png"

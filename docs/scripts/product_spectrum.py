@@ -14,7 +14,7 @@ from isacbench_algorithms.music2d import PRODUCT_GUARD, PRODUCT_TRAINING, Music2
 
 from isacbench import load_scenario, observe
 from isacbench.model.echo import echo_parameters
-from isacbench.report.drawing.style import THRESHOLD, new_figure, save, styled
+from isacbench.report.figures import THRESHOLD, new_figure, save, styled
 
 FIGURE = Path(__file__).resolve().parents[1] / "images" / "product-spectrum.png"
 SNR_DB = 10.0

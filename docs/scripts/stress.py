@@ -13,8 +13,8 @@ import pandas as pd
 
 from isacbench.checking.stress import FAMILIES
 from isacbench.checking.stress_tables import PROMISES, TABLE
-from isacbench.report.table_texts import markdown
-from isacbench.report.texts.stress_findings import family_grid, promise_grid
+from isacbench.report.findings import family_grid, promise_grid
+from isacbench.report.tables import markdown
 
 PAGE = Path(__file__).resolve().parents[1] / "stress.md"
 START, END = "<!-- stress: written by docs/scripts/stress.py -->", "<!-- end -->"

@@ -32,8 +32,8 @@ from isacbench.charts import rows_of as own_rows
 from isacbench.charts import variants_in
 from isacbench.report.comparisons.ranking_charts import ranking_charts
 from isacbench.report.comparisons.ranking_tables import ranking_grids
-from isacbench.report.drawing.chart_figures import save_charts
-from isacbench.report.table_texts import markdown as grid_markdown
+from isacbench.report.figures import save_charts
+from isacbench.report.tables import markdown as grid_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (

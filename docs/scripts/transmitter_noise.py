@@ -17,7 +17,7 @@ from isacbench import load_scenario, score
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.model.echo import Simulator, echo_parameters
 from isacbench.plugins.registry import build_estimator
-from isacbench.report.drawing.style import new_figure, save, styled
+from isacbench.report.figures import new_figure, save, styled
 
 LINES = "-", "-.", ":"
 

@@ -25,7 +25,7 @@ from isacbench.model.echo import Simulator
 from isacbench.model.radio_coordinates import draw_place
 from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import build_estimator
-from isacbench.report.drawing.style import new_figure, save, styled
+from isacbench.report.figures import new_figure, save, styled
 from isacbench.specifications import spell_spec
 
 LINES = "-", "-.", ":"

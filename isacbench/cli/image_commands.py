@@ -143,7 +143,7 @@ def image_command(
         cloud.write(out)
     if plot is not None:
         from isacbench.files.file_names import file_stems
-        from isacbench.report.figures.plotting import plot_clouds
+        from isacbench.report.clouds import plot_clouds
 
         if plot == OWN_PICTURE:
             (stem,) = file_stems([f"{scene.name} {estimator}"]).values()

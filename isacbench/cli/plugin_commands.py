@@ -46,7 +46,7 @@ def check_command(
     register(plugin)
     plugins = find_plugins(package_or_file)
     from isacbench.plugins.registry import distribution
-    from isacbench.report.texts.contract_findings import describe_checks, print_counts, print_findings
+    from isacbench.report.findings import describe_checks, print_counts, print_findings
 
     found = []
     for kind, name in plugins:

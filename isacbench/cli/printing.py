@@ -38,7 +38,7 @@ def print_table(table: Table) -> None:
     """Print a table within the width of the terminal or of COLUMNS, otherwise 100 characters."""
     from rich.console import Console
 
-    from isacbench.report.table_texts import terminal_tables
+    from isacbench.report.tables import terminal_tables
 
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:

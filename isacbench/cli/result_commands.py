@@ -60,7 +60,7 @@ def report_command(
 ) -> None:
     """Make tables, figures and page of a run again, figures for a paper, or one page of several runs."""
     from isacbench.bench.store.run import Run
-    from isacbench.report.figures.chosen_figures import FigureChoice, draw_chosen
+    from isacbench.report.run_report import FigureChoice, draw_chosen
 
     register(plugin)
     choice = FigureChoice(scenario, snr, trial, metric)

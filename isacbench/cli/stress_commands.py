@@ -68,7 +68,7 @@ def stress_command(
     from isacbench.bench.store.run_folder import default_folder
     from isacbench.checking import stress, stress_tables
     from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
-    from isacbench.report.texts import stress_findings
+    from isacbench.report import findings as stress_findings
 
     if estimator is None and detector is None:
         estimator = [name for name in estimator_names() if not sees_truth(name)]

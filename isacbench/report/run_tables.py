@@ -20,7 +20,7 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.model.scene import warned_before
-from isacbench.report.table_texts import markdown
+from isacbench.report.tables import markdown
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ from isacbench.bench.run import runner
 from isacbench.bench.store.provenance import Made, environment_id, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
-from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_report import draw_run
 from isacbench.report.run_tables import write_run_tables
 
 MAX_MEMORY_MIB = 4096

@@ -26,7 +26,7 @@ CLOUD = "x,y,z,v,power\n1,2,3,0,1\n5,6,1,10,4\n"
 @pytest.fixture(autouse=True)
 def drawn(monkeypatch, drawn_runs):
     """Record what is drawn, runs and pictures, instead of drawing it."""
-    plotting = ModuleType("isacbench.report.figures.plotting")
+    plotting = ModuleType("isacbench.report.clouds")
     plotting.plot_clouds = lambda truth, estimate, *, out, **_: drawn_runs.append(out)
     monkeypatch.setitem(sys.modules, plotting.__name__, plotting)
     return drawn_runs
@@ -489,7 +489,7 @@ def test_a_process_exits_2_with_the_message_alone_and_no_traceback(tmp_path):
 
 AS_A_MODULE = """
 import runpy, sys
-import isacbench.report.figures.run_figures
+import isacbench.report.run_report
 try:
     runpy.run_module("isacbench", run_name="__main__", alter_sys=True)
 finally:

@@ -8,7 +8,7 @@ import pytest
 
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.report.comparisons import comparison_figure
-from isacbench.report.drawing.style import new_figure
+from isacbench.report.figures import new_figure
 
 DRAW_CHANGES = comparison_figure.comparison_charts
 

@@ -8,7 +8,7 @@ import pytest
 
 from isacbench import load_scenario
 from isacbench.model.scenes.scene_families import FAMILIES
-from isacbench.report.drawing.style import file_stems
+from isacbench.report.figures import file_stems
 
 COMMANDS = {
     "scene": ["scene"],
@@ -132,9 +132,7 @@ def test_files_of_generated_scenes_have_readable_and_unique_stems():
 
 def test_a_picture_without_a_file_is_named_after_scene_and_estimator(cli, monkeypatch):
     drawn = []
-    monkeypatch.setattr(
-        "isacbench.report.figures.plotting.plot_clouds", lambda *_, out, **__: drawn.append(str(out))
-    )
+    monkeypatch.setattr("isacbench.report.clouds.plot_clouds", lambda *_, out, **__: drawn.append(str(out)))
     for words in ("--plot -e oracle", "-e oracle --plot"):
         named = cli("image", "-s", "sparse[seed=3]", *words.split())
         assert named.exit_code == 0, named.output

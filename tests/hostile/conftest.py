@@ -12,8 +12,8 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
-from isacbench.report.drawing.style import new_figure
-from isacbench.report.figures import run_figures
+from isacbench.report import run_report
+from isacbench.report.figures import new_figure
 from tests.conftest import TINY, TINY_POINTS
 
 HANGS_S = 120
@@ -99,4 +99,4 @@ def made(tmp_path_factory):
 def written_empty(monkeypatch):
     """Leave figures empty, and write all of them."""
     for name in ("draw_deviations", "draw_scores", "draw_clouds"):
-        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
+        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))

@@ -22,9 +22,9 @@ from isacbench.files.escaping import in_markdown, quoted, shortened, visible, vi
 from isacbench.files.file_names import file_stems
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.report.drawing.style import drawable
-from isacbench.report.figures.plotting import plot_clouds
-from isacbench.report.table_texts import markdown, terminal_tables
+from isacbench.report.clouds import plot_clouds
+from isacbench.report.figures import drawable
+from isacbench.report.tables import markdown, terminal_tables
 
 NAMES = {
     "up": "../../etc/passwd",

@@ -23,9 +23,9 @@ from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
 from isacbench.report.comparisons.comparison_tables import comparison_grids
-from isacbench.report.figures.run_figures import draw_run
+from isacbench.report.run_report import draw_run
 from isacbench.report.run_tables import tables_of, write_run_tables
-from isacbench.report.table_texts import terminal_tables
+from isacbench.report.tables import terminal_tables
 
 from .files import ANY, Trap, content
 

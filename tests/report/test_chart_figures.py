@@ -5,8 +5,7 @@ import pytest
 from matplotlib.colors import same_color
 
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, assign_lines, numbered_styles
-from isacbench.report.drawing.chart_figures import draw_charts, save_charts
-from isacbench.report.drawing.style import styled
+from isacbench.report.figures import draw_charts, save_charts, styled
 
 RED, BLUE = LineStyle("#FF0000", "dashdot", "square"), LineStyle("#0000FF", "solid", "circle")
 X, Y = Axis("SNR [dB]"), Axis("error [m]")

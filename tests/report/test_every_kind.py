@@ -9,11 +9,10 @@ import pytest
 from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.report.drawing.chart_figures import draw_charts
-from isacbench.report.drawing.style import styled
+from isacbench.report.figures import draw_charts, styled
 from isacbench.report.html.page_charts import chart_rows
 from isacbench.report.run_tables import tables_of
-from isacbench.report.table_texts import markdown
+from isacbench.report.tables import markdown
 from tests.report.test_table_texts import printed
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"

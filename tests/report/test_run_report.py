@@ -5,8 +5,8 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
-from isacbench.report.drawing.style import new_figure
-from isacbench.report.figures import run_figures
+from isacbench.report import run_report
+from isacbench.report.figures import new_figure
 from isacbench.report.html import page_content
 from isacbench.report.run_report import draw_with_page
 
@@ -24,7 +24,7 @@ def run(tiny, tmp_path):
 def _empty_here(monkeypatch):
     """Leave figures empty."""
     for name in ("draw_charts", "draw_clouds"):
-        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
+        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
 
 
 def names_of(paths):

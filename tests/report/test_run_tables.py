@@ -12,7 +12,7 @@ from isacbench.bench.run_times import stage_tables, summarise_stages
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.run_tables import failure_tables, tables_of, write_run_tables
-from isacbench.report.table_texts import markdown
+from isacbench.report.tables import markdown
 
 
 def rows_of(*reasons, **columns):

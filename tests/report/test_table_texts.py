@@ -10,7 +10,7 @@ from rich.console import Console
 
 from isacbench.charts import Column, Table, text_table
 from isacbench.files.escaping import in_markdown
-from isacbench.report.table_texts import markdown, terminal_tables
+from isacbench.report.tables import markdown, terminal_tables
 
 
 def printed(table, width):

@@ -21,7 +21,7 @@ from isacbench.report.comparisons.comparison_tables import (
     win_text,
 )
 from isacbench.report.comparisons.words import Wording
-from isacbench.report.table_texts import markdown
+from isacbench.report.tables import markdown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,8 +15,7 @@ from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
 from isacbench.files.file_names import file_stems
 from isacbench.report.comparisons.words import Wording
-from isacbench.report.drawing.chart_figures import draw_charts
-from isacbench.report.drawing.style import save, styled
+from isacbench.report.figures import draw_charts, save, styled
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence

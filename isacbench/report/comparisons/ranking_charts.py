@@ -10,7 +10,7 @@ from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, assign_
 from isacbench.files.escaping import shortened
 from isacbench.files.file_names import file_stems
 from isacbench.report.comparisons.comparison_charts import FOLDER
-from isacbench.report.drawing.chart_figures import save_charts
+from isacbench.report.figures import save_charts
 
 if TYPE_CHECKING:
     from pathlib import Path

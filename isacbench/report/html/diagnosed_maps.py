@@ -9,7 +9,7 @@ import numpy as np
 
 from isacbench.bench.compare.scene_scores import SCENE_KINDS
 from isacbench.charts import nearest_values
-from isacbench.report.figures.diagnosed_images import Diagnoses, warn_of_fault
+from isacbench.report.diagnoses import Diagnoses, warn_of_fault
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB
 
 if TYPE_CHECKING:

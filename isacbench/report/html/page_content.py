@@ -24,7 +24,7 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.comparisons.comparison_tables import json_rows
-from isacbench.report.drawing.style import VELOCITY_COLOURS
+from isacbench.report.figures import VELOCITY_COLOURS
 from isacbench.report.html.joined_runs import RUN
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB, choose_clouds, pack_clouds
 from isacbench.report.html.page_charts import page_charts

@@ -2,7 +2,7 @@ import pytest
 from matplotlib.lines import Line2D
 
 from isacbench.files.file_names import file_stems
-from isacbench.report.drawing.style import drawable, new_figure, styled, velocity_colours
+from isacbench.report.figures import drawable, new_figure, styled, velocity_colours
 
 
 def test_stems_are_safe_short_and_unique_whatever_the_case():

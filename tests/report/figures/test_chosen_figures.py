@@ -11,9 +11,9 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import get_estimator
-from isacbench.report.drawing.style import new_figure
-from isacbench.report.figures import chosen_figures, diagnosed_images, run_figures
-from isacbench.report.figures.chosen_figures import FigureChoice, draw_chosen
+from isacbench.report import diagnoses, run_report
+from isacbench.report.figures import new_figure
+from isacbench.report.run_report import FigureChoice, draw_chosen
 
 SHOWING = '''
 from dataclasses import dataclass
@@ -84,9 +84,7 @@ def run_of(shower, tiny, tmp_path):
 @pytest.fixture
 def quick_figures(monkeypatch):
     """Leave figures empty."""
-    for module, name in itertools.product(
-        (run_figures, chosen_figures, diagnosed_images), ("charts", "clouds", "map")
-    ):
+    for module, name in itertools.product((run_report, diagnoses), ("charts", "clouds", "map")):
         if hasattr(module, f"draw_{name}"):
             monkeypatch.setattr(module, f"draw_{name}", lambda *_: new_figure(1, 1))
 
@@ -143,7 +141,7 @@ def test_a_diagnosis_that_fails_costs_its_own_figures_alone(run_of, quick_figure
 
 
 def test_of_very_many_estimators_the_best_show_their_work(run_of, quick_figures, monkeypatch):
-    monkeypatch.setattr(run_figures, "MOST_CLOUDS", 1)
+    monkeypatch.setattr(run_report, "MOST_CLOUDS", 1)
     folder = run_of("blob", "shower[detects=false]", "shower")
     run = Run.open(folder)
     run.rows.loc[run.rows["params"].str.contains('"detects":true'), "deviation"] = 0.0

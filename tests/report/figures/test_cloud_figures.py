@@ -3,7 +3,7 @@ import pytest
 
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
-from isacbench.report.figures.cloud_figures import Image, draw_clouds, draw_comparison, draw_images
+from isacbench.report.clouds import Image, draw_clouds, draw_comparison, draw_images
 
 REGION = Region((0.0, 30.0), (0.0, 20.0), (0.0, 20.0), (-15.0, 15.0))
 TRUTH = PointCloud([[0, 0, 0], [10, 5, 2], [20, 18, 9]], [0, 10, -2], [1, 1, 1])

@@ -17,19 +17,19 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
 from isacbench.metrics.one_to_one import Curve
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.report.drawing.style import new_figure
-from isacbench.report.figures import run_figures
-from isacbench.report.figures.run_figures import draw_run, radius_charts
+from isacbench.report import run_report
+from isacbench.report.figures import new_figure
+from isacbench.report.run_report import draw_run, radius_charts
 
 
 @pytest.fixture
 def drawn(monkeypatch):
     """Draw nothing, and list the arguments of clouds and comparisons, and what is saved: names of files."""
     calls = {"clouds": [], "comparisons": [], "saved": []}
-    monkeypatch.setattr(run_figures, "draw_clouds", lambda *arguments: calls["clouds"].append(arguments))
-    monkeypatch.setattr(run_figures, "draw_comparison", lambda *one: calls["comparisons"].append(one))
-    monkeypatch.setattr(run_figures, "draw_charts", lambda *_: None)
-    monkeypatch.setattr(run_figures, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
+    monkeypatch.setattr(run_report, "draw_clouds", lambda *arguments: calls["clouds"].append(arguments))
+    monkeypatch.setattr(run_report, "draw_comparison", lambda *one: calls["comparisons"].append(one))
+    monkeypatch.setattr(run_report, "draw_charts", lambda *_: None)
+    monkeypatch.setattr(run_report, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
     return calls
 
 
@@ -71,7 +71,7 @@ def test_scores_over_the_radius_are_means_over_images_and_the_legend_has_the_are
     curves = [Curve(radius_m, *(share * np.ones((3, 3)))) for share in (0.2, 0.6)]
     run = run_of("blob", "trouble", snr_db=[-10, 0], trials=1)
     rows = pd.concat([run.rows, run.rows], ignore_index=True)
-    monkeypatch.setattr(run_figures, "score_curve", lambda _: curves.pop())
+    monkeypatch.setattr(run_report, "score_curve", lambda _: curves.pop())
     twice = run.changed(rows=rows, read_clouds=lambda: CloudArray.empty(len(rows)))
     (group,) = radius_charts(twice, lines_of(rows))
     assert [chart.y.title for chart in group.charts] == ["F-score", "precision", "recall"]
@@ -102,7 +102,7 @@ def test_of_a_population_the_worst_scene_of_each_estimator_is_drawn(
 
 
 def test_of_many_scenarios_only_their_mean_is_drawn_and_a_warning_says_so(run_of, tiny, drawn, monkeypatch):
-    monkeypatch.setattr(run_figures, "MANY_SCENARIOS", 1)
+    monkeypatch.setattr(run_report, "MANY_SCENARIOS", 1)
     monkeypatch.setattr(imaging, "MANY_SCENARIOS", 1)
     other = tiny.with_name("other.toml")
     other.write_text(tiny.read_text().replace('"tiny"', '"other"'))
@@ -154,7 +154,7 @@ def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(run_of
 def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_says_so(
     run_of, drawn, monkeypatch
 ):
-    monkeypatch.setattr(run_figures, "MOST_CLOUDS", 2)
+    monkeypatch.setattr(run_report, "MOST_CLOUDS", 2)
     run = run_of("blob[n=1]", "trouble", "blob[n=3]", "blob[n=2]", trials=2)
     draw_run(run)
     ((title, _, _, columns, *_),) = drawn["clouds"]
@@ -165,7 +165,7 @@ def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_
 
 def test_the_users_own_matplotlib_settings_come_back(run_of, monkeypatch):
     for name in ("draw_charts", "draw_clouds"):
-        monkeypatch.setattr(run_figures, name, lambda *_: new_figure(1, 1))
+        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
     run = run_of("blob")
     with matplotlib.rc_context({"text.usetex": True, "font.size": 30.0}):
         draw_run(run)

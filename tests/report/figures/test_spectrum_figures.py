@@ -3,8 +3,7 @@ import pytest
 
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
-from isacbench.report.figures.map_figures import draw_map
-from isacbench.report.figures.spectrum_figures import spectrum_charts
+from isacbench.report.diagnoses import draw_map, spectrum_charts
 
 RANGE_BINS, DOPPLER_BINS = np.arange(80, 86), np.arange(-2, 3)
 

@@ -1,3 +1,0 @@
-"""Texts for the terminal."""
-
-__all__ = ["contract_findings", "stress_findings"]
