@@ -355,18 +355,6 @@ def shaded(colour: str, share: float) -> str:
     return "#" + "".join(f"{round(part + abs(share) * (goal - part)):02X}" for part in parts)
 
 
-def numbered_styles(n: int) -> list[LineStyle]:
-    """Styles of series that are no estimators, in order."""
-    return [
-        LineStyle(
-            COLOURS[number % len(COLOURS)],
-            DASHES[number // len(COLOURS) % len(DASHES)],
-            SYMBOLS[number % len(SYMBOLS)],
-        )
-        for number in range(n)
-    ]
-
-
 def interval(table: pd.DataFrame, column: str, stem: str = "") -> tuple[pd.Series[float], pd.Series[float]]:
     """Interval of a column: ``<stem>_low`` to ``<stem>_high``, or its value less and more ``<stem>_band``."""
     stem = stem or column

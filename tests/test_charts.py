@@ -19,7 +19,6 @@ from isacbench.charts import (
     line_series,
     linear_limits,
     number_table,
-    numbered_styles,
     rows_of,
     short_labels,
     spread_rows,
@@ -52,7 +51,6 @@ def test_a_colour_belongs_to_a_name_whatever_else_is_shown(names):
 def test_variants_of_one_name_have_styles_of_their_own():
     variants = {("fft4d", str(n)): f"fft4d[n={n}]" for n in range(18)}
     assert len({line.style for line in assign_lines(variants).values()}) == 18
-    assert len(set(numbered_styles(30))) == 30
 
 
 def test_references_are_dashed_without_symbol_and_in_the_colour_of_text_and_nothing_else_is():

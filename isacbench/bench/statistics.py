@@ -172,7 +172,6 @@ def exact_interval(n_successes: float, n: int) -> tuple[float, float]:
     ----------
     n_successes : float
         A multiple of one half.
-    n : int
 
     Returns
     -------
@@ -207,10 +206,6 @@ def share_band(n_successes: int, n: int, n_trials: int) -> tuple[float, float]:
     n_trials : int
         Number of trials in which was counted. One trial can have many of the n (bits of a frame,
         cells of a map), which are then only one draw.
-
-    Returns
-    -------
-    low, high : float
 
     Examples
     --------

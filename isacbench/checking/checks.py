@@ -47,7 +47,6 @@ class Check(Generic[Subject]):
 
     Attributes
     ----------
-    name : str
     measure : callable
         Takes the subject; returns its difference from what is promised, a
         measurement in words, or nothing. Raises one of the errors of this
@@ -82,7 +81,6 @@ class Finding:
         check has passed.
     difference, bound : float
         Measured difference, and the largest allowed; NaN where there is none.
-    time_s : float
     """
 
     check: str

@@ -70,12 +70,7 @@ class PluginFindings:
 
 @dataclass(frozen=True, repr=False)
 class CheckReport(Displayed):
-    """Findings about the plugins that were checked.
-
-    Attributes
-    ----------
-    plugins : tuple of PluginFindings
-    """
+    """Findings about the plugins that were checked."""
 
     plugins: tuple[PluginFindings, ...]
 

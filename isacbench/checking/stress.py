@@ -95,8 +95,6 @@ class Task(NamedTuple):
 
     Attributes
     ----------
-    target : Target
-    case : Case
     seed : int
         Seed of what is random in the case.
     options : tuple of str

@@ -90,7 +90,6 @@ def say(message: str, err: bool = False) -> None:
 
     Parameters
     ----------
-    message : str
     err : bool
         Whether to print on stderr instead of stdout.
     """
@@ -98,12 +97,7 @@ def say(message: str, err: bool = False) -> None:
 
 
 def say_lines(message: str) -> None:
-    """Print several lines, with control characters escaped.
-
-    Parameters
-    ----------
-    message : str
-    """
+    """Print several lines, with control characters escaped."""
     typer.echo(visible_lines(message))
 
 
@@ -112,7 +106,6 @@ def fail(message: str, code: int) -> NoReturn:
 
     Parameters
     ----------
-    message : str
     code : int
         Exit code.
 

@@ -4,32 +4,14 @@ from __future__ import annotations
 
 
 def estimators_like(incomplete: str) -> list[str]:
-    """List the registered estimators whose names begin with a text.
-
-    Parameters
-    ----------
-    incomplete : str
-
-    Returns
-    -------
-    list of str
-    """
+    """List the registered estimators whose names begin with a text."""
     from isacbench.plugins.registry import estimator_names
 
     return _like(estimator_names(), incomplete)
 
 
 def plugin_metrics_like(incomplete: str) -> list[str]:
-    """List the registered metrics whose names begin with a text.
-
-    Parameters
-    ----------
-    incomplete : str
-
-    Returns
-    -------
-    list of str
-    """
+    """List the registered metrics whose names begin with a text."""
     from isacbench.plugins.registry import metric_names
 
     return _like(metric_names(), incomplete)
@@ -37,10 +19,6 @@ def plugin_metrics_like(incomplete: str) -> list[str]:
 
 def scenarios_like(incomplete: str) -> list[str]:
     """List the scenarios and families whose names begin with a text.
-
-    Parameters
-    ----------
-    incomplete : str
 
     Returns
     -------
@@ -54,46 +32,19 @@ def scenarios_like(incomplete: str) -> list[str]:
 
 
 def suites_like(incomplete: str) -> list[str]:
-    """List the suites whose names begin with a text.
-
-    Parameters
-    ----------
-    incomplete : str
-
-    Returns
-    -------
-    list of str
-    """
+    """List the suites whose names begin with a text."""
     from isacbench.bench.suites.suite import suite_names
 
     return _like(suite_names(), incomplete)
 
 
 def metrics_like(incomplete: str) -> list[str]:
-    """List the scores that estimators are ranked by whose names begin with a text.
-
-    Parameters
-    ----------
-    incomplete : str
-
-    Returns
-    -------
-    list of str
-    """
+    """List the scores that estimators are ranked by whose names begin with a text."""
     return [*curves_like(incomplete), *_like(["ratio", "time_estimate_s"], incomplete)]
 
 
 def curves_like(incomplete: str) -> list[str]:
-    """List the scores with a curve over SNR whose names begin with a text.
-
-    Parameters
-    ----------
-    incomplete : str
-
-    Returns
-    -------
-    list of str
-    """
+    """List the scores with a curve over SNR whose names begin with a text."""
     from isacbench.metrics.paper import Paper
 
     return _like([column.name for column in Paper.columns if column.better != "neither"], incomplete)

@@ -70,12 +70,7 @@ ScenarioNames = Annotated[
 
 
 def register(plugin_files: list[Path] | None) -> None:
-    """Register local plugin files.
-
-    Parameters
-    ----------
-    plugin_files : list of Path or None
-    """
+    """Register local plugin files."""
     from isacbench.plugins.discovery import load_plugin_file
 
     for path in plugin_files or ():

@@ -41,12 +41,7 @@ class Termination:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
     def fail(self, message: str) -> NoReturn:
-        """End the command with a message that names the interrupt: SIGTERM if received, otherwise Ctrl-C.
-
-        Parameters
-        ----------
-        message : str
-        """
+        """End the command with a message that names the interrupt: SIGTERM if received, otherwise Ctrl-C."""
         if self._first_s is None:
             fail(f"interrupted: {message}", EXIT_INTERRUPTED)
         fail(f"terminated: {message}", EXIT_TERMINATED)

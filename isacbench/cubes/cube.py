@@ -81,7 +81,6 @@ class Cube:
 
     Parameters
     ----------
-    name : str
     array : ndarray or StoredArray
         Four axes of complex64 or complex128 in any order: ``array[box]`` is
         read, tile by tile, in its chunks or along its largest strides. Neither
@@ -121,10 +120,6 @@ class Cube:
         ----------
         elements : ndarray of int, shape (e, 2)
             Indices (p, q) of the elements that are needed.
-
-        Yields
-        ------
-        Tile
 
         Raises
         ------

@@ -108,7 +108,6 @@ class CubeObservation(Observation):
         ----------
         elements : ndarray of int64, shape (e, 2)
             Places in the virtual array.
-        gate : Gate
 
         Returns
         -------

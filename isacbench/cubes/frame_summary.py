@@ -133,10 +133,6 @@ def summarise_frame(observation: Observation) -> FrameSummary:
     observation : Observation
         From `isacbench.observe_cube`.
 
-    Returns
-    -------
-    FrameSummary
-
     Raises
     ------
     InputError

@@ -35,7 +35,6 @@ class FrameSimulator:
 
     Parameters
     ----------
-    scenario : Scenario
     snr_db : float
         Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual
         element; infinity for no noise.

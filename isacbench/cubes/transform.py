@@ -47,8 +47,6 @@ class GateTransform:
 
     Attributes
     ----------
-    gate : Gate
-    system : System
     nulls : NullCarriers, optional
         Null carriers of the cube; `system` is that of the band between its outermost used carriers.
     """

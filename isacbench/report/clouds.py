@@ -92,7 +92,6 @@ def draw_clouds(
 
     Parameters
     ----------
-    title : str
     truth : PointCloud
         At least one scatterer; it stands faintly behind every estimate.
     region : Region
@@ -103,10 +102,6 @@ def draw_clouds(
         For each SNR in dB one image an estimator.
     radius_m : float
         Distance from the truth in m beyond which a point is marked as false.
-
-    Returns
-    -------
-    Figure
     """
     images = [image for row in rows.values() for image in (_image_of_truth(truth), *row)]
     headings = ["truth", *columns, *[""] * (len(images) - len(columns) - 1)]
@@ -127,7 +122,6 @@ def draw_images(
 
     Parameters
     ----------
-    title : str
     truth : PointCloud
         True scatterers, possibly none.
     images : mapping of str to Image
@@ -136,10 +130,6 @@ def draw_images(
         Its speeds span the colours.
     radius_m : float
         Distance from the truth in m beyond which a point is marked as false.
-
-    Returns
-    -------
-    Figure
     """
     headings, shown = [drawable(heading) for heading in images], list(images.values())
     if len(truth):
@@ -157,20 +147,14 @@ def draw_comparison(
 
     Parameters
     ----------
-    title : str
     truth : PointCloud
         True scatterers, at least one.
     heading : str
         Name of the image.
-    image : Image
     region : Region
         Its speeds span the colours.
     radius_m : float
         Distance from the truth in m beyond which a point is marked as false.
-
-    Returns
-    -------
-    Figure
     """
     scene = _scene(truth, [_image_of_truth(truth), image], region, radius_m)
     upper_in, zoom = _perspective_size(scene, COMPARISON_IN / 2)

@@ -45,7 +45,6 @@ class Diagnosed(NamedTuple):
     ----------
     label : str
         Of the estimator.
-    diagnosis : Diagnosis
     noise_power : float
         Power of noise in a cell of the map.
     """
@@ -139,16 +138,10 @@ def draw_map(title: str, diagnosis: Diagnosis, system: System, noise_power: floa
 
     Parameters
     ----------
-    title : str
-    diagnosis : Diagnosis
     system : System
         Turns bins into metres and metres a second.
     noise_power : float
         Power that counts as 0 dB.
-
-    Returns
-    -------
-    Figure
     """
     power_db = _decibels(diagnosis.power / noise_power)
     threshold_db = _decibels(diagnosis.detection.threshold / noise_power)

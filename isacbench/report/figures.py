@@ -98,10 +98,6 @@ def new_figure(
         Title above the panels.
     layout : {"constrained"} or None
         Layout engine of matplotlib; None leaves the margins to the caller.
-
-    Returns
-    -------
-    Figure
     """
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
@@ -127,7 +123,6 @@ def save(figure: Figure, path: Path) -> Path:
 
     Parameters
     ----------
-    figure : Figure
     path : Path
         An older file of that name is replaced.
 
@@ -149,14 +144,6 @@ def save(figure: Figure, path: Path) -> Path:
 def drawable(text: str) -> str:
     r"""Escape a name for matplotlib: dollar signs as text, a replacement for characters that the font lacks.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> drawable("a\n$b$")
@@ -176,10 +163,6 @@ def velocity_colours(fastest_mps: float) -> ScalarMappable:
     ----------
     fastest_mps : float
         Speed in m/s at both ends of the colours.
-
-    Returns
-    -------
-    ScalarMappable
     """
     fastest_mps = max(SLOW_MPS, fastest_mps)
     colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS).with_extremes(bad=UNKNOWN)
@@ -187,15 +170,7 @@ def velocity_colours(fastest_mps: float) -> ScalarMappable:
 
 
 def velocity_bar(figure: Figure, colours: ScalarMappable, panels: Iterable[Axes], label: str) -> None:
-    """Draw the colour bar of `velocity_colours` to the right of some panels.
-
-    Parameters
-    ----------
-    figure : Figure
-    colours : ScalarMappable
-    panels : iterable of Axes
-    label : str
-    """
+    """Draw the colour bar of `velocity_colours` to the right of some panels."""
     fastest_mps = colours.norm.vmax or 0.0
     ticks = [tick for tick in TICKS_MPS if abs(tick) <= fastest_mps]
     width_in = figure.get_figwidth()

@@ -244,9 +244,6 @@ class FigureChoice:
 
     Attributes
     ----------
-    scenario : str or None
-    snr_db : float or None
-    trial : int or None
     metric : str or None
         Score over SNR. Without it scores are drawn only if neither SNR nor trial is chosen.
     """

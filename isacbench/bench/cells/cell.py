@@ -38,7 +38,6 @@ class MeasuredImage:
         None for a stored cloud.
     estimator : Estimator or None
         None for a stored cloud.
-    snr_db : float
     cloud : PointCloud
         Estimate from the observation.
     """
@@ -70,16 +69,10 @@ def run_cell(
         Key of the row.
     scenario : Scenario
         Has the truth of the scores.
-    observation : Observation
-    estimator : Estimator
     measure : callable, optional
         Derives further columns.
     metrics : Metrics
         Score the image.
-
-    Returns
-    -------
-    Outcome
     """
     start = time.perf_counter()
     try:
@@ -122,8 +115,6 @@ def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> O
 
     Parameters
     ----------
-    error : BaseException
-    cell : Cell
     n_true : int
         Points of the truth.
     time_s : float
@@ -140,10 +131,6 @@ def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> O
 
 def describe_error(error: BaseException) -> str:
     """Type and message of an exception in one line, with the place in a plugin that it comes from.
-
-    Parameters
-    ----------
-    error : BaseException
 
     Returns
     -------
@@ -167,9 +154,7 @@ def failure(cell: Cell, status: CellStatus, reason: str, n_true: int, time_s: fl
 
     Parameters
     ----------
-    cell : Cell
     status : {"error", "timeout", "killed", "skipped"}
-    reason : str
     n_true : int
         Points of the truth.
     time_s : float
@@ -191,14 +176,8 @@ def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointC
 
     Parameters
     ----------
-    estimator : Estimator
-    observation : Observation
     truth : PointCloud
         Passed on only to an estimator with `needs_truth`.
-
-    Returns
-    -------
-    PointCloud
 
     Raises
     ------
@@ -217,14 +196,8 @@ def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud)
 
     Parameters
     ----------
-    estimator : Estimator
-    observation : Observation
     truth : PointCloud
         Passed on only to an estimator with `needs_truth`.
-
-    Returns
-    -------
-    PointCloud
 
     Raises
     ------

@@ -34,8 +34,6 @@ class Cell:
         Bare names.
     params : str
         The estimator's parameters as canonical JSON.
-    snr_db : float
-    trial, seed : int
     scenario_content : str
         Digest of the content of the scene, part of the cell's identity.
     """
@@ -127,7 +125,6 @@ class Outcome:
 
     Attributes
     ----------
-    record : Record
     cloud : PointCloud
         Empty for a failure.
     extras : mapping of str to Any
@@ -139,16 +136,7 @@ class Outcome:
     extras: Mapping[str, Any] = field(default_factory=dict)
 
     def labelled(self, labels: Mapping[str, Any]) -> Outcome:
-        """Add columns that the outcome does not have yet.
-
-        Parameters
-        ----------
-        labels : mapping of str to Any
-
-        Returns
-        -------
-        Outcome
-        """
+        """Add columns that the outcome does not have yet."""
         return dataclasses.replace(self, extras={**labels, **self.extras})
 
     def made_by(self, environment: str, timing: bool = False) -> Outcome:
@@ -160,10 +148,6 @@ class Outcome:
             Name of the environment.
         timing : bool
             True if the row was timed.
-
-        Returns
-        -------
-        Outcome
         """
         record = dataclasses.replace(self.record, environment=environment, timing=timing)
         return dataclasses.replace(self, record=record)

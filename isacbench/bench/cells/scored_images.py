@@ -63,12 +63,6 @@ def image_reference(
 ) -> ScoredImage:
     """Score the realisations of a reference against the scenario that they are made from.
 
-    Parameters
-    ----------
-    reference : ReferenceEstimator
-    scenario : Scenario
-    metrics : Metrics
-
     Returns
     -------
     ScoredImage

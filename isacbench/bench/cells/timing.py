@@ -108,10 +108,6 @@ def repeat(trial: Trial, n: int) -> Repeats:
         Has run before.
     n : int
         1 or more.
-
-    Returns
-    -------
-    Repeats
     """
     results, clocks = [], []
     with _no_garbage_collection():
@@ -146,7 +142,6 @@ def timed(outcome: Outcome, cell: Cell, trial: Trial, n: int, is_same: Callable[
     ----------
     outcome : Outcome
         Outcome of the cell when it was imaged the first time.
-    cell : Cell
     trial : Trial
         The same estimate.
     n : int

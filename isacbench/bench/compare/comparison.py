@@ -172,10 +172,6 @@ def verdict_counts(table: pd.DataFrame, name: Callable[[str], str] = str) -> str
     name : callable
         Gives the name of a verdict.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> verdict_counts(pd.DataFrame({"verdict": ["same", "regression", "same"]}))

@@ -30,14 +30,6 @@ KEYS = ["estimator", "params"]
 def parse_map(text: str) -> tuple[str, str]:
     """Cut ``OLD[param=value,...]=NEW[param=value,...]`` into its two specifications.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    old, new : str
-
     Raises
     ------
     InputError
@@ -129,13 +121,8 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
 
     Parameters
     ----------
-    variants : sequence of (str, str)
     also : collection of str
         Parameters to spell in any case.
-
-    Returns
-    -------
-    list of str
 
     Examples
     --------

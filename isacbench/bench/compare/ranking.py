@@ -67,7 +67,6 @@ class Ranking:
         Folder of the run.
     version : str
         Of the code that made it.
-    metric : str
     better : {"lower", "higher"}
         Better direction of the metric.
     labels : mapping of (str, str) to str
@@ -132,14 +131,6 @@ class Ranking:
 
 def rank_text(low: float, high: float) -> str:
     """Write a set of consecutive ranks.
-
-    Parameters
-    ----------
-    low, high : float
-
-    Returns
-    -------
-    str
 
     Examples
     --------

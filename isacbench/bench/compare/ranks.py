@@ -68,10 +68,6 @@ def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
     seed : int
         Seed of the resampling; equal seeds give equal sets.
 
-    Returns
-    -------
-    RankSets
-
     Raises
     ------
     ValueError

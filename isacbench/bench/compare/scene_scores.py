@@ -78,7 +78,6 @@ def scene_groups(scenes: Iterable[str], families: Mapping[str, str]) -> dict[str
 
     Parameters
     ----------
-    scenes : iterable of str
     families : mapping of str to str
         Of scenes; those that are missing have none.
 

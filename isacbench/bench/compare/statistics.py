@@ -270,14 +270,6 @@ def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Flo
 def trials_needed(level: float) -> int:
     """Least number of trials with which a signed-rank test can be significant: 2^-n is at most the level.
 
-    Parameters
-    ----------
-    level : float
-
-    Returns
-    -------
-    int
-
     Examples
     --------
     >>> trials_needed(0.01), trials_needed(0.01 / 66)

@@ -54,14 +54,6 @@ DEFAULT_TOLERANCE = Tolerance("deviation", 0.05, is_relative=True)
 def parse_tolerance(text: str) -> Tolerance:
     """Parse ``NAME=5%``, relative to the base's mean, or ``NAME=0.5``, in units of the score.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    Tolerance
-
     Raises
     ------
     InputError
@@ -85,14 +77,6 @@ def parse_tolerance(text: str) -> Tolerance:
 def merge_tolerances(given: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
     """Add tolerances to the default one; the last one for a score counts.
 
-    Parameters
-    ----------
-    given : iterable of Tolerance
-
-    Returns
-    -------
-    tuple of Tolerance
-
     Examples
     --------
     >>> [str(one) for one in merge_tolerances([parse_tolerance("recall=0.1")])]
@@ -108,7 +92,6 @@ def direction(
 
     Parameters
     ----------
-    column : str
     described : mapping of str to ScoreColumn
         Columns of the run's metrics, as `isacbench.bench.store.score_columns.stored_columns` has them.
     columns : collection of str

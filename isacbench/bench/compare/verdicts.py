@@ -67,7 +67,6 @@ def point_scores(
     ----------
     pairs : DataFrame
         As `isacbench.bench.compare.matching.pair_cells` returns it.
-    metric : str
     sides : (str, str)
         Words for both sides in notes.
     groups : mapping of str to sequence of str
@@ -76,7 +75,6 @@ def point_scores(
 
     Returns
     -------
-    scores : PairedScores
     notes : list of str
         Numbers of cells of which one run alone has a score.
     """
@@ -109,10 +107,6 @@ def point_scores(
 
 def curve_scores(points: PairedScores) -> PairedScores:
     """Average every trial over the SNRs at which it has a pair.
-
-    Parameters
-    ----------
-    points : PairedScores
 
     Returns
     -------
@@ -150,8 +144,6 @@ def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataF
 
     Parameters
     ----------
-    scores : PairedScores
-    tolerance : Tolerance
     better : {"lower", "higher"}
 
     Returns
@@ -239,7 +231,6 @@ def share_level(curves: Floats, points: Floats, alpha: float) -> tuple[float, fl
     ----------
     curves, points : ndarray of float64
         Smallest attainable p-values of the hypotheses of each family.
-    alpha : float
 
     Returns
     -------

@@ -69,7 +69,6 @@ def most_changed(
     ----------
     pairs : DataFrame
         As `isacbench.bench.compare.matching.pair_cells` returns it.
-    metric : str
     manifest : mapping of str to Any
         Of the new run.
     partners : mapping of (str, str) to (str, str)
@@ -130,13 +129,10 @@ def command_to_show(
 
     Parameters
     ----------
-    manifest : mapping of str to Any
     scenario : str
         Its name. It is spelled as in the suite, and plugin files as when the run was made.
     estimator : str
         Specification.
-    snr_db : float
-    trial : int
     picture : str
         File to draw into; empty for none.
 

@@ -342,7 +342,6 @@ class SharedMap(SharedObservation):
 
     Attributes
     ----------
-    drawn : PowerMap
     power : ndarray of float64
         Of the map at the SNR, read-only.
     """
@@ -400,7 +399,6 @@ class MapScene(Scene):
 
     Parameters
     ----------
-    suite : DetectionSuite
     name : str
         Of the map.
     entries : sequence of Entry
@@ -419,17 +417,7 @@ class MapScene(Scene):
         return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
 
     def observe(self, snr_db: float, trial: int) -> SharedMap:
-        """Draw the map, for all detectors.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial : int
-
-        Returns
-        -------
-        SharedMap
-        """
+        """Draw the map, for all detectors."""
         drawn, target_snr_db = self._drawn_once(trial), gained_snr_db(snr_db, MAP_GAIN_DB)
         power = drawn.power(target_snr_db)
         power.setflags(write=False)
@@ -438,10 +426,6 @@ class MapScene(Scene):
 
 def count_cells(shot: MeasuredImage) -> dict[str, int]:
     """Count cells of the range-Doppler map that an estimator's detector tested.
-
-    Parameters
-    ----------
-    shot : MeasuredImage
 
     Returns
     -------

@@ -202,10 +202,6 @@ BOUND_STYLE = LineStyle("", "dash", "")
 def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
     """Measure an image of one scatterer.
 
-    Parameters
-    ----------
-    shot : MeasuredImage
-
     Returns
     -------
     dict

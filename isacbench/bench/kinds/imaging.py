@@ -207,9 +207,6 @@ def score_charts(
     ----------
     part : DataFrame
         Rows of the scenario as `summarise_scores` returns them.
-    scores : list of str
-    stem : str
-    lines : mapping of (str, str) to Line
     scenario : Scenario or None
         None where it is not known: the radius and the gain are not named then.
     """

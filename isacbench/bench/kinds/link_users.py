@@ -58,14 +58,7 @@ RECEIVERS = {OneTap.name: OneTap}
 
 @dataclass(frozen=True, eq=False)
 class Arrival(SharedObservation):
-    """Frame on its way to the user, which receivers receive.
-
-    Attributes
-    ----------
-    grid : ResourceGrid
-    system : System
-    channel : Channel
-    """
+    """Frame on its way to the user, which receivers receive."""
 
     grid: ResourceGrid
     system: System
@@ -123,11 +116,8 @@ class UserScene(Scene):
 
     Parameters
     ----------
-    suite : LinkSuite
-    system : System
     text : str
         Channel as the suite writes it.
-    channel : Channel
     modulation : {"qpsk", "16qam", "64qam", "256qam"}
     entries : sequence of Entry
         Receivers.
@@ -155,17 +145,7 @@ class UserScene(Scene):
         return digest([self._suite.kind, system, canonical_params(self._channel), self._labels])
 
     def observe(self, snr_db: float, trial: int) -> Arrival:
-        """Send a frame, for all receivers.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial : int
-
-        Returns
-        -------
-        Arrival
-        """
+        """Send a frame, for all receivers."""
         grid = self._drawn_once(trial)
         return Arrival(self._cell(snr_db, trial), self._labels, grid, self._system, self._channel)
 
@@ -176,15 +156,6 @@ def user_scenes(suite: LinkSuite, system: System) -> list[UserScene]:
     What would fail in every cell of a channel or a receiver is refused. Of a
     channel that moves only the first fade is looked at; a later one with more
     Doppler fails in its own cells.
-
-    Parameters
-    ----------
-    suite : LinkSuite
-    system : System
-
-    Returns
-    -------
-    list of UserScene
 
     Raises
     ------

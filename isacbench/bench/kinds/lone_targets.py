@@ -40,10 +40,6 @@ MOST_DEVIATIONS = 3.0
 def measure_lone_scatterers(shot: MeasuredImage) -> dict[str, Any]:
     """Measure an image of lone scatterers.
 
-    Parameters
-    ----------
-    shot : MeasuredImage
-
     Returns
     -------
     dict

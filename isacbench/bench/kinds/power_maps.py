@@ -107,11 +107,6 @@ def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
         ``close-targets``: two targets two to four cells apart.
         ``interferers``: six of them two to four cells around each target. In
         both, false alarms are counted up to four cells around targets.
-    trial, seed : int
-
-    Returns
-    -------
-    PowerMap
     """
     layout = MAPS[name](random_stream(name, trial, seed, "layout"))
     shape, echoes = layout.background.shape, layout.targets | layout.interferers

@@ -250,10 +250,6 @@ def pair(
         By how many Rayleigh cells.
     phase_deg : float
         Phase between the echoes at the centre of resource grid and array.
-
-    Returns
-    -------
-    Scenario
     """
     index = DIMENSIONS.index(dimension)
     places = np.stack([centre, centre])
@@ -273,7 +269,6 @@ def measure_resolution(dimension: Dimension, shot: MeasuredImage) -> dict[str, A
     ----------
     dimension : {"range", "velocity", "u", "w"}
         In which they differ.
-    shot : MeasuredImage
 
     Returns
     -------

@@ -57,7 +57,6 @@ class Entry(Generic[Plugin]):
         In the column ``estimator``.
     params : str
         Canonical JSON.
-    plugin : Estimator, Detector or OneTap
     labels : mapping of str to Any
         Further columns that tell it from others.
     """
@@ -74,10 +73,6 @@ class Entry(Generic[Plugin]):
         ----------
         of : Cell
             Key that it shares with the other entries.
-
-        Returns
-        -------
-        Cell
         """
         return dataclasses.replace(of, estimator=self.name, params=self.params)
 
@@ -119,10 +114,6 @@ class SharedObservation(ABC):
     def meet(self, entry: Entry[Any]) -> Outcome:
         """Let an entry work on the observation.
 
-        Parameters
-        ----------
-        entry : Entry
-
         Returns
         -------
         Outcome
@@ -137,7 +128,6 @@ class SharedObservation(ABC):
 
         Parameters
         ----------
-        entry : Entry
         met : Outcome
             Of the entry when it met the observation.
         n : int
@@ -158,15 +148,8 @@ class SharedObservation(ABC):
 
         Parameters
         ----------
-        entry : Entry
-        status : str
-        reason : str
         time_s : float
             Until it failed.
-
-        Returns
-        -------
-        Outcome
         """
         return self._labelled(entry, failure(entry.cell(self.cell), status, reason, self.n_true, time_s))
 
@@ -203,7 +186,6 @@ class Scene(ABC):
 
     Parameters
     ----------
-    suite : Suite
     name : str
         Unique in a run.
     entries : sequence of Entry
@@ -238,17 +220,7 @@ class Scene(ABC):
 
     @abstractmethod
     def observe(self, snr_db: float, trial: int) -> SharedObservation:
-        """Observe once, for all entries.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial : int
-
-        Returns
-        -------
-        SharedObservation
-        """
+        """Observe once, for all entries."""
 
     def forget(self) -> None:
         """Let go of what was kept for further observations."""
@@ -256,10 +228,6 @@ class Scene(ABC):
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Tabulate the scatterers that were drawn; by default none.
-
-        Parameters
-        ----------
-        n_trials : int
 
         Returns
         -------
@@ -282,7 +250,6 @@ class SharedImage(SharedObservation):
     ----------
     scenario : Scenario
         With the scatterers that were observed.
-    observation : Observation
     measure : callable or None
         Measures further columns of an image.
     metrics : Metrics
@@ -338,12 +305,10 @@ class ImagedScene(Scene):
 
     Parameters
     ----------
-    suite : Suite
     scenario : Scenario
         The scene, or what draws have in common.
     entries : sequence of Entry
         Estimators.
-    snr_db : sequence of float
     name : str, optional
         Of the scene, where one scenario makes several.
     draw : callable, optional
@@ -393,17 +358,7 @@ class ImagedScene(Scene):
         return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
 
     def observe(self, snr_db: float, trial: int) -> SharedImage:
-        """Observe once, for all estimators.
-
-        Parameters
-        ----------
-        snr_db : float
-        trial : int
-
-        Returns
-        -------
-        SharedImage
-        """
+        """Observe once, for all estimators."""
         simulator = self._drawn_once(trial if self.is_drawn else 0)
         return SharedImage(
             self._cell(snr_db, trial),
@@ -416,10 +371,6 @@ class ImagedScene(Scene):
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Tabulate the scatterers of the first trials, none where every trial has the same.
-
-        Parameters
-        ----------
-        n_trials : int
 
         Returns
         -------
@@ -438,29 +389,12 @@ class ImagedScene(Scene):
         return pd.concat(tables, ignore_index=True)[DRAW_COLUMNS]
 
     def drawn(self, trial: int) -> Scenario:
-        """Scenario of a trial.
-
-        Parameters
-        ----------
-        trial : int
-
-        Returns
-        -------
-        Scenario
-        """
+        """Scenario of a trial."""
         return self.template if self._draw is None else self._draw(trial)
 
 
 def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
     """Build the estimators of a suite, every variant of its grids.
-
-    Parameters
-    ----------
-    suite : Suite
-
-    Returns
-    -------
-    list of Entry
 
     Raises
     ------
@@ -479,13 +413,8 @@ def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
 
     Parameters
     ----------
-    plugin : Estimator, Detector or OneTap
     **labels : Any
         Further columns that tell it from others.
-
-    Returns
-    -------
-    Entry
     """
     params = canonical_params(plugin)
     return Entry(plugin.name, params, plugin, {"label": variant_label(plugin.name, params), **labels})
@@ -500,10 +429,6 @@ def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) ->
         ``"estimator"``, ``"detector"`` or ``"receiver"``.
     written : iterable of (str, Entry)
         Entries with what the suite writes for each.
-
-    Returns
-    -------
-    list of Entry
 
     Raises
     ------
@@ -542,7 +467,6 @@ def element_snrs_db(suite: Suite, gain: float) -> list[float]:
 
     Parameters
     ----------
-    suite : Suite
     gain : float
         Of the scene, in dB.
 

@@ -33,7 +33,6 @@ class EntryKey(NamedTuple):
 
     Attributes
     ----------
-    name, params : str
     owner : tuple of str
         Its classes that are not of isacbench: they have a process of their own.
     """
@@ -49,10 +48,8 @@ class Job:
 
     Attributes
     ----------
-    suite : Suite
     scenarios : mapping of str to Scenario
         By name.
-    plugins : tuple of PluginFile
     """
 
     suite: Suite
@@ -127,14 +124,6 @@ class Job:
 
 def load_job(suite: Suite) -> Job:
     """Load the scenarios of a suite, and take the plugins from files that are registered.
-
-    Parameters
-    ----------
-    suite : Suite
-
-    Returns
-    -------
-    Job
 
     Raises
     ------

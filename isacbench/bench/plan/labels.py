@@ -44,14 +44,6 @@ def find_limits(records: pd.DataFrame) -> set[str]:
 def variant_label(name: str, params: str) -> str:
     """Name an estimator, detector or receiver by itself: with the parameters that differ from the defaults.
 
-    Parameters
-    ----------
-    name, params : str
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> variant_label("oracle", '{"cell":0.5}'), variant_label("unknown", "{}")

@@ -32,8 +32,6 @@ class Block(NamedTuple):
     ----------
     scene : int
         Index of the scene.
-    trial : int
-    snr_db : float
     entries : tuple of int
         Indices into the scene's entries, those that have not met it yet.
     """
@@ -54,14 +52,6 @@ class Shard(NamedTuple):
     def parse(cls, text: str) -> Shard:
         """Parse ``k/n``.
 
-        Parameters
-        ----------
-        text : str
-
-        Returns
-        -------
-        Shard
-
         Raises
         ------
         InputError
@@ -80,13 +70,7 @@ class Shard(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Every cell of a run: scene by scene, trial by trial, SNR by SNR, entry by entry.
-
-    Attributes
-    ----------
-    scenes : sequence of Scene
-    n_trials : int
-    """
+    """Every cell of a run: scene by scene, trial by trial, SNR by SNR, entry by entry."""
 
     scenes: Sequence[Scene]
     n_trials: int
@@ -147,10 +131,6 @@ class Plan:
     def shard(self, shard: Shard) -> NDArray[np.bool_]:
         """Mark the cells of a part of the run: whole trials of a scene, if there are enough.
 
-        Parameters
-        ----------
-        shard : Shard
-
         Returns
         -------
         ndarray of bool, shape (n_cells,)
@@ -180,12 +160,7 @@ class Plan:
 
 
 class BlockQueue:
-    """Blocks for several workers: each continues its own trial of a scene, whose echo and noise it has kept.
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-    """
+    """Blocks for several workers: each continues its own trial of a scene, of which it keeps echo and noise."""
 
     def __init__(self, blocks: Sequence[Block]) -> None:
         self._lock = Lock()

@@ -424,10 +424,6 @@ def load_run(folder: str | Path) -> Run:
     folder : str or Path
         Folder that `isacbench run`, or `isacbench.run` with `out`, wrote.
 
-    Returns
-    -------
-    Run
-
     Raises
     ------
     InputError

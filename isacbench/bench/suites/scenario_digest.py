@@ -56,10 +56,6 @@ def canonical_json(content: Any) -> str:
     ----------
     content : Any
         In terms of JSON.
-
-    Returns
-    -------
-    str
     """
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
@@ -88,10 +84,6 @@ def digest(content: Any) -> str:
 def scenario_digest(scenario: Scenario) -> str:
     """Digest of everything that determines the observations of a scenario; its name seeds the noise.
 
-    Parameters
-    ----------
-    scenario : Scenario
-
     Returns
     -------
     str
@@ -107,10 +99,6 @@ def scenario_digest(scenario: Scenario) -> str:
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     """Describe a scenario without its scatterers, which the truth holds.
-
-    Parameters
-    ----------
-    scenario : Scenario
 
     Returns
     -------
@@ -138,15 +126,10 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
 
     Parameters
     ----------
-    name : str
     described : mapping of str to Any
         As `describe_scenario` returns it.
     truth : DataFrame
         Rows of this scenario, as `truth_table` returns them.
-
-    Returns
-    -------
-    Scenario
     """
     points = truth[POINT_COLUMNS].to_numpy()
     with warned_before():
@@ -169,10 +152,6 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
 
 def truth_table(scenario: Scenario) -> pd.DataFrame:
     """Tabulate the scatterers of a scenario.
-
-    Parameters
-    ----------
-    scenario : Scenario
 
     Returns
     -------

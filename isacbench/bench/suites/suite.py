@@ -44,10 +44,6 @@ Item = TypeVar("Item")
 def refuse_repeats(values: tuple[Item, ...]) -> tuple[Item, ...]:
     """Refuse a repeated entry, which would yield two rows with the same key.
 
-    Parameters
-    ----------
-    values : tuple
-
     Returns
     -------
     tuple
@@ -78,7 +74,6 @@ class Suite(BaseModel):
     kind : str
         A name in `isacbench.bench.suites.suite_kinds.KINDS`: what is made of the scenarios and
         measured. Kinds with keys of their own have a class of their own.
-    name : str
     scenarios : tuple of str
         Names of built-in scenarios, or paths that end in ``.toml``.
     estimators : tuple of str
@@ -146,10 +141,6 @@ class Suite(BaseModel):
         estimators : iterable of str or Estimator
             Specifications, or objects.
 
-        Returns
-        -------
-        Suite
-
         Raises
         ------
         InputError
@@ -170,10 +161,6 @@ class Suite(BaseModel):
         ----------
         **changes : Any
             Values by key; None keeps the value.
-
-        Returns
-        -------
-        Suite
 
         Raises
         ------
@@ -206,10 +193,6 @@ def find_suite(name_or_path: str | Path) -> Path:
     name_or_path : str or Path
         Built-in name, or path.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError
@@ -220,14 +203,6 @@ def find_suite(name_or_path: str | Path) -> Path:
 
 def parse_snr(text: str) -> tuple[float, ...]:
     """Parse SNRs in dB: ``start:stop:step`` with both ends, a list ``-5,0,10``, or one number.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    tuple of float
 
     Raises
     ------

@@ -51,14 +51,6 @@ class _KindOnly(BaseModel):
 def kind_of(suite: Suite) -> Kind:
     """Look up the kind of a suite.
 
-    Parameters
-    ----------
-    suite : Suite
-
-    Returns
-    -------
-    Kind
-
     Raises
     ------
     InputError
@@ -76,7 +68,6 @@ def with_metrics(suite: S, further: str | Iterable[str]) -> S:
 
     Parameters
     ----------
-    suite : Suite
     further : str or iterable of str
         As ``name[param=value,...]``.
 
@@ -124,14 +115,6 @@ def load_suite(name_or_path: str | Path) -> Suite:
 
 def restore_suite(content: Mapping[str, Any]) -> Suite:
     """Build a suite from the result of its ``model_dump``; a missing kind is ``imaging``.
-
-    Parameters
-    ----------
-    content : mapping of str to Any
-
-    Returns
-    -------
-    Suite
 
     Raises
     ------

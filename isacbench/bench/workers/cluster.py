@@ -55,7 +55,6 @@ def work_on_cluster(
     ----------
     job : Job
         Sent to the workers with all its content.
-    blocks : sequence of Block
     guard : Guard
         Limits of every cell.
     address : str
@@ -118,11 +117,6 @@ def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, 
     ----------
     pieces : deque of tuple of Block
         Not empty; what is taken is removed from it.
-    n_wanted : int
-
-    Returns
-    -------
-    tuple of Block
 
     Examples
     --------

@@ -42,7 +42,6 @@ class WorkOrder:
     ----------
     token : str
         Name by which workers know the run again.
-    packed_job : bytes
     guard : Guard
         Limits of every cell.
     versions : mapping of (str, str) to Any
@@ -59,18 +58,7 @@ class WorkOrder:
 
     @classmethod
     def of_job(cls, job: Job, guard: Guard, mix_versions: bool = False) -> WorkOrder:
-        """Make the order for a job, with the versions of this process.
-
-        Parameters
-        ----------
-        job : Job
-        guard : Guard
-        mix_versions : bool
-
-        Returns
-        -------
-        WorkOrder
-        """
+        """Make the order for a job, with the versions of this process."""
         job.parts  # noqa: B018  which the worker itself cannot make, for it imports no plugin
         packed = zlib.compress(pickle.dumps(job))
         return cls(uuid.uuid4().hex, packed, guard, versions_now(job.plan), mix_versions)
@@ -78,10 +66,6 @@ class WorkOrder:
     @contextmanager
     def lane(self) -> Iterator[Lane]:
         """Start a guarded process for the cells of the order, which ends with the context.
-
-        Yields
-        ------
-        Lane
 
         Raises
         ------
@@ -143,15 +127,6 @@ def _undo_nanny() -> None:
 def work(order: WorkOrder, blocks: Sequence[Block]) -> Batch:
     """Work off blocks until `BATCH_S` is over: the Dask task.
 
-    Parameters
-    ----------
-    order : WorkOrder
-    blocks : sequence of Block
-
-    Returns
-    -------
-    Batch
-
     Raises
     ------
     InputError
@@ -171,10 +146,6 @@ def work(order: WorkOrder, blocks: Sequence[Block]) -> Batch:
 async def check_worker(order: WorkOrder) -> None:
     """Start a process as `work` does, at the same time as the worker's tasks, to find out whether it can.
 
-    Parameters
-    ----------
-    order : WorkOrder
-
     Raises
     ------
     InputError
@@ -184,11 +155,6 @@ async def check_worker(order: WorkOrder) -> None:
 
 
 async def stop(token: str) -> None:
-    """End all processes of an order, at the same time as the worker's tasks.
-
-    Parameters
-    ----------
-    token : str
-    """
+    """End all processes of an order, at the same time as the worker's tasks."""
     for lane in _busy.pop(token, set()):
         await asyncio.to_thread(lane.stop)

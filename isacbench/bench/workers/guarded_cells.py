@@ -79,8 +79,6 @@ class Lane:
 
     Parameters
     ----------
-    job : Job
-    guard : Guard
     repeats : int, optional
         Number of timed repeats of each estimate (`isacbench.bench.cells.timing`);
         without it times are not measured for comparison.

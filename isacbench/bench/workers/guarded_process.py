@@ -135,8 +135,6 @@ class GuardedProcess:
 
         Parameters
         ----------
-        function : callable
-        *args : object
         timeout_s : float or None
             Longest time in s, counted once the process is ready.
 

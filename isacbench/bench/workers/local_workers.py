@@ -24,14 +24,8 @@ def work_here(job: Job, blocks: Sequence[Block], repeats: int | None = None) -> 
 
     Parameters
     ----------
-    job : Job
-    blocks : sequence of Block
     repeats : int, optional
         How often each estimate is timed; without it times do not count.
-
-    Yields
-    ------
-    Made
     """
     workbench = Workbench(job, repeats)
     for block in blocks:
@@ -45,16 +39,10 @@ def work_alone(job: Job, blocks: Sequence[Block], guard: Guard, repeats: int) ->
 
     Parameters
     ----------
-    job : Job
-    blocks : sequence of Block
     guard : Guard
         Limits of every cell.
     repeats : int
         How often each estimate is timed.
-
-    Yields
-    ------
-    Made
     """
     with Lane(job, guard, repeats) as lane:
         yield from lane.work(blocks)
@@ -65,8 +53,6 @@ def work_guarded(job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int) -
 
     Parameters
     ----------
-    job : Job
-    blocks : sequence of Block
     guard : Guard
         Limits of every cell.
     n_jobs : int

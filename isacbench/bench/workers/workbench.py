@@ -34,10 +34,6 @@ def is_to_time(made: Made, repeats: int | None) -> bool:
         Outcome of its first call.
     repeats : int, optional
         Number of repeats; without it times do not count.
-
-    Returns
-    -------
-    bool
     """
     return repeats is not None and made.outcome.record.status in SCORED
 
@@ -47,7 +43,6 @@ class Workbench:
 
     Parameters
     ----------
-    job : Job
     repeats : int, optional
         How often each estimate is timed (`isacbench.bench.cells.timing`); without it
         times do not count.
@@ -68,10 +63,6 @@ class Workbench:
     @one_blas_thread()
     def observe(self, block: Block) -> list[Made]:
         """Observe what the cells of a block share.
-
-        Parameters
-        ----------
-        block : Block
 
         Returns
         -------
@@ -112,13 +103,8 @@ class Workbench:
 
         Parameters
         ----------
-        entry : int
         met : Made
             Outcome of `image`.
-
-        Returns
-        -------
-        Made
         """
 
         def meet_again(chosen: Entry[Any], seed_generators: Callable[[], None]) -> Outcome:
@@ -132,15 +118,8 @@ class Workbench:
 
         Parameters
         ----------
-        entry : int
-        status : CellStatus
-        reason : str
         time_s : float
             Time until the failure in s.
-
-        Returns
-        -------
-        Made
         """
         chosen = self._entry(entry)
         return self._made(self._shared.failure_row(chosen, status, reason, time_s), chosen)
@@ -151,16 +130,7 @@ class Workbench:
         self.observe(self._block)
 
     def work(self, block: Block) -> Iterator[Made]:
-        """Work off a block, without any guard.
-
-        Parameters
-        ----------
-        block : Block
-
-        Yields
-        ------
-        Made
-        """
+        """Work off a block, without any guard."""
         self.observe(block)
         for entry in block.entries:
             made = self.image(entry)

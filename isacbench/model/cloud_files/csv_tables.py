@@ -47,7 +47,6 @@ class CsvTable:
 
     Attributes
     ----------
-    path : Path
     lines : list of str
         One a row.
     numbers : list of int

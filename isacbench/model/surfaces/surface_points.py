@@ -52,7 +52,6 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
     ----------
     triangles : ndarray of float64, shape (m, 3, 3)
         Corners; the right-hand rule gives their outer side.
-    spacing_m : float
 
     Returns
     -------

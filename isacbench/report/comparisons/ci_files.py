@@ -41,10 +41,6 @@ MAX_LINE = 600
 def comparison_markdown(comparison: Comparison) -> str:
     """Write a comparison as Markdown of bounded length.
 
-    Parameters
-    ----------
-    comparison : Comparison
-
     Returns
     -------
     str
@@ -73,21 +69,12 @@ def incomparable_markdown(base: str, new: str, reasons: Sequence[str]) -> str:
     ----------
     base, new : str
         Folders of the runs.
-    reasons : sequence of str
-
-    Returns
-    -------
-    str
     """
     return _bounded([*_head("not comparable"), *_items([f"base {base}", f"new {new}", *reasons])])
 
 
 def comparison_junit(comparison: Comparison) -> str:
     """Write a comparison as JUnit XML.
-
-    Parameters
-    ----------
-    comparison : Comparison
 
     Returns
     -------
@@ -121,11 +108,6 @@ def incomparable_junit(base: str, new: str, reasons: Sequence[str]) -> str:
     ----------
     base, new : str
         Folders of the runs.
-    reasons : sequence of str
-
-    Returns
-    -------
-    str
     """
     root = _root()
     suite = _suite(root, "comparable")

@@ -39,7 +39,6 @@ def compared_rows(comparison: Comparison, tolerance: Tolerance) -> tuple[pd.Data
 
     Parameters
     ----------
-    comparison : Comparison
     tolerance : Tolerance
         Of the score.
 
@@ -57,10 +56,6 @@ def compared_rows(comparison: Comparison, tolerance: Tolerance) -> tuple[pd.Data
 
 def comparison_grids(comparison: Comparison) -> list[Table]:
     """Lay out every curve of a comparison, and the points that got worse or better.
-
-    Parameters
-    ----------
-    comparison : Comparison
 
     Returns
     -------
@@ -80,10 +75,6 @@ def comparison_grids(comparison: Comparison) -> list[Table]:
 
 def effect_lines(comparison: Comparison) -> list[str]:
     """Write the effect on each score in a line: both means, the change, and where it is better.
-
-    Parameters
-    ----------
-    comparison : Comparison
 
     Returns
     -------
@@ -116,16 +107,7 @@ def effect_lines(comparison: Comparison) -> list[str]:
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:
-    """Write what tables do not show: cells that one side alone has, and what was not compared.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    list of str
-    """
+    """Write what tables do not show: cells that one side alone has, and what was not compared."""
     said = Wording(comparison)
     lines = [SCENE_LINE] if comparison.unit == "scene" else []
     lines += [
@@ -138,11 +120,6 @@ def comparison_lines(comparison: Comparison) -> list[str]:
 
 def changed_cells(comparison: Comparison, said: Wording) -> list[tuple[pd.DataFrame, str]]:
     """List the cells that one side alone delivered, with words for them.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    said : Wording
 
     Returns
     -------
@@ -159,30 +136,12 @@ def changed_cells(comparison: Comparison, said: Wording) -> list[tuple[pd.DataFr
 
 
 def comparison_summary(comparison: Comparison) -> str:
-    """Write the outcome in one line, with the counts of verdicts.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Write the outcome in one line, with the counts of verdicts."""
     return f"{Wording(comparison).outcome}: {outcome_counts(comparison)}"
 
 
 def outcome_counts(comparison: Comparison) -> str:
-    """Count verdicts of curves and points, and lost cells and scores.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Count verdicts of curves and points, and lost cells and scores."""
     said = Wording(comparison)
     points = comparison.points[comparison.points["n_snr"] > 1]
     parts = [
@@ -199,10 +158,6 @@ def outcome_counts(comparison: Comparison) -> str:
 
 def comparison_content(comparison: Comparison) -> dict[str, Any]:
     """Describe a comparison in terms of JSON.
-
-    Parameters
-    ----------
-    comparison : Comparison
 
     Returns
     -------
@@ -235,16 +190,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
 
 
 def json_rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    """Convert a table to rows in terms of JSON, with null for what is missing or not finite.
-
-    Parameters
-    ----------
-    table : DataFrame
-
-    Returns
-    -------
-    list of dict
-    """
+    """Convert a table to rows in terms of JSON, with null for what is missing or not finite."""
     values = table.astype(object).replace([np.inf, -np.inf], None)
     return values.where(values.notna(), None).to_dict("records")
 
@@ -290,16 +236,7 @@ def _scene_grid(scenes: pd.DataFrame, said: Wording) -> Table:
 
 
 def scene_lines(comparison: Comparison) -> list[str]:
-    """Write the scenes that changed most, one line each.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    list of str
-    """
+    """Write the scenes that changed most, one line each."""
     if comparison.scenes.empty:
         return []
     grid = _scene_grid(comparison.scenes, Wording(comparison))
@@ -316,10 +253,6 @@ def win_text(row: Mapping[Hashable, Any]) -> str:
     ----------
     row : mapping
         Curve or point over scenes.
-
-    Returns
-    -------
-    str
     """
     if math.isnan(row["win_probability"]):
         return ""
@@ -328,11 +261,6 @@ def win_text(row: Mapping[Hashable, Any]) -> str:
 
 def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]:
     """Write the numbers of a curve or point.
-
-    Parameters
-    ----------
-    row : mapping
-    tolerance : Tolerance
 
     Returns
     -------
@@ -348,18 +276,7 @@ def change_cells(row: Mapping[Hashable, Any], tolerance: Tolerance) -> list[str]
 
 
 def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wording) -> str:
-    """Write the verdict of a curve or point, of an inconclusive one with the effect that it could have shown.
-
-    Parameters
-    ----------
-    row : mapping
-    tolerance : Tolerance
-    said : Wording
-
-    Returns
-    -------
-    str
-    """
+    """Write the verdict of a curve or point, if inconclusive with the effect that it could have shown."""
     if row["verdict"] != "inconclusive":
         return said.verdict(row["verdict"])
     if not row["n_pairs"]:
@@ -374,14 +291,6 @@ def verdict_text(row: Mapping[Hashable, Any], tolerance: Tolerance, said: Wordin
 
 def signed(number: float) -> str:
     """Write a number with three digits and a sign; zero has none.
-
-    Parameters
-    ----------
-    number : float
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -400,7 +309,6 @@ def cell_lines(cells: pd.DataFrame, what: str, said: Wording) -> list[str]:
         Table of `isacbench.bench.compare.matching.CellChanges`.
     what : str
         Words for them.
-    said : Wording
 
     Returns
     -------

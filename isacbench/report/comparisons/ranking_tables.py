@@ -27,16 +27,7 @@ HEADINGS = {
 
 
 def ranking_grids(ranking: Ranking) -> list[Table]:
-    """Lay out the ranks and the win probabilities of every group, and the worst scenes.
-
-    Parameters
-    ----------
-    ranking : Ranking
-
-    Returns
-    -------
-    list of Table
-    """
+    """Lay out the ranks and the win probabilities of every group, and the worst scenes."""
     found = []
     for group, ranks in ranking.ranks.groupby("group", sort=False):
         wins = ranking.wins[ranking.wins["group"] == group]
@@ -47,16 +38,7 @@ def ranking_grids(ranking: Ranking) -> list[Table]:
 
 
 def ranking_lines(ranking: Ranking) -> list[str]:
-    """Write what the tables do not show: what was left out, and what sets are.
-
-    Parameters
-    ----------
-    ranking : Ranking
-
-    Returns
-    -------
-    list of str
-    """
+    """Write what the tables do not show: what was left out, and what sets are."""
     return [
         *ranking.notes,
         "of fewer than six scenes, nothing can be said of unseen ones"
@@ -69,10 +51,6 @@ def ranking_lines(ranking: Ranking) -> list[str]:
 
 def ranking_content(ranking: Ranking) -> dict[str, Any]:
     """Describe a ranking in terms of JSON.
-
-    Parameters
-    ----------
-    ranking : Ranking
 
     Returns
     -------

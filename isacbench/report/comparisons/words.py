@@ -15,10 +15,6 @@ if TYPE_CHECKING:
 class Wording:
     """Names and sentences of one comparison.
 
-    Parameters
-    ----------
-    comparison : Comparison
-
     Attributes
     ----------
     heads : (str, str)
@@ -70,10 +66,6 @@ class Wording:
         ----------
         verdict : str
             One of `isacbench.bench.compare.verdicts.VERDICTS`.
-
-        Returns
-        -------
-        str
         """
         return self._verdicts.get(verdict, verdict)
 

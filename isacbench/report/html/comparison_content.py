@@ -37,7 +37,6 @@ def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[s
 
     Parameters
     ----------
-    comparison : Comparison
     joined : JoinedRuns
         The compared runs with all estimators named after their run, or the only run.
 

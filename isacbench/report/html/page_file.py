@@ -43,8 +43,6 @@ def write_page(path: Path, title: str, content: dict[str, Any], clouds: bytes) -
 
     Parameters
     ----------
-    path : Path
-    title : str
     content : dict
         In terms of JSON, as `isacbench.report.html.page_content.page_content` makes it.
     clouds : bytes
@@ -75,10 +73,6 @@ def write_page(path: Path, title: str, content: dict[str, Any], clouds: bytes) -
 
 def numbers(values: ArrayLike) -> list[float | None]:
     """Write numbers for JSON, with six significant digits.
-
-    Parameters
-    ----------
-    values : array_like
 
     Returns
     -------
