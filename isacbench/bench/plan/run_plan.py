@@ -160,7 +160,7 @@ class Plan:
 
 
 class BlockQueue:
-    """Blocks for several workers: each continues its own trial of a scene, of which it keeps echo and noise."""
+    """Blocks for several workers: each goes on with its own trial of a scene, whose echo it keeps."""
 
     def __init__(self, blocks: Sequence[Block]) -> None:
         self._lock = Lock()
