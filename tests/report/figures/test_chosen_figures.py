@@ -147,9 +147,7 @@ def test_of_very_many_estimators_the_best_show_their_work(run_of, quick_figures,
     stored.records.loc[stored.records["params"].str.contains('"detects":true'), "deviation"] = 0.0
     monkeypatch.setattr(chosen_figures, "read_results", lambda _: stored)
     names = names_of(draw_chosen(folder, FigureChoice(trial=1)))
-    assert [name for name in names if name.startswith("rdm")] == [
-        "rdm-tiny-shower-detects-true-10dB-trial1.png"
-    ]
+    assert [name for name in names if name.startswith("rdm")] == ["rdm-tiny-shower-10dB-trial1.png"]
 
 
 def test_what_a_run_has_not_and_no_format_are_refused_with_what_is_allowed(run_of):
