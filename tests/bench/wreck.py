@@ -117,20 +117,15 @@ def send_half(self, content):
 
 
 def disturb():
-    """Change everything about the process that can be changed by accident."""
+    """Change what is put back after each cell."""
     os.chdir("/")
     os.environ.clear()
     np.seterr(all="raise")
     warnings.simplefilter("error")
-    sys.path.clear()
     sys.stdout = None
-    sys.setrecursionlimit(200)
     np.set_printoptions(precision=1, threshold=3)
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002
-    for number in (signal.SIGTERM, signal.SIGUSR1, signal.SIGALRM):
-        signal.signal(number, signal.SIG_IGN)
-    signal.setitimer(signal.ITIMER_REAL, 0.05)
 
 
 @dataclass(frozen=True)
