@@ -18,7 +18,6 @@ from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steeri
 from isacbench.dsp.angles.planar_spectra import squared_projections
 from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.bounds.deterministic_bounds import tone_std_bins
 from isacbench.dsp.partial_dft import doppler_rows, range_rows
 from isacbench.errors import InputError
 from isacbench.link.waveform.figures_of_merit import hard_decision_capacity, papr_ccdf
@@ -73,7 +72,6 @@ DOORS = {
     "directions of steering vectors": lambda make: steering(4, make(np.ones(2))),
     "places of kernels": lambda make: dirichlet(np.ones(2), make(np.ones(2)), 4),
     "elements": lambda make: EMPTY.array.in_frame(make(np.ones((2, 2), int))),
-    "signal-to-noise ratios": lambda make: tone_std_bins(8, make(np.ones(2))),
     "bit error rates": lambda make: hard_decision_capacity(make(np.zeros(2))),
     "levels of noise": lambda make: awgn_ber("qpsk", make(np.zeros(2))),
     "peak-to-average power ratios": lambda make: papr_ccdf(make(np.zeros(2)), 8),

@@ -30,10 +30,13 @@ from isacbench.report.figures import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from isacbench.charts import Variant
 
     Floats = NDArray[np.float64]
     Axes3D = Any  # mpl_toolkits has no types
@@ -61,6 +64,9 @@ FLATTEST = 0.1
 AXES = "xyz"
 BAR_LABEL = "radial velocity [m/s], approaching > 0"
 
+MOST_CLOUDS = 16
+"""Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
+
 
 class Image(NamedTuple):
     """An estimated cloud, and a note that says how good it is or why it is empty."""
@@ -78,6 +84,16 @@ class _Scene(NamedTuple):
     colours: ScalarMappable
     has_velocities: bool
     radius_m: float
+
+
+def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
+    """Choose the estimators of a scenario whose clouds are drawn: those of least mean deviation."""
+    if len(candidates) <= MOST_CLOUDS:
+        return list(candidates)
+    means = rows.groupby(["estimator", "params"], sort=False)["deviation"].mean()
+    # What failed throughout has no mean, and comes last.
+    best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
+    return [variant for variant in candidates if variant in best]
 
 
 def draw_clouds(

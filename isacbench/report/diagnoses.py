@@ -16,8 +16,8 @@ from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser, Estimator
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
+from isacbench.report.clouds import best_variants
 from isacbench.report.figures import THRESHOLD, draw_charts, drawable, new_figure
-from isacbench.report.run_report import best_variants
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

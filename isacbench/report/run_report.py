@@ -26,7 +26,7 @@ from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
-from isacbench.report.clouds import Image, draw_clouds, draw_comparison
+from isacbench.report.clouds import Image, best_variants, draw_clouds, draw_comparison
 from isacbench.report.diagnoses import diagnosis_figures
 from isacbench.report.figures import draw_charts, drawable, save, styled
 from isacbench.report.html.written_pages import write_run_page
@@ -65,9 +65,6 @@ FOLDER = "figures"
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 CLOUDS_A_FIGURE = 4
 CELL = ["estimator", "params", "snr_db"]
-MOST_CLOUDS = 16
-"""Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
-
 MOST_WORST = 6
 """Most estimators whose worst scene is drawn."""
 
@@ -185,16 +182,6 @@ def cloud_figures(
         heading = f"{title}, trial {trial}"
         figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
         yield f"{stem}{suffix}", figure
-
-
-def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
-    """Choose the estimators of a scenario whose clouds are drawn: those of least mean deviation."""
-    if len(candidates) <= MOST_CLOUDS:
-        return list(candidates)
-    means = rows.groupby(["estimator", "params"], sort=False)["deviation"].mean()
-    # What failed throughout has no mean, and comes last.
-    best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
-    return [variant for variant in candidates if variant in best]
 
 
 def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:

@@ -8,7 +8,7 @@ import pytest
 
 from isacbench import load_scenario
 from isacbench.model.scenes.scene_families import FAMILIES
-from isacbench.report.figures import file_stems
+from isacbench.files.file_names import file_stems
 
 COMMANDS = {
     "scene": ["scene"],

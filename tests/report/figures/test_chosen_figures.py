@@ -11,7 +11,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import get_estimator
-from isacbench.report import diagnoses, run_report
+from isacbench.report import clouds, diagnoses, run_report
 from isacbench.report.figures import new_figure
 from isacbench.report.run_report import FigureChoice, draw_chosen
 
@@ -141,7 +141,7 @@ def test_a_diagnosis_that_fails_costs_its_own_figures_alone(run_of, quick_figure
 
 
 def test_of_very_many_estimators_the_best_show_their_work(run_of, quick_figures, monkeypatch):
-    monkeypatch.setattr(run_report, "MOST_CLOUDS", 1)
+    monkeypatch.setattr(clouds, "MOST_CLOUDS", 1)
     folder = run_of("blob", "shower[detects=false]", "shower")
     run = Run.open(folder)
     run.rows.loc[run.rows["params"].str.contains('"detects":true'), "deviation"] = 0.0

@@ -17,7 +17,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
 from isacbench.metrics.one_to_one import Curve
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.report import run_report
+from isacbench.report import clouds, run_report
 from isacbench.report.figures import new_figure
 from isacbench.report.run_report import draw_run, radius_charts
 
@@ -154,7 +154,7 @@ def test_clouds_leave_out_what_sees_the_truth_and_go_on_in_another_figure(run_of
 def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_says_so(
     run_of, drawn, monkeypatch
 ):
-    monkeypatch.setattr(run_report, "MOST_CLOUDS", 2)
+    monkeypatch.setattr(clouds, "MOST_CLOUDS", 2)
     run = run_of("blob[n=1]", "trouble", "blob[n=3]", "blob[n=2]", trials=2)
     draw_run(run)
     ((title, _, _, columns, *_),) = drawn["clouds"]
