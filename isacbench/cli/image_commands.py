@@ -177,8 +177,8 @@ def simulate_command(
 ) -> None:
     """Write the full frame of a scenario; its image is that of the same SNR, trial and seed."""
     require_names([scenario])
+    from isacbench.cubes import write_cube
     from isacbench.cubes.simulating import FrameSimulator
-    from isacbench.cubes.writing import write_cube
     from isacbench.model.scenes.scenario import load_scenario
 
     dtype = _dtype(precision)

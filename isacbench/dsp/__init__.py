@@ -4,7 +4,6 @@ __all__ = [
     "angles",
     "array_types",
     "bounds",
-    "bursts",
     "cell_detection",
     "cfar",
     "detection",
@@ -15,6 +14,5 @@ __all__ = [
     "scaling",
     "scatterers",
     "sparse_bayes",
-    "stable_order",
     "windows",
 ]

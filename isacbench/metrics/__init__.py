@@ -1,11 +1,3 @@
 """Metrics: scores of a point cloud against the truth."""
 
-__all__ = [
-    "descriptions",
-    "geometry",
-    "gospa",
-    "object_scores",
-    "one_to_one",
-    "paper",
-    "realisations",
-]
+__all__ = ["descriptions", "geometry", "object_scores", "one_to_one", "paper", "realisations"]

@@ -1,3 +1,3 @@
 """Reports: tables, figures and texts of runs, comparisons and images."""
 
-__all__ = ["comparisons", "drawing", "figures", "run_report", "tables", "texts"]
+__all__ = ["clouds", "comparisons", "findings", "run_report", "tables"]

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import Diagnosis, Spectrum
-    from isacbench.report.run_report import NamedFigure
 
     Floats = NDArray[np.floating]
 
@@ -97,7 +96,7 @@ def warn_of_fault(label: str, error: Exception) -> None:
     warnings.warn(f"no map and no spectra of {label}: {reason}", InputWarning, stacklevel=3)
 
 
-def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[NamedFigure]:
+def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[tuple[str, Figure]]:
     """Draw map and spectra of every estimator that shows its work, by the stems of their files."""
     diagnoses = Diagnoses(run, snr_db, trial)
     found = [diagnoses.of(scenario, variant) for variant in diagnoses.variants(scenario)]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from isacbench import load_scenario
-from isacbench.model.scenes.scene_families import FAMILIES
 from isacbench.files.file_names import file_stems
+from isacbench.model.scenes.scene_families import FAMILIES
 
 COMMANDS = {
     "scene": ["scene"],

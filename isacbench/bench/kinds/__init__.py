@@ -1,1 +1,14 @@
 """The kinds of suites, a file each: what is planned, measured, summarised, tabulated and drawn."""
+
+__all__ = [
+    "detection",
+    "efficiency",
+    "imaging",
+    "kind",
+    "link",
+    "population",
+    "ratios",
+    "resolution",
+    "scenes",
+    "scores",
+]

@@ -158,7 +158,8 @@ class LinkKind(Kind):
             for scenario in scenarios.values()
             for name, signal in signals_of(suite).items()
         ]
-        return sensed + user_scenes(suite, _common_system(scenarios))
+        system = _common_system(scenarios)
+        return sensed + user_scenes(suite, suite.channels, suite.receivers, suite.modulations, system)
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.

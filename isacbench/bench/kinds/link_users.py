@@ -26,8 +26,8 @@ from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.record import Cell, Outcome
-    from isacbench.bench.kinds.link import LinkSuite
     from isacbench.bench.kinds.scenes import Entry
+    from isacbench.bench.suites.suite import Suite
     from isacbench.choices import Modulation
     from isacbench.link.reception.channel import Channel
     from isacbench.link.reception.receiver import Reception
@@ -125,7 +125,7 @@ class UserScene(Scene):
 
     def __init__(
         self,
-        suite: LinkSuite,
+        suite: Suite,
         system: System,
         text: str,
         channel: Channel,
@@ -150,7 +150,13 @@ class UserScene(Scene):
         return Arrival(self._cell(snr_db, trial), self._labels, grid, self._system, self._channel)
 
 
-def user_scenes(suite: LinkSuite, system: System) -> list[UserScene]:
+def user_scenes(
+    suite: Suite,
+    channels: Sequence[str],
+    receivers: Sequence[str],
+    modulations: Sequence[Modulation],
+    system: System,
+) -> list[UserScene]:
     """Plan every channel with every modulation.
 
     What would fail in every cell of a channel or a receiver is refused. Of a
@@ -163,21 +169,21 @@ def user_scenes(suite: LinkSuite, system: System) -> list[UserScene]:
         Naming the channel or the receiver that is unknown, the channel that the closed form does not
         hold for, or the receiver that cannot estimate the channel from the PRS.
     """
-    channels: dict[str, Channel] = {text: _built("channel", text, CHANNELS) for text in suite.channels}
-    receivers: dict[str, OneTap] = {text: _built("receiver", text, RECEIVERS) for text in suite.receivers}
-    entries = distinct_entries("receiver", ((text, entry_of(one)) for text, one in receivers.items()))
-    for text, channel in channels.items():
+    built: dict[str, Channel] = {text: _built("channel", text, CHANNELS) for text in channels}
+    equalisers: dict[str, OneTap] = {text: _built("receiver", text, RECEIVERS) for text in receivers}
+    entries = distinct_entries("receiver", ((text, entry_of(one)) for text, one in equalisers.items()))
+    for text, channel in built.items():
         with _named(f"channels: {text!r}"):
             stream = random_stream("channel", 0, suite.seed, channel.name)
             require_closed_form(system, channel.paths(system, stream))
-    for text, receiver in receivers.items():
-        if channels and receiver.knowledge == "prs":
+    for text, receiver in equalisers.items():
+        if built and receiver.knowledge == "prs":
             with _named(f"receivers: {text!r}"):
                 require_estimable(system, receiver.time_order)
     return [
         UserScene(suite, system, text, channel, modulation, entries)
-        for text, channel in channels.items()
-        for modulation in suite.modulations
+        for text, channel in built.items()
+        for modulation in modulations
     ]
 
 

@@ -9,5 +9,4 @@ __all__ = [
     "maximum_likelihood",
     "pursuit",
     "pursuit_moves",
-    "variable_projection",
 ]

@@ -1,9 +1,3 @@
 """Transmitted waveform: resource grid, symbols, spectrum, peaks and rates."""
 
-__all__ = [
-    "figures_of_merit",
-    "ofdm",
-    "power_spectrum",
-    "qam",
-    "resource_grid",
-]
+__all__ = ["figures_of_merit", "qam", "resource_grid"]
