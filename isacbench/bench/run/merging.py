@@ -132,7 +132,7 @@ def _require_one_suite(parts: Sequence[Run]) -> None:
 
 
 def _facts(part: Run) -> Iterator[tuple[str, Any]]:
-    """What must be equal in all parts that have it."""
+    """Facts that must be equal in all parts that have them."""
     manifest, suite = part.manifest, part.suite
     yield from {"suite": suite.name, "kind": suite.kind, "seed": suite.seed}.items()
     metrics = manifest[SCORES]["metrics"]
