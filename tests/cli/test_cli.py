@@ -438,7 +438,6 @@ UNKNOWN_NAMES = [
     ["simulate", "-s", "streat", "-o", "frame.npy"],
     ["stress", "-e", "musicd"],
     ["stress", "-d", "osc"],
-    ["check", "musicd"],
 ]
 
 
