@@ -68,13 +68,6 @@ def test_stages_have_the_precision_they_declare_and_single_moves_no_point_by_mor
     np.testing.assert_allclose(clouds[0], clouds[1], atol=1e-3)
 
 
-@ALL
-def test_a_diagnosis_is_double_whatever_the_precision(estimator):
-    seen = estimator(precision="single").diagnose(observation())
-    assert seen.power.dtype == seen.detection.threshold.dtype == np.float64
-    assert seen.detection.mask.shape == seen.power.shape
-
-
 @pytest.mark.parametrize(
     ("estimator", "precision"),
     [(Music2d, "single"), (Fft4d, "single"), (Esprit2d, "double"), (Music2dJoint, "double")],
