@@ -1,5 +1,6 @@
-"""Scores of two clouds as attributes."""
+"""Scores of two clouds as attributes, and the distance that they share by plain loops."""
 
+import math
 from types import SimpleNamespace
 
 from isacbench.plugins.scoring import score
@@ -12,3 +13,7 @@ def paper_scores(truth, estimate, region=None, velocity_bin_mps=None, **how):
 
 def repository_scores(truth, estimate, region=None):
     return SimpleNamespace(**score(truth, estimate, "repository", region=region))
+
+
+def hausdorff_by_loops(a, b):
+    return max(max(min(math.dist(p, q) for q in right) for p in left) for left, right in ((a, b), (b, a)))

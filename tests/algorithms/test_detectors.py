@@ -14,19 +14,7 @@ from isacbench_algorithms.detectors import (
     TmCfar,
 )
 
-from isacbench import get_detector
 from isacbench.errors import InputError
-from isacbench.plugins.contracts import Detector
-
-ALL = {"ca": CaCfar, "os": OsCfar, "osca": OscaCfar, "goca": GocaCfar, "soca": SocaCfar, "tm": TmCfar}
-
-
-@pytest.mark.parametrize(("name", "detector"), [*ALL.items(), ("fixed", FixedThreshold)])
-def test_detector_is_registered_fulfils_the_contract_and_is_hashable(name, detector):
-    assert detector.name == name
-    assert get_detector(name) == detector()
-    assert isinstance(detector(), Detector)
-    assert hash(detector()) == hash(detector())
 
 
 def test_defaults_are_the_papers_windows_at_1e_minus_3():

@@ -15,6 +15,7 @@ from isacbench.model.kernels import steering
 from isacbench.model.region import Region
 from tests.algorithms.scenes import NOTHING, simulator
 from tests.conftest import slow_but
+from tests.dsp.plane_wave_data import noise
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 
@@ -31,12 +32,6 @@ def everywhere(n_p=16, n_q=16):
     empty = simulator(NOTHING, region=region, array=VirtualArray((1, 1), (n_p, n_q), 1, 1)).observe(0.0)
     scale = np.sqrt(np.mean(np.abs(empty.cells) ** 2))
     return replace(empty, cells=empty.cells / scale)
-
-
-def noise(n, n_p=16, n_q=16, seed=0):
-    """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    return (rng.standard_normal((n, n_p, n_q)) + 1j * rng.standard_normal((n, n_p, n_q))) / np.sqrt(2)
 
 
 def waves_in(estimator, reading, snapshots, levels):
@@ -56,7 +51,7 @@ def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), 
     # Strongest cells 28 dB above the floor, as a detector has it.
     floor = max(1.0, np.mean(np.abs(clean) ** 2) * 10**-2.8)
     min_power = -np.log(estimator.angle_pfa) * floor / (n_p * n_q)
-    snapshots = (clean + noise(n * reading.range_cells, n_p, n_q, seed)).reshape(
+    snapshots = (clean + noise(n * reading.range_cells, n_p, n_q, seed=seed)).reshape(
         n, reading.range_cells, n_p, n_q
     )
     return waves_in(estimator, reading, snapshots, Levels(1.0, floor, min_power))
@@ -154,7 +149,7 @@ def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator,
 def test_no_cells_and_one_cell(estimator, polish):
     method = estimator(polish=polish)
     for reading in method.readings():
-        none = noise(0).reshape(0, reading.range_cells, 16, 16)
+        none = np.empty((0, reading.range_cells, 16, 16), dtype=complex)
         assert len(waves_in(method, reading, none, Levels(1.0, 1.0, 0.1)).found) == 0
         waves = plane_waves(method, [0.3], [-0.2], reading=reading)
         assert misses(waves, [0.3], [-0.2], 0.01) == 0
@@ -164,6 +159,6 @@ def test_no_cells_and_one_cell(estimator, polish):
 def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
     method = estimator()
     for reading in method.readings():
-        snapshots = noise(100 * reading.range_cells).reshape(100, reading.range_cells, 16, 16)
+        snapshots = noise(100 * reading.range_cells, 16, 16).reshape(100, reading.range_cells, 16, 16)
         waves = waves_in(method, reading, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
         assert waves.found.sum() <= 3

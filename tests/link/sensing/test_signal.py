@@ -8,11 +8,6 @@ from isacbench.errors import InputError
 from isacbench.link.sensing.division import Signal
 
 
-def test_the_default_signal_is_plain():
-    assert Signal() == Signal(modulation="qpsk", sensing="all", division="reciprocal", n_id=0)
-    assert Signal().is_plain
-
-
 @pytest.mark.parametrize("modulation", ["qpsk", "16qam", "64qam", "256qam"])
 def test_only_qpsk_on_the_whole_grid_is_plain_whatever_the_division(modulation):
     for sensing, division in itertools.product(["all", "prs"], ["reciprocal", "matched", "wiener"]):

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from isacbench.errors import InputError
 from isacbench.link.waveform.figures_of_merit import frame_rates, hard_decision_capacity
-from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import System
 
@@ -26,14 +25,6 @@ def test_the_prs_takes_a_twentieth_of_the_bits_and_the_prefix_a_fifth_of_the_tim
     # Of critical sampling, a symbol of two bits a sample.
     share = rates.bit_rate_bps / (2 * 491.52e6)
     assert share == pytest.approx((1 - 48 * 512 / (224 * 2048)) / 1.25)
-
-
-def test_rates_grow_with_the_bits_of_a_symbol():
-    qpsk = frame_rates(System(), "qpsk").bit_rate_bps
-    for modulation in MODULATIONS:
-        assert frame_rates(System(), modulation).bit_rate_bps == pytest.approx(
-            qpsk * bits_per_symbol(modulation) / 2
-        )
 
 
 @given(ber=st.floats(0, 1))
