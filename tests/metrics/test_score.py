@@ -112,15 +112,6 @@ def test_a_malformed_array_is_refused_by_name(values, message):
         score([[0, 0, 0, 0]], values)
 
 
-def test_every_column_is_described():
-    for columns in METRICS.values():
-        for name, column in columns.items():
-            assert column.name == name
-            assert column.description
-            assert (column.unit == "m") == (name.endswith("_m") or name == "position")
-            assert "[" not in column.description
-
-
 WITHOUT = {"paper": {"velocity_nmse", "deviation"}, "repository": {"velocity", "deviation"}}
 
 

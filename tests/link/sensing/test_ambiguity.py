@@ -31,15 +31,6 @@ def test_at_whole_bins_it_is_the_transform_of_the_mask_and_the_correlation_of_no
     np.testing.assert_allclose(spread, covariance / covariance[0, 0], atol=1e-12)
 
 
-def test_grating_lobes_stand_every_fourth_doppler_bin_under_the_envelope_of_one_burst():
-    k = np.arange(1, 28)
-    envelope = np.abs(np.sin(12 * np.pi * k / 56) / (12 * np.sin(np.pi * k / 56)))
-    np.testing.assert_allclose(np.abs(point_spread(PAPER, "prs", [0], 4 * k))[0], envelope, atol=1e-12)
-    assert pytest.approx(7.34, abs=0.005) == 4 * VELOCITY_BIN_MPS
-    decibels = 20 * np.log10(envelope[:4])
-    np.testing.assert_allclose(decibels, [-0.66, -2.79, -6.97, -15.78], atol=0.01)
-
-
 def test_between_grating_lobes_four_bursts_cancel_at_whole_doppler_bins():
     spread = np.abs(point_spread(PAPER, "prs", [0], np.arange(1, 112)))[0]
     lobes = np.arange(1, 112) % 4 == 0

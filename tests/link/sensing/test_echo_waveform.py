@@ -9,10 +9,10 @@ from isacbench import get_estimator, load_scenario, observe, score
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
-from isacbench.model.frame import get_frame
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scene import Scatterers
+from tests.algorithms.scenes import EMPTY
 from tests.link.sensing.echo_waveform import echo_symbols, waveform_cells
 
 NEAR = np.array([[1.3, 2.2, 0.4], [5.1, 6.7, 1.9], [8.8, -60.4, 4.6]])
@@ -30,11 +30,10 @@ def scene(xyz=NEAR, velocity=0.0, amplitude=1.0, **system):
     """Scatterers in front of a 4 x 4 array."""
     xyz = np.reshape(xyz, (-1, 3))
     n = len(xyz)
-    return Scenario(
-        name="few",
+    return dataclasses.replace(
+        EMPTY,
         system=System(n_subcarriers=64, n_symbols=8, **system),
         array=VirtualArray((2, 2), (2, 2), 2, 1),
-        frame=get_frame("panel"),
         base_station_m=np.array([5.0, 40.0, 10.0]),
         region=Region((0.0, 10.0), (-70.0, 10.0), (0.0, 5.0), (-200.0, 200.0)),
         scatterers=Scatterers(xyz, np.broadcast_to(velocity, n), np.broadcast_to(amplitude, n)),
