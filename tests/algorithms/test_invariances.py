@@ -1,4 +1,4 @@
-"""Images do not depend on units, precision, memory, threads, last bits, or the order or side of scatterers."""
+"""Images do not depend on units, precision, memory, threads, last bits, or the scatterers' order and side."""
 
 from dataclasses import replace
 from functools import cache

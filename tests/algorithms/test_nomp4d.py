@@ -1,7 +1,6 @@
 """Matching pursuit on scenes of few scatterers: exact, at the bound, wherever the grid lies."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from isacbench import load_scenario, score
 from isacbench.bench.kinds.resolution import pair
 from isacbench.checking.image_checks import ANY_SCALE
 from isacbench.dsp.bounds import single_bound
-from isacbench.dsp.fitting.pursuit import SPLIT_OFFSETS_CELLS
-from isacbench.dsp.fitting.pursuit_moves import are_near
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
@@ -307,12 +304,6 @@ def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(
     image, _ = stress_case(f"map[filled={filled},exponent=0.0]").make(Nomp4d())
     assert len(image.cloud)
     assert ANY_SCALE.measure(image) <= ANY_SCALE.bound
-
-
-def test_half_of_a_failed_split_that_stayed_is_not_split_again_whatever_its_last_digits():
-    centres = np.random.default_rng(0).uniform(0, 30, (50, 4))
-    for centre, step in product(centres, (-SPLIT_OFFSETS_CELLS[0], SPLIT_OFFSETS_CELLS[0])):
-        assert are_near(centre[None] + step, centre[None], nomp4d.TABOO_CELLS)
 
 
 def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):

@@ -129,8 +129,6 @@ def test_scatterers_are_merged_where_all_of_them_fit_into_half_a_cell_and_no_two
 
 def test_a_mirrored_street_has_as_many_merged_scatterers():
     """A lattice would not: its borders lie elsewhere."""
-    import dataclasses
-
     scatterers, (low, high) = STREET.scatterers, STREET.region.x_m
     mirrored = dataclasses.replace(scatterers, xyz=scatterers.xyz * [-1, 1, 1] + [low + high, 0, 0])
     place = STREET.base_station_m * [-1, 1, 1] + [low + high, 0, 0]

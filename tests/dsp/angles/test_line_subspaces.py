@@ -143,17 +143,3 @@ def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, o
 def test_where_there_are_no_places_there_are_no_minima():
     vectors, none = np.stack([np.eye(SUBARRAY)] * 3), np.zeros((3, 0))
     assert music_null_minima(vectors, np.ones(3, dtype=int), none, none > 0, 0.1).shape == (3, 0)
-
-
-def test_covariance_and_null_spectrum_have_the_precision_of_the_snapshots():
-    snapshots = noise(3, 16, 5)
-    order, towards = np.array([1, 2, 3]), real_steering(10, np.linspace(-0.5, 0.5, 21))
-    results = []
-    for dtype in (np.complex64, np.complex128):
-        covariance = smoothed_covariance(snapshots.astype(dtype), 10)
-        vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
-        null = music_null_spectrum(vectors, order, towards)
-        assert covariance.dtype == null.dtype == np.zeros(0, dtype).real.dtype
-        results.append((covariance, null))
-    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-5)
-    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)

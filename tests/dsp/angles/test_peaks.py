@@ -105,10 +105,6 @@ def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_
             assert column[k, m] == pytest.approx(j + plain_vertex(left, np.log(height), right))
 
 
-def test_a_plane_where_nothing_is_allowed_has_no_peaks():
-    assert not plane_peaks(distinct(0, 2, 4, 4), np.zeros((2, 4, 4), dtype=bool), 3)[2].any()
-
-
 def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning():
     power = np.zeros((2, 5, 6))
     power[0, 2, 3] = 1.0

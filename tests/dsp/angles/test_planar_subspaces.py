@@ -5,7 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
+from isacbench.dsp.angles.line_subspaces import (
+    music_null_spectrum,
+    real_steering,
+    smoothed_covariance,
+    unitary_transform,
+)
 from isacbench.dsp.angles.planar_subspaces import (
     leading_eigenpairs,
     null_minima,
@@ -14,7 +19,7 @@ from isacbench.dsp.angles.planar_subspaces import (
 )
 from tests.dsp.plane_wave_data import noise, plain_covariance, separate_sources, snapshot
 
-GRID = np.linspace(-1, 1, 65)
+GRID, AHEAD = np.linspace(-1, 1, 65), np.linspace(-0.5, 0.5, 11)
 
 
 def signal_basis(snapshots, subarray, order):
@@ -99,14 +104,29 @@ def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
     assert null_minima(basis, away, away, np.array([5])).found.sum() == 1
 
 
-def test_planar_covariance_eigenvectors_and_null_spectrum_have_the_precision_of_the_snapshots():
-    snapshots, u = noise(2, 8, 8), np.linspace(-0.5, 0.5, 11)
-    results = []
-    for dtype in (np.complex64, np.complex128):
-        covariance = planar_covariance(snapshots.astype(dtype), (5, 5))
-        vectors = leading_eigenpairs(covariance, 2)[1]
-        null = planar_null_spectrum(vectors.reshape(2, 5, 5, 2), u, u)
-        assert covariance.dtype == vectors.dtype == null.dtype == np.zeros(0, dtype).real.dtype
-        results.append((covariance, null))
-    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-4)
-    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-2)
+def along_lines(snapshots):
+    covariance = smoothed_covariance(snapshots, 5)
+    vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
+    return (
+        covariance,
+        vectors,
+        music_null_spectrum(vectors, np.array([1, 2]), real_steering(5, GRID[20:45:2])),
+    )
+
+
+def in_planes(snapshots):
+    covariance = planar_covariance(snapshots, (5, 5))
+    vectors = leading_eigenpairs(covariance, 2)[1]
+    return (
+        covariance,
+        vectors,
+        planar_null_spectrum(vectors.reshape(2, 5, 5, 2), AHEAD, AHEAD),
+    )
+
+
+@pytest.mark.parametrize("method", [along_lines, in_planes])
+def test_covariances_eigenvectors_and_null_spectra_have_the_precision_of_the_snapshots(method):
+    single, double = (method(noise(2, 8, 8).astype(dtype)) for dtype in (np.complex64, np.complex128))
+    assert [part.dtype for part in (*single, *double)] == [np.float32] * 3 + [np.float64] * 3
+    np.testing.assert_allclose(single[0], double[0], atol=1e-4)
+    np.testing.assert_allclose(single[2], double[2], atol=1e-2)

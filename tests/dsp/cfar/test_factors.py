@@ -225,16 +225,6 @@ def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
     assert factors[-1] == osca_factor(1e-6, ((1, 72),), looks)
 
 
-@pytest.mark.parametrize(
-    ("trimmed", "looks", "pfa"),
-    [((18, 18), 2, 0.3), ((18, 18), 256, 1e-3), ((0, 18), 2, 1e-12), ((18, 0), 16, 1e-3)],
-)
-def test_rates_undo_factors_of_trimmed_means(trimmed, looks, pfa):
-    assert many_looks_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(
-        pfa, rel=1e-7
-    )
-
-
 def exact_tm_rate(factor, n, trimmed, looks):
     """Integrates the rate of sorted gamma powers of integer shape in rational numbers, cell by cell.
 

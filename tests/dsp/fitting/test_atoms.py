@@ -168,12 +168,3 @@ def test_bases_are_orthonormal_for_any_array_and_keep_no_more_than_it_has(n_p, n
     for basis, n in zip(narrow.bases, (n_p, n_q), strict=True):
         assert 1 <= basis.shape[1] <= n == len(basis)
         np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
-
-
-def test_white_noise_stays_white_of_the_same_power_in_the_bases():
-    rng = np.random.default_rng(5)
-    whole, narrow = narrow_map(8, 8, ((-0.1, 0.1), (-0.1, 0.1)), rng)
-    assert narrow.cells.size < whole.cells.size
-    n_per_element = whole.cells.size // 64
-    power = np.mean(np.abs(narrow.cells) ** 2) / 2
-    assert abs(power - 1) < 5 / np.sqrt(n_per_element * narrow.cells.shape[2] * narrow.cells.shape[3])

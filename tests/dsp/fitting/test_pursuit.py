@@ -1,7 +1,5 @@
 """Moves of a pursuit on small maps of known echoes."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -25,6 +23,7 @@ from isacbench.dsp.fitting.pursuit import (
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
+from tests.dsp.fitting.noisy_maps import noisy_map
 
 SYSTEM = System(n_subcarriers=64, n_symbols=32)
 SHAPE = (8, 6)
@@ -37,13 +36,8 @@ QUADRATURE, IN_PHASE = 1j, 1.0
 
 def noisy(places, amplitude, noise=NOISE, seed=0):
     """Map of echoes in noise of a power per cell and element."""
-    places, rng = np.reshape(places, (-1, N_COORDINATES)), np.random.default_rng(seed)
-    shape = (*GATE.shape, *SHAPE)
-    cells = rng.standard_normal((*shape, 2)).view(np.complex128)[..., 0]
-    empty = AtomMap.from_map(GatedMap(cells * np.sqrt(noise / 2), GATE), SYSTEM)
-    factors = [line.value for line in empty.lines(places)]
-    echo = np.einsum("k,kr,kd,ku,kw->rduw", np.asarray(amplitude, complex), *factors)
-    return dataclasses.replace(empty, cells=empty.cells + echo)
+    places = np.reshape(places, (-1, N_COORDINATES))
+    return noisy_map(SYSTEM, SHAPE, GATE, places, np.asarray(amplitude, complex), np.sqrt(noise), seed)
 
 
 def space_of(atom_map):

@@ -45,10 +45,3 @@ def test_the_comb_repeats_ranges_a_quarter_turn_of_doppler_away_and_never_at_res
     np.testing.assert_allclose(heights, expected, atol=1e-9)
     assert PAPER.unambiguous_range_m / 4 == pytest.approx(156.1, abs=0.05)
     assert pytest.approx(102.8, abs=0.05) == 56 * VELOCITY_BIN_MPS
-
-
-def test_symbol_by_symbol_a_comb_is_ambiguous_where_the_staggered_one_is_not():
-    one_symbol = System(n_subcarriers=64, n_symbols=2)
-    four_symbols = System(n_subcarriers=64, n_symbols=5)
-    assert abs(point_spread(one_symbol, "prs", 16, 0)).item() == pytest.approx(1, rel=1e-12)
-    assert abs(point_spread(four_symbols, "prs", 16, 0)).item() < 1e-12

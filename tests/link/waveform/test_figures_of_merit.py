@@ -108,16 +108,6 @@ def test_gaussian_samples_exceed_as_theory_says(oversampling, oversampled):
         assert abs(np.mean(papr_db > level_db) - probability) < 4 * deviation
 
 
-@pytest.mark.parametrize("modulation", ["qpsk", "256qam"])
-def test_symbols_of_many_subcarriers_are_nearly_gaussian(modulation):
-    symbols = np.random.default_rng(0).choice(constellation(modulation), (1024, 1000))
-    papr_db = symbol_papr_db(np.asfortranarray(symbols), 1)
-    level_db = 9.65
-    probability = papr_ccdf(level_db, 1024, oversampled=False)
-    deviation = np.sqrt(probability * (1 - probability) / 1000)
-    assert abs(np.mean(papr_db > level_db) - probability) < 4 * deviation
-
-
 def test_at_the_critical_rate_the_ccdf_is_that_of_the_largest_of_n_exponentials():
     level = np.array([0.1, 1.0, 5.0, 10.0])
     expected = 1 - (1 - np.exp(-level)) ** 64
