@@ -103,10 +103,9 @@ def test_defaults_are_the_papers_windows_at_1e_minus_3():
         ("soca", {"split_axis": 0}),
         ("tm", {"trim_low": 0.25, "trim_high": 0.25}),
     ):
-        assert dataclasses.asdict(get_detector(name)) == framed | own
-        assert list(dataclasses.asdict(get_detector(name)))[:4] == list(
-            framed
-        )  # also the order of positional values
+        values = dataclasses.asdict(get_detector(name))
+        assert values == framed | own
+        assert list(values)[:4] == list(framed)  # also the order of positional values
 
 
 def test_a_fixed_threshold_is_one_for_the_whole_map_whatever_it_lists():
