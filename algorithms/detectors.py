@@ -286,8 +286,7 @@ class GocaCfar(_HalvedCfar):
     name: ClassVar[str] = "goca"
 
     def _chosen(self, means: list[Floats]) -> Floats:
-        chosen: Floats = np.maximum.reduce(means)
-        return chosen
+        return np.maximum.reduce(means)
 
     def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
         return goca_factor(self.pfa, halves, looks)
@@ -320,8 +319,7 @@ class SocaCfar(_HalvedCfar):
     name: ClassVar[str] = "soca"
 
     def _chosen(self, means: list[Floats]) -> Floats:
-        chosen: Floats = np.minimum.reduce(means)
-        return chosen
+        return np.minimum.reduce(means)
 
     def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
         return soca_factor(self.pfa, halves, looks)
@@ -453,8 +451,7 @@ class _OrderDetection(Detection):
 
     @cached_property
     def _estimated(self) -> tuple[Floats, Floats]:
-        found: tuple[Floats, Floats] = self.__dict__["_thresholds"]()
-        return found
+        return self.__dict__["_thresholds"]()
 
     @property
     def noise(self) -> Floats:
@@ -638,8 +635,7 @@ def _mean(values: Floats) -> Floats:
 def _orders(columns: Floats) -> Floats:
     """Order statistic of columns (..., cells of a column, columns)."""
     rank = _column_rank(columns.shape[-2])
-    orders: Floats = np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
-    return orders
+    return np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
 
 
 def _shared_orders(power: Floats, windows: Windows) -> Floats:

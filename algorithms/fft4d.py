@@ -233,8 +233,7 @@ class Fft4d(CellwiseEstimator):
         """Local maxima of spectra (n, g, h) inside the region that are no sidelobes."""
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
         strong = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
-        maxima: Mask = plane_maxima(power) & strong & inside
-        return maxima
+        return plane_maxima(power) & strong & inside
 
     def _line_cut(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
         threshold = self.line_detector.detect(line.power).threshold[0]
@@ -245,8 +244,7 @@ class Fft4d(CellwiseEstimator):
 def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> Floats:
     """Angular power spectra (n, *samples) of snapshots (n, P, Q), cosines ascending."""
     spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, samples, norm="forward"), axes=(1, 2))
-    power: Floats = spectra.real**2 + spectra.imag**2
-    return power
+    return spectra.real**2 + spectra.imag**2
 
 
 def _between(cosine: Floats, sample: Floats) -> Floats:

@@ -44,8 +44,7 @@ def lattice_offsets() -> Floats:
     Sloan and Joe, "Lattice Methods for Multiple Integration", 1994: rank-1 lattices and P_2.
     """
     steps = np.arange(N_REALISATIONS)[:, None] * np.array(GENERATOR) % N_REALISATIONS
-    offsets: Floats = (steps + 0.5) / N_REALISATIONS
-    return offsets
+    return (steps + 0.5) / N_REALISATIONS
 
 
 @dataclass(frozen=True)

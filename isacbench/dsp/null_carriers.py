@@ -175,8 +175,7 @@ def _missed(
 ) -> NDArray[np.float64]:
     """Bounds (k,) of what weights (p, offsets), of counts (p,) of null carriers, leave of echoes."""
     echoes = np.exp(-2j * np.pi / n * np.multiply.outer(NEAR_OFFSETS, places))
-    left: NDArray[np.float64] = counts @ np.abs(1 - weights @ echoes) / n
-    return left
+    return counts @ np.abs(1 - weights @ echoes) / n
 
 
 def used_band(used: NDArray[np.bool_]) -> slice:

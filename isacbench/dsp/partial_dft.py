@@ -79,8 +79,7 @@ def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
 def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
     # Whole turns are taken out in integers: no phase loses digits.
     turns = np.multiply.outer(checked_array("bins", bins, np.int64), np.arange(n)) % n
-    rows: NDArray[np.complex128] = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
-    return rows
+    return np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,8 +266,7 @@ def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
     if np.iscomplexobj(rows):
         return rows @ blocks
     columns = blocks if blocks.strides[-1] == blocks.itemsize else np.ascontiguousarray(blocks)
-    product: Complex = (rows @ columns.view(rows.dtype)).view(blocks.dtype)
-    return product
+    return (rows @ columns.view(rows.dtype)).view(blocks.dtype)
 
 
 def range_bins_by_fft(at_doppler: Complex, bins: ArrayLike, workers: int = 1) -> Complex:

@@ -323,8 +323,7 @@ def _one_echo_share(amplitudes: Complex, offset: Floats, window: Window) -> Floa
     model = np.moveaxis(bin_profile(offset, window), -1, 0)
     explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
-    share: Floats = np.divide(explained, energy, out=np.zeros_like(energy), where=energy > 0)
-    return share
+    return np.divide(explained, energy, out=np.zeros_like(energy), where=energy > 0)
 
 
 def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:

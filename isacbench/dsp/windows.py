@@ -128,8 +128,7 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
     """
     ratio = checked_array("ratio", ratio)
     shares, offsets = _share_table(window)
-    offset: Floats = np.interp(ratio / (1 + ratio), shares, offsets)
-    return offset
+    return np.interp(ratio / (1 + ratio), shares, offsets)
 
 
 def bin_profile(offset: ArrayLike, window: Window) -> Complex:

@@ -98,8 +98,7 @@ class CloudPair:
         """Call a function on the pair once for all metrics."""
         if make not in self._made:
             self._made[make] = make(self)
-        found: T = self._made[make]
-        return found
+        return self._made[make]
 
     @cached_property
     def _made(self) -> dict[Callable[[CloudPair], Any], Any]:

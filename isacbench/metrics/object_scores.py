@@ -285,8 +285,7 @@ def _parts(voxels: Floats) -> Integers:
     index = tuple(voxels.astype(np.intp).T)
     occupied = np.zeros(shape.astype(np.intp), dtype=bool)
     occupied[index] = True
-    parts: Integers = _watershed(occupied)[index]
-    return parts
+    return _watershed(occupied)[index]
 
 
 def _watershed(occupied: NDArray[np.bool_]) -> NDArray[np.integer]:
@@ -301,5 +300,4 @@ def _watershed(occupied: NDArray[np.bool_]) -> NDArray[np.integer]:
     around = np.ones((3,) * 4)
     dome = level - reconstruction(level - height, level, method="dilation", footprint=around)
     peaks = label((dome >= height - ROUNDING) & occupied, connectivity=4)
-    parts: NDArray[np.integer] = watershed(-level, peaks, mask=occupied, connectivity=around)
-    return parts
+    return watershed(-level, peaks, mask=occupied, connectivity=around)

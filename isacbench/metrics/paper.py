@@ -150,5 +150,4 @@ def _nearest_differences(values: NDArray[np.float64], others: NDArray[np.float64
     """Difference of each value from the nearest of the others, without sign."""
     ascending = np.concatenate([[-np.inf], np.sort(others), [np.inf]])
     above = np.searchsorted(ascending, values)
-    nearest: NDArray[np.float64] = np.minimum(ascending[above] - values, values - ascending[above - 1])
-    return nearest
+    return np.minimum(ascending[above] - values, values - ascending[above - 1])

@@ -208,5 +208,4 @@ def element_errors(
     radius, angle = np.sqrt(-2 * np.log1p(-uniforms[:, 0])), 2 * np.pi * uniforms[:, 1]
     gain_db = gain_error_db * (radius * np.cos(angle)).round(9)
     phase_rad = np.radians(phase_error_deg) * (radius * np.sin(angle)).round(9)
-    factors: NDArray[np.complex128] = 10 ** (gain_db / 20) * np.exp(1j * phase_rad)
-    return factors
+    return 10 ** (gain_db / 20) * np.exp(1j * phase_rad)

@@ -104,8 +104,7 @@ def central_phase(scenario: Scenario) -> NDArray[np.float64]:
     turns = (system.n_symbols - 1) / system.n_symbols * echo.doppler_bin
     turns -= (system.n_subcarriers - 1) / system.n_subcarriers * echo.range_bin
     turns -= ((n_p - 1) * echo.u + (n_q - 1) * echo.w) / 2
-    phase: NDArray[np.float64] = np.angle(echo.gain * np.exp(1j * np.pi * turns))
-    return phase
+    return np.angle(echo.gain * np.exp(1j * np.pi * turns))
 
 
 def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
@@ -258,8 +257,7 @@ def _superposed(
             at_speed = np.empty((len(rows), speeds.size, n_elements), dtype=np.complex128)
             for k in range(speeds.size):
                 at_speed[:, k] = rows[:, of_speed == k] @ directions[of_speed == k]
-            cells: Complex = along_doppler[:, first] @ at_speed
-            return cells
+            return along_doppler[:, first] @ at_speed
         # Explicit sizes, because -1 cannot be resolved where a scene is empty.
         n_cells = len(rows) * n_doppler
         delay_doppler = (rows[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
@@ -318,8 +316,7 @@ def _times_noise(echo: EchoParameters, gate: Gate, noise: Complex, directions: C
     @lru_cache(maxsize=1)
     def lines(doppler_bin: float) -> Complex:
         shift = np.outer(doppler_bin - gate.doppler_bins, symbols)
-        at_doppler: Complex = np.exp(2j * np.pi / n_symbols * shift) @ noise.T / np.sqrt(n_symbols)
-        return at_doppler
+        return np.exp(2j * np.pi / n_symbols * shift) @ noise.T / np.sqrt(n_symbols)
 
     def profile(k: int) -> Complex:
         delay = np.exp(-2j * np.pi / n_subcarriers * echo.range_bin[k] * subcarriers)
@@ -377,8 +374,7 @@ def white_gaussian(stream: np.random.Generator, shape: tuple[int, ...]) -> Compl
     """White circular complex Gaussian numbers of unit power."""
     parts = stream.standard_normal((*shape, 2))
     parts *= np.sqrt(0.5)
-    noise: Complex = parts.view(np.complex128)[..., 0]
-    return noise
+    return parts.view(np.complex128)[..., 0]
 
 
 class Simulator:

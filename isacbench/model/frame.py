@@ -100,8 +100,7 @@ def _nonzero(values: Floats) -> Floats:
 def _jacobian(range_m: ArrayLike, along_range: Floats, along_u: Floats, along_w: Floats) -> Floats:
     """Jacobians (n, 3, 3) of a unit direction and its two slopes, each (n, 3), scaled by the range."""
     scale = checked_array("range_m", range_m)[..., None]
-    jacobian: Floats = np.stack([along_range, scale * along_u, scale * along_w], axis=-1)
-    return jacobian
+    return np.stack([along_range, scale * along_u, scale * along_w], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -299,8 +298,7 @@ class PanelFrame(Frame):
         -------
         ndarray of bool, shape (n,)
         """
-        ahead: NDArray[np.bool_] = checked_array("offset_m", offset_m) @ self.axes[2] >= 0
-        return ahead
+        return checked_array("offset_m", offset_m) @ self.axes[2] >= 0
 
 
 def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> Frame:

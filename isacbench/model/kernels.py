@@ -101,5 +101,4 @@ def steering(n_elements: int, cosine: ArrayLike) -> Complex:
     [[1.0, -1.0, 1.0]]
     """
     phase = np.multiply.outer(checked_array("cosine", cosine), -np.pi * np.arange(n_elements))
-    response: Complex = np.exp(1j * phase)
-    return response
+    return np.exp(1j * phase)

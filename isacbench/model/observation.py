@@ -184,8 +184,7 @@ def _samples(
 def _unfolded(places: NDArray[np.float64], limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
     """Ranges or speeds of bins: of all aliases the one nearest to the middle of the limits."""
     turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
-    unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
-    return unfolded
+    return (places - n_bins * turns) * size
 
 
 def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:

@@ -44,8 +44,7 @@ def prs_elements(system: System) -> NDArray[np.bool_]:
     offset = np.array(COMB_OFFSETS)[(symbol - FIRST_SYMBOL) % len(COMB_OFFSETS)]
     in_comb = np.arange(system.n_subcarriers)[:, None] % COMB_SIZE == offset
     is_sent = (slot % SLOT_PERIOD == 0) & (symbol >= FIRST_SYMBOL) & (symbol <= LAST_SYMBOL)
-    mask: NDArray[np.bool_] = in_comb & is_sent
-    return mask
+    return in_comb & is_sent
 
 
 def resource_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:

@@ -179,8 +179,7 @@ def draw_place(scenario: Scenario, trial: int, seed: int, margin_cells: float) -
         inside = region.contains(around).reshape(CANDIDATES, -1).all(axis=1)
         inside &= scenario.frame.in_half_space(offset_m)
         if inside.any():
-            place: Floats = places[inside.argmax()]
-            return place
+            return places[inside.argmax()]
     cell = rayleigh_cells(scenario)
     raise InputError(
         f"scenario {scenario.name}: its region is too small: a scatterer must be at least {margin_cells:g} "

@@ -92,10 +92,7 @@ class Region:
         """
         xyz, tolerance_m = checked_array("xyz", xyz), checked_array("tolerance_m", tolerance_m)
         require(xyz.ndim == 2 and xyz.shape[1] == 3, "shape of xyz", xyz.shape, "(n, 3)")
-        inside: NDArray[np.bool_] = np.all(
-            (xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1
-        )
-        return inside
+        return np.all((xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1)
 
     def range_limits_m(self, base_station_m: ArrayLike) -> Interval:
         """Compute the distances of the nearest and the farthest point of the box.

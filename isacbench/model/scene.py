@@ -305,8 +305,7 @@ class Scenario(Displayed):
     @property
     def range_m(self) -> NDArray[np.float64]:
         """Distances (n,) of the scatterers from the base station."""
-        range_m: NDArray[np.float64] = np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
-        return range_m
+        return np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
 
     @property
     def truth(self) -> PointCloud:

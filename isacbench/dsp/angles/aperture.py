@@ -154,8 +154,7 @@ class _PlaneResponses(Responses):
 
     def matched(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
-        matched: Complex = np.sum((a @ snapshots) * b, axis=3) / self.n_elements
-        return matched
+        return np.sum((a @ snapshots) * b, axis=3) / self.n_elements
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
@@ -199,8 +198,7 @@ class _CrossResponses(Responses):
 
     def synthesis(self, amplitude: Complex) -> Complex:
         both = np.concatenate([self.along_u, self.along_w], axis=-1)
-        waves: Complex = (amplitude[:, None, :] @ both)[:, 0]
-        return waves
+        return (amplitude[:, None, :] @ both)[:, 0]
 
     @staticmethod
     def _joined(along_u: Complex, along_w: Complex) -> Complex:

@@ -24,8 +24,7 @@ def within_period(cosine: Floats) -> Floats:
     ndarray of float64, same shape
         Those from -1 to 1 stay as they are.
     """
-    within: Floats = cosine - PERIOD * np.rint(cosine / PERIOD)
-    return within
+    return cosine - PERIOD * np.rint(cosine / PERIOD)
 
 
 def cosine_samples(limits: Interval, widest: float) -> Floats:

@@ -86,5 +86,4 @@ def separated_order(rotation: Floats, order: Integers) -> Integers:
     """
     orders = np.arange(1, rotation.shape[1] + 1)
     determined = (rotation <= MOST_ROTATION) & (orders <= order[:, None])
-    separated: Integers = np.where(determined, orders, 0).max(axis=1, initial=0)
-    return separated
+    return np.where(determined, orders, 0).max(axis=1, initial=0)

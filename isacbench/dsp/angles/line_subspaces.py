@@ -63,8 +63,7 @@ def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
     forward = sum(blocks, start=np.zeros((), dtype=whole.dtype)) / (n_shifts * snapshots.shape[2])
     transform = unitary_transform(n_subarray).astype(whole.dtype, copy=False)
     # The real part is the forward-backward average: the backward half adds the conjugate.
-    covariance: Floats = (transform.conj().T @ forward @ transform).real
-    return covariance
+    return (transform.conj().T @ forward @ transform).real
 
 
 def line_eigenpairs(snapshots: Complex, n_subarray: int) -> Eigenpairs:

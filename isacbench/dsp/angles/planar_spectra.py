@@ -151,8 +151,7 @@ def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
     size = np.abs(values)
     step = -np.divide(along, size, out=np.zeros_like(along), where=size > 0)
     clipped = np.clip(step, -0.5, 0.5)
-    scaled: Floats = np.einsum("nmij,nmj->nmi", axes, clipped) * limit
-    return scaled
+    return np.einsum("nmij,nmj->nmi", axes, clipped) * limit
 
 
 def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
@@ -163,8 +162,7 @@ def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floa
 
     def projection(u_order: int, w_order: int) -> Floats:
         along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
-        projected: Floats = np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
-        return projected
+        return np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
 
     level, along_u, along_w = projection(0, 0), projection(1, 0), projection(0, 1)
     gradient = 2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
@@ -220,8 +218,7 @@ class AngularSpectrum:
     @property
     def _is_flat(self) -> Mask:
         """Mask (n,) of the spectra whose peaks are rounding."""
-        flat: Mask = self.power.max(axis=(1, 2)) <= (1 + FLAT) * self.power.min(axis=(1, 2))
-        return flat
+        return self.power.max(axis=(1, 2)) <= (1 + FLAT) * self.power.min(axis=(1, 2))
 
 
 @dataclass(frozen=True, eq=False)

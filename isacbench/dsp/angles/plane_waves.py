@@ -88,8 +88,7 @@ class PlaneWaves:
         for _ in range(2):
             residual = residual - responses.synthesis(self._fit(residual[None], responses)[0])
         axes = tuple(range(1, residual.ndim))
-        power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=axes)
-        return power
+        return np.mean(residual.real**2 + residual.imag**2, axis=axes)
 
     def direction_errors(self, snapshots: Complex, aperture: Aperture, noise: float) -> Floats:
         """Bound the errors of directions by what the waves of a cell leave unexplained.
@@ -203,8 +202,7 @@ class PlaneWaves:
     def _fit(self, snapshots: Complex, responses: Responses) -> Complex:
         inverse = np.linalg.inv(_restricted(responses.gram(), self.found))
         matched = np.where(self.found, responses.matched(snapshots), 0)
-        amplitude: Complex = np.einsum("nij,snj->sni", inverse, matched)
-        return amplitude
+        return np.einsum("nij,snj->sni", inverse, matched)
 
 
 def pair_directions(

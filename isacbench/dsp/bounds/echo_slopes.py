@@ -97,8 +97,7 @@ class EchoSlopes:
         for name, values in places.items():
             same = len(shape) == 1 and shape[0] > 0 and np.shape(values) == shape
             require(same and bool(np.all(np.isfinite(values))), name, values, "as many as amplitudes, finite")
-        in_units: Floats = np.array(list(places.values()), dtype=np.float64) / self.units[:, None]
-        return in_units
+        return np.array(list(places.values()), dtype=np.float64) / self.units[:, None]
 
     def moments(self) -> Floats:
         """Sum the products of 1 and the four slopes over all elements.

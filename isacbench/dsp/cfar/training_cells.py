@@ -155,8 +155,7 @@ class Windows:
             slice(cell.start - place, cell.stop - place) if isinstance(cell, slice) else cell - place
             for cell, place in zip(cast("tuple[Any, ...]", self.cells), self.place, strict=True)
         )
-        found: Floats = windows[first]
-        return found
+        return windows[first]
 
     def training(self, power: Floats) -> Floats:
         """Training cells of each window, in the order of the map.

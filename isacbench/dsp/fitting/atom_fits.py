@@ -330,8 +330,7 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     load = damping * diagonal + np.finfo(np.float64).eps * diagonal.max()
     step = np.linalg.solve(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
-    limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
-    return limited
+    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
 
 
 def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:

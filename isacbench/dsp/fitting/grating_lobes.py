@@ -99,5 +99,4 @@ def best_lobes(matched: Complex, response: NDArray[np.inexact[Any]], owner: Inte
 def _leads(gain: Floats, competes: Mask) -> Mask:
     """Mask (n,) of the scatterers that gain most among those that they compete with; of equals the first."""
     leader = np.where(competes, gain, -np.inf).argmax(axis=1)
-    leads: Mask = leader == np.arange(gain.size)
-    return leads
+    return leader == np.arange(gain.size)

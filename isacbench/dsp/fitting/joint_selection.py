@@ -282,8 +282,7 @@ def _around(places: Floats, bins: Integers, n_side: int) -> Integers:
     """Indices (n, k) of the bins around each place, shifted to stay inside the gate."""
     width = min(2 * n_side + 1, bins.size)
     first = np.clip(np.rint(places).astype(np.int64) - bins[0] - width // 2, 0, bins.size - width)
-    around: Integers = first[:, None] + np.arange(width)
-    return around
+    return first[:, None] + np.arange(width)
 
 
 def _nearby(filters: _MatchedFilters) -> Mask:
@@ -298,8 +297,7 @@ def _wins(candidate: Floats, competes: Mask) -> Mask:
     rivals = np.where(competes, candidate, 0)
     stronger = rivals > (1 + TIE) * candidate[:, None]
     first_as_strong = np.argmax(rivals >= (1 - TIE) * candidate[:, None], axis=1)
-    wins: Mask = ~stronger.any(axis=1) & (first_as_strong >= np.arange(candidate.size))
-    return wins
+    return ~stronger.any(axis=1) & (first_as_strong >= np.arange(candidate.size))
 
 
 def _known_apart(scatterers: LocatedScatterers) -> Mask:

@@ -194,8 +194,7 @@ class BeamSpace:
         first = [axis[0] for axis in self.axes]
         # Atoms at the edge of their boxes lie halfway between two bins, but for rounding.
         at = np.rint(np.round((places - first) * samples_per_cell, TIE_DIGITS)).astype(np.int64)
-        around: Floats = mean[tuple(np.clip(at, 0, np.array(mean.shape) - 1).T)]
-        return around
+        return mean[tuple(np.clip(at, 0, np.array(mean.shape) - 1).T)]
 
 
 def _around(reachable: slice) -> slice:
@@ -384,8 +383,7 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
     share[itself] = 0
-    strongest: Floats = (share * fit.shown).max(axis=1, initial=0)
-    return strongest
+    return (share * fit.shown).max(axis=1, initial=0)
 
 
 def split_gains(

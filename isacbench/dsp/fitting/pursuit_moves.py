@@ -98,8 +98,7 @@ def without_images(
     left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
     distance = places[left][:, None] - places[best]
     lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
-    kept: Integers = left[gain[left] > lobes]
-    return kept
+    return left[gain[left] > lobes]
 
 
 def are_near(places: Floats, others: Floats, distance: float) -> Mask:
@@ -114,8 +113,7 @@ def are_near(places: Floats, others: Floats, distance: float) -> Mask:
     -------
     ndarray of bool, shape (n,)
     """
-    near: Mask = np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
-    return near
+    return np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
 
 
 def became_pairs(centres: Floats, places: Floats) -> Mask:

@@ -110,8 +110,7 @@ def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
 
     def outputs(u_order: int, w_order: int) -> Complex:
         """Outputs (n, k, s) of filters matched to derivatives of the responses."""
-        outputs: Complex = np.einsum("nskq,nkq->nks", turned[:, :, u_order], along_w[w_order].conj())
-        return outputs
+        return np.einsum("nskq,nkq->nks", turned[:, :, u_order], along_w[w_order].conj())
 
     in_u, in_w = _products(along_u), _products(along_w)
     gram = in_u[0, 0] * in_w[0, 0] + (DIAGONAL_LOADING + ~found)[:, None, :] * np.eye(k)

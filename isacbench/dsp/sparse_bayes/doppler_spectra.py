@@ -72,8 +72,7 @@ class DopplerSpectra:
         covariance = (self.power[:, None, interfering] * kernels.T) @ kernels
         covariance += _loading(covariance, self.noise)[:, None, None] * np.eye(line.size)
         weights = np.linalg.solve(covariance, np.broadcast_to(line[:, None], (len(covariance), line.size, 1)))
-        filters: Floats = weights[..., 0] / (weights[..., 0] @ line)[:, None]
-        return filters
+        return weights[..., 0] / (weights[..., 0] @ line)[:, None]
 
 
 def learn_doppler_spectra(
@@ -117,5 +116,4 @@ def learn_doppler_spectra(
 
 def _loading(covariance: Floats, noise: Floats) -> Floats:
     """Noise, but not below rounding: of data that are no lines powers grow without a bound."""
-    loading: Floats = np.maximum(noise, LEAST_SHARE * covariance.diagonal(axis1=1, axis2=2).max(axis=1))
-    return loading
+    return np.maximum(noise, LEAST_SHARE * covariance.diagonal(axis1=1, axis2=2).max(axis=1))

@@ -118,8 +118,7 @@ class _Rows:
     def is_reachable(self) -> Mask:
         """Rows in which echoes of the region show, shape (n_rows,)."""
         first, last = self.reach.range_limits
-        near: Mask = (self.taper.bins >= first - 1) & (self.taper.bins <= last + 1)
-        return near
+        return (self.taper.bins >= first - 1) & (self.taper.bins <= last + 1)
 
     def around(self, start: float, end: float) -> slice:
         """Rows of a tile whose core lies between two range bins."""
@@ -322,8 +321,7 @@ class _Movers:
         # Lines gather the power of cells, and of a bin's half-dozen lines: ten decibels more.
         least = np.maximum(least, power.max() * 10 ** (-(DYNAMIC_RANGE_DB + 10) / 10))
         least = np.maximum(least, ABOVE_NOISE[1] * spectra.noise[:, None])
-        active: Mask = (power > least) & is_moving & self.rows.is_reachable[:, None]
-        return active
+        return (power > least) & is_moving & self.rows.is_reachable[:, None]
 
     def atoms(
         self, around: Mask, limits: tuple[float, float], line_limits: tuple[float, float]

@@ -286,8 +286,7 @@ def learn_directions(
 
 def _outer(dictionary: Floats) -> Floats:
     """All products of two components of each atom, (n_atoms, n²)."""
-    squares: Floats = (dictionary[:, :, None] * dictionary[:, None, :]).reshape(len(dictionary), -1)
-    return squares
+    return (dictionary[:, :, None] * dictionary[:, None, :]).reshape(len(dictionary), -1)
 
 
 def learn_atoms(

@@ -175,8 +175,7 @@ def _weighed(fit: AtomFit, ridge: float) -> Complex:
         return fit.amplitude
     loaded = fit.gram + (WEIGHING_RIDGE - ridge) * np.eye(len(fit))
     matched = np.stack([fit.correlations.value.real, fit.correlations.value.imag], axis=1)
-    amplitude: Complex = cho_solve(cho_factor(loaded), matched) @ np.array([1, 1j])
-    return amplitude
+    return cho_solve(cho_factor(loaded), matched) @ np.array([1, 1j])
 
 
 def damped_step(fit: AtomFit, damping: float) -> Floats:
@@ -199,5 +198,4 @@ def damped_step(fit: AtomFit, damping: float) -> Floats:
     load = damping * (diagonal + np.tile(fit.power, N_COORDINATES)) + 1e-12 * diagonal.max()
     step = cho_solve(cho_factor(fit.information + np.diag(load)), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
-    limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
-    return limited
+    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))

@@ -65,5 +65,4 @@ class BinTaper:
         ndarray of float64, shape (n, n)
         """
         weights = self.weights[rows]
-        covariance: Floats = weights @ weights.T
-        return covariance
+        return weights @ weights.T

@@ -145,8 +145,7 @@ class DirectionGrid:
         reach = [
             int(np.ceil(margin / max(axis[1] - axis[0], margin / axis.size))) for axis in (self.u, self.w)
         ]
-        grown: Mask = binary_dilation(fine, np.ones([2 * n + 1 for n in reach], dtype=np.bool_))
-        return grown
+        return binary_dilation(fine, np.ones([2 * n + 1 for n in reach], dtype=np.bool_))
 
 
 def strong_dimensions(dictionary: Floats, least: float) -> Floats:

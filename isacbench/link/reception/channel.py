@@ -316,8 +316,7 @@ def require_closed_form(system: System, paths: Paths) -> None:
 def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Phases (n_subcarriers, n_paths) of delays."""
     frequency_hz = system.subcarrier_spacing_hz * np.arange(system.n_subcarriers)
-    phases: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(frequency_hz, delay_s))
-    return phases
+    return np.exp(-2j * np.pi * np.outer(frequency_hz, delay_s))
 
 
 @dataclass(frozen=True, eq=False)

@@ -98,8 +98,7 @@ class PrsEstimator:
 
     def _count(self, burst: NDArray[np.int64]) -> NDArray[np.int64]:
         """PRS elements (n_subcarriers,) of a burst."""
-        count: NDArray[np.int64] = self.is_prs[:, burst].sum(axis=1)
-        return count
+        return self.is_prs[:, burst].sum(axis=1)
 
 
 @lru_cache(maxsize=8)
@@ -162,8 +161,7 @@ def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: in
         np.polynomial.chebyshev.chebvander(2 * time / max(n_symbols - 1, 1) - 1, order)
         for time in (middle, np.arange(n_symbols))
     )
-    weights: NDArray[np.float64] = at_symbols @ np.linalg.pinv(at_bursts)
-    return weights
+    return at_symbols @ np.linalg.pinv(at_bursts)
 
 
 @lru_cache(maxsize=4)

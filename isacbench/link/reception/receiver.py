@@ -251,8 +251,7 @@ def _interpolated_ber(modulation: Modulation, snr_db: NDArray[np.float64]) -> ND
     table_db = STEP_DB * np.arange(first, last + 2)
     smallest = np.finfo(np.float64).tiny
     logarithm = CubicSpline(table_db, np.log(np.maximum(awgn_ber(modulation, table_db), smallest)))
-    rates: NDArray[np.float64] = np.exp(logarithm(within_db))
-    return rates
+    return np.exp(logarithm(within_db))
 
 
 def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -> float:

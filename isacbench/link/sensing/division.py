@@ -213,8 +213,7 @@ def division_factors(
     """
     sent = np.where(sensed, symbols, 1)
     if division == "reciprocal":
-        factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
-        return factors
+        return sensed / (sent * np.mean(sensed))
     moduli = np.abs(sent)
     amplitude = np.sqrt(np.mean(moduli[sensed] ** 2)) if unit is None else unit
     weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)

@@ -67,8 +67,7 @@ def noise_covariance(weight: NDArray[np.float64]) -> Complex:
     ndarray of complex128, same shape
         E[Z(r + Δr, d + Δd) Z*(r, d)] at [Δr, Δd]; negative lags count from the end.
     """
-    covariance: Complex = scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
-    return covariance
+    return scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
 
 
 def coloured_noise(white: Complex, weight: NDArray[np.float64], stream: np.random.Generator) -> Complex:
@@ -124,8 +123,7 @@ def _coloured_along_doppler(white: Complex, covariance: Complex) -> Complex:
     matrix = covariance[0, np.subtract.outer(bins, bins)]
     power, modes = scipy.linalg.eigh(matrix)
     root = (modes * np.sqrt(np.maximum(power, 0))) @ modes.conj().T
-    coloured: Complex = np.einsum("cd,rdpq->rcpq", root, white, optimize=True)
-    return coloured
+    return np.einsum("cd,rdpq->rcpq", root, white, optimize=True)
 
 
 def _small_tori(shape: tuple[int, ...], whole: tuple[int, ...]) -> list[tuple[int, ...]]:

@@ -60,8 +60,7 @@ class FrameRates:
         InputError
             If a rate is not from 0 to 1.
         """
-        rate: NDArray[np.float64] = self.bit_rate_bps * hard_decision_capacity(ber)
-        return rate
+        return self.bit_rate_bps * hard_decision_capacity(ber)
 
 
 def frame_rates(system: System, modulation: Modulation) -> FrameRates:
@@ -108,8 +107,7 @@ def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
     rate = checked_array("ber", ber)
     require_all("ber", rate, (rate >= 0) & (rate <= 1), "numbers from 0 to 1")
     entropy = -(xlogy(rate, rate) + xlogy(1 - rate, 1 - rate)) / np.log(2)
-    capacity: NDArray[np.float64] = 1 - entropy
-    return capacity
+    return 1 - entropy
 
 
 def symbol_papr_db(symbols: ArrayLike, oversampling: int = 4) -> Floats:
@@ -151,8 +149,7 @@ def symbol_papr_db(symbols: ArrayLike, oversampling: int = 4) -> Floats:
     require(0 < mean < np.inf, "mean power of the symbols", mean, "a positive number")
     samples = scipy.fft.ifft(grid.T, oversampling * len(grid), axis=1, norm="forward")
     peak = (samples.real**2 + samples.imag**2).max(axis=1) / len(grid)
-    papr_db: Floats = 10 * np.log10(peak / mean)
-    return papr_db
+    return 10 * np.log10(peak / mean)
 
 
 def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = True) -> Floats:
@@ -195,5 +192,4 @@ def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = Tru
     else:
         with np.errstate(divide="ignore"):
             expected = -n_subcarriers * np.log1p(-np.exp(-power))
-    probability: Floats = -np.expm1(-expected)
-    return probability
+    return -np.expm1(-expected)

@@ -131,8 +131,7 @@ def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.flo
     since_start, since_end = position + layout.n_prefix, position - layout.n_useful
     if layout.n_suffix == 0:
         return ((since_start >= 0) & (since_end < 0)).astype(np.float64)
-    window: NDArray[np.float64] = _rise(since_start / layout.n_suffix) - _rise(since_end / layout.n_suffix)
-    return window
+    return _rise(since_start / layout.n_suffix) - _rise(since_end / layout.n_suffix)
 
 
 def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Complex:
@@ -220,8 +219,7 @@ def demodulate(waveform: ArrayLike, system: System) -> Complex:
     by_symbol = received[:n_least].reshape(system.n_symbols, parts.n_symbol, *received.shape[1:])
     useful = by_symbol[:, parts.n_prefix :]
     _require_finite("waveform holds", useful)
-    grid: Complex = scipy.fft.fft(useful, axis=1, norm="ortho").swapaxes(0, 1)
-    return grid
+    return scipy.fft.fft(useful, axis=1, norm="ortho").swapaxes(0, 1)
 
 
 def _whole_samples(name: str, ratio: float, n_useful: int) -> int:
@@ -236,8 +234,7 @@ def _whole_samples(name: str, ratio: float, n_useful: int) -> int:
 
 def _rise(place: NDArray[np.float64]) -> NDArray[np.float64]:
     """Raised cosine from 0 at place 0 to 1 at place 1, and on."""
-    rise: NDArray[np.float64] = (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
-    return rise
+    return (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
 
 
 def _require_finite(what: str, values: Complex) -> None:

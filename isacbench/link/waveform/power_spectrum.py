@@ -35,8 +35,7 @@ def window_spectrum(system: System, frequency_hz: ArrayLike) -> Floats:
     place = np.abs(frequency_hz) * suffix_time_s
     # The same as cos(πx) / (1 - 4x²), without its 0/0 at x = 1/2.
     smoothing = np.pi / 2 * np.sinc(0.5 - place) / (1 + 2 * place)
-    spectrum: Floats = system.symbol_time_s * np.sinc(frequency_hz * system.symbol_time_s) * smoothing
-    return spectrum
+    return system.symbol_time_s * np.sinc(frequency_hz * system.symbol_time_s) * smoothing
 
 
 def power_density(system: System, frequency_hz: ArrayLike) -> Floats:

@@ -165,8 +165,7 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
         sigma = sigma[..., None, None]
         # Probability of each decided level, as a difference of tails, which keep their digits.
         share = ndtr((1 - distance) / sigma) - np.where(is_outermost, 0, ndtr(-(1 + distance) / sigma))
-    rate: NDArray[np.float64] = (n_wrong * share).sum(axis=(-2, -1)) / (n_levels * n_bits // 2)
-    return rate
+    return (n_wrong * share).sum(axis=(-2, -1)) / (n_levels * n_bits // 2)
 
 
 def _unit(n_bits: int) -> float:

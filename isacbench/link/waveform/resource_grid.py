@@ -200,8 +200,7 @@ def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray
     if not any(start):
         return np.zeros(length, dtype=np.uint8)
     bits, _ = max_len_seq(REGISTER, start, SKIPPED + length, taps)
-    sequence: NDArray[np.uint8] = bits[SKIPPED:].astype(np.uint8)
-    return sequence
+    return bits[SKIPPED:].astype(np.uint8)
 
 
 def require_n_id(n_id: object) -> None:

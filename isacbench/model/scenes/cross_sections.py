@@ -70,5 +70,4 @@ def free_space_amplitudes(range_m: NDArray[np.float64], wavelength_m: float) -> 
     ----------
     M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., eq. 2.8.
     """
-    amplitudes: NDArray[np.float64] = wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2)
-    return amplitudes
+    return wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2)

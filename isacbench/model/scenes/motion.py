@@ -45,8 +45,7 @@ def heading(yaw_deg: float) -> Floats:
     -------
     ndarray of float64, shape (3,)
     """
-    front: Floats = turned(np.array([[0.0, 1.0, 0.0]]), yaw_deg)[0]
-    return front
+    return turned(np.array([[0.0, 1.0, 0.0]]), yaw_deg)[0]
 
 
 def body_velocities(
@@ -71,8 +70,7 @@ def body_velocities(
     """
     x, y, _ = offsets.T
     turning = np.radians(yaw_rate_dps) * np.column_stack([-y, x, np.zeros_like(x)])
-    velocities: Floats = np.array(velocity_mps) + turning + own
-    return velocities
+    return np.array(velocity_mps) + turning + own
 
 
 def approach_speeds(xyz: Floats, velocities: Floats, base_station_m: Floats) -> Floats:
@@ -90,5 +88,4 @@ def approach_speeds(xyz: Floats, velocities: Floats, base_station_m: Floats) -> 
     """
     sight = xyz - base_station_m
     distance = np.linalg.norm(sight, axis=1)
-    speeds: Floats = -np.einsum("ij,ij->i", velocities, sight) / np.where(distance > 0, distance, 1.0)
-    return speeds
+    return -np.einsum("ij,ij->i", velocities, sight) / np.where(distance > 0, distance, 1.0)

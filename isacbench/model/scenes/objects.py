@@ -328,8 +328,7 @@ def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
     ndarray of float64, shape (n,)
     """
     y = _steps(length_m, spacing_m)
-    rows: Offsets = y[np.abs(y) <= length_m / 4]
-    return rows
+    return y[np.abs(y) <= length_m / 4]
 
 
 def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Offsets:
@@ -359,8 +358,7 @@ def _rims(hubs: Offsets, radius_m: float) -> Offsets:
 
 def _rim(layer: Offsets) -> Offsets:
     """Outer points of a level grid."""
-    outer: Offsets = layer[(np.abs(layer[:, :2]) == np.abs(layer[:, :2]).max(axis=0)).any(axis=1)]
-    return outer
+    return layer[(np.abs(layer[:, :2]) == np.abs(layer[:, :2]).max(axis=0)).any(axis=1)]
 
 
 def wheel_roll(n_wheels: int) -> Offsets:

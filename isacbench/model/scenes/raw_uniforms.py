@@ -34,5 +34,4 @@ def raw_uniforms(key_text: str, n: int) -> NDArray[np.float64]:
     """
     key = int.from_bytes(hashlib.sha256(key_text.encode()).digest()[:16], "little")
     raw = np.random.Philox(key=key).random_raw(n)
-    uniforms: NDArray[np.float64] = (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    return uniforms
+    return (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -60,8 +60,7 @@ def solid_of(kind: str, keys: dict[str, Any]) -> list[Part]:
     -------
     list of (ndarray of float64 of shape (n, 3, 3), sequence of int)
     """
-    parts: list[Part] = _SOLIDS[kind](**keys) if kind in _SOLIDS else []
-    return parts
+    return _SOLIDS[kind](**keys) if kind in _SOLIDS else []
 
 
 def _car(size_m: Sequence[float]) -> list[Part]:

@@ -40,8 +40,7 @@ _ICOSAHEDRON_FACES = [
 def cuboid(lower: ArrayLike, upper: ArrayLike) -> Floats:
     """Triangles (12, 3, 3) of a box along the axes, from its lower and upper corner."""
     corners = np.array([*product(*np.transpose([lower, upper]).tolist())], dtype=float)
-    triangles: Floats = corners[_BOX_FACES]
-    return triangles
+    return corners[_BOX_FACES]
 
 
 def tube(start: ArrayLike, end: ArrayLike, radius_m: float) -> Floats:
@@ -68,8 +67,7 @@ def globe(centre: ArrayLike, semi_axes_m: ArrayLike) -> Floats:
         ab, bc, ca = (_units(one + other) for one, other in ((a, b), (b, c), (c, a)))
         parts = np.array([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
         triangles = np.moveaxis(parts, 2, 0).reshape(-1, 3, 3)
-    placed: Floats = triangles * np.asarray(semi_axes_m, dtype=float) + np.asarray(centre, dtype=float)
-    return placed
+    return triangles * np.asarray(semi_axes_m, dtype=float) + np.asarray(centre, dtype=float)
 
 
 def _frame_along(vector: Floats) -> Floats:
@@ -80,5 +78,4 @@ def _frame_along(vector: Floats) -> Floats:
 
 
 def _units(vectors: Floats) -> Floats:
-    units: Floats = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return units
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -158,8 +158,7 @@ def _poisson(mean: NDArray[np.float64], n_counts: int) -> NDArray[np.float64]:
     counts = np.arange(n_counts)
     log_law = np.multiply.outer(counts, np.log(mean)) - mean
     log_law -= special.gammaln(counts + 1)[:, np.newaxis]
-    law: NDArray[np.float64] = np.exp(log_law, out=log_law)
-    return law
+    return np.exp(log_law, out=log_law)
 
 
 def _check_columns(columns: tuple[tuple[int, int], ...]) -> None:

@@ -241,8 +241,7 @@ def _limits(
 
 def _log_density(log_power: Floats, looks: int) -> Floats:
     """Logarithm of the density of the logarithm of a gamma power."""
-    law: Floats = looks * log_power - np.exp(log_power) - special.gammaln(looks)
-    return law
+    return looks * log_power - np.exp(log_power) - special.gammaln(looks)
 
 
 def _order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:
