@@ -34,10 +34,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import capon_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.planar_subspaces import subarray_shape
-from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation

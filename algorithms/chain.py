@@ -34,11 +34,11 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap

@@ -6,18 +6,16 @@ Weather forecasts are judged against climatology. Likewise, a score near that of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import Radio
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
 
 from .bases.references import N_REALISATIONS, Reference
 from .oracle import Oracle
-
-if TYPE_CHECKING:
-    from isacbench.plugins.contracts import Radio
 
 NUMBERING = Oracle(cell=0.5)
 """Reference with as many points, on average."""

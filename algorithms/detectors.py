@@ -19,15 +19,19 @@ All take power maps of any rank and unit. The factor of each cell comes from
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.dsp.cfar import (
     Axis,
+    Cells,
     CellsPerSide,
     Detection,
     Threshold,
@@ -54,17 +58,9 @@ from isacbench.dsp.cfar.factors import (
 )
 from isacbench.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from isacbench.dsp.array_types import Floats
-    from isacbench.dsp.cfar import Cells
-
-    Power = NDArray[np.floating[Any]]
-    Estimate = tuple[Floats, float | Floats]
-    """Noise estimates of cells under test, and the factors on them."""
+Power = NDArray[np.floating[Any]]
+Estimate = tuple[Floats, float | Floats]
+"""Noise estimates of cells under test, and the factors on them."""
 
 
 class _Cfar(ABC):
@@ -443,7 +439,7 @@ class OsCfar(_Cfar):
 class _OrderDetection(Detection):
     """A detection whose noise and thresholds are computed when they are first asked for."""
 
-    def __init__(self, mask: NDArray[np.bool_], thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
+    def __init__(self, mask: Mask, thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
         self.__dict__.update(mask=mask, _thresholds=thresholds)
 
     def __reduce__(self) -> tuple[type[Detection], tuple[NDArray[np.generic], ...]]:

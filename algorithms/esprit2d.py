@@ -40,9 +40,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Mask
 from isacbench.dsp.angles.esprit import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Mask
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 

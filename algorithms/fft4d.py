@@ -33,11 +33,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
-from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require
 from isacbench.instrument.stages import stage

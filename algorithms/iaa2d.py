@@ -36,10 +36,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import iaa_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.errors import require
 from isacbench.instrument.stages import stage

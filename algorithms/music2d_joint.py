@@ -44,12 +44,12 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.cosines import cosine_samples
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
 from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats, Integers
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation

@@ -47,8 +47,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.cores import one_blas_thread
-from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import (
     LEAST_DAMPING,

@@ -8,22 +8,16 @@ lattice of cells is therefore moved by 64 fixed offsets, and scores are means ov
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import require
 from isacbench.model.cloud import PointCloud
-from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+from isacbench.model.radio_coordinates import Radio, radio_places, rayleigh_cells
 
 from .bases.references import N_REALISATIONS, Reference
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.plugins.contracts import Radio
-
-    Floats = NDArray[np.float64]
 
 GENERATOR = (1, 3, 11, 29)
 """Generator of the rank-1 lattice of offsets. It has the least P_2 of all odd generators, 3.67; for random

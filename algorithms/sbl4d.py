@@ -42,8 +42,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
-from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap

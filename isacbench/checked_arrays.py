@@ -1,4 +1,4 @@
-"""The door for arrays from outside: what NumPy would cut off in silence is honoured, or refused in one line.
+"""Types of arrays, and the door for those from outside: what NumPy would cut off in silence is refused.
 
 `numpy.asarray` takes masked numbers for valid ones, texts for numbers, and
 columns of a table by their place; casts to other types cut off imaginary parts
@@ -15,6 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from isacbench.errors import InputError
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 KINDS = {"f": "real numbers", "i": "whole numbers", "c": "real or complex numbers"}
 

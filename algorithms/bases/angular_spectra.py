@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.cosines import cosine_samples, within_period
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import nearest_to_mean
 from isacbench.model.cloud import PointCloud
+from isacbench.model.observation import Observation
+from isacbench.model.radio_coordinates import Radio
 from isacbench.plugins.contracts import Needs
-
-if TYPE_CHECKING:
-    from isacbench.model.observation import Observation
-    from isacbench.plugins.contracts import Radio
 
 N_REALISATIONS = 64
 """Realisations of each reference: the standard error of a mean is an eighth of the spread or less."""

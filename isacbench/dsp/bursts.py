@@ -13,20 +13,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
+from isacbench.choices import Sensing
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
+from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
-
-if TYPE_CHECKING:
-    from isacbench.choices import Sensing
-    from isacbench.model.numerology import System
-
 
 PLACE_ERROR_BINS = 0.5
 """Error of the distance of two peaks that are read twice a bin."""

@@ -21,8 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
 from isacbench.errors import InputError
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]

@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import (
 )
 from scipy.spatial import cKDTree
 
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.errors import InputWarning
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MOST_PAIRS = 2**22
@@ -39,7 +39,7 @@ class Pairs(NamedTuple):
     j: Indices
     squared_m2: Floats
 
-    def take(self, which: NDArray[np.bool_] | Indices) -> Pairs:
+    def take(self, which: Mask | Indices) -> Pairs:
         """Select pairs."""
         return Pairs(self.i[which], self.j[which], self.squared_m2[which])
 

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from scipy.spatial import cKDTree
 
 from isacbench.metrics.assignment import cheapest, near_pairs
-from isacbench.metrics.geometry import RADIUS_M
-
-if TYPE_CHECKING:
-    from isacbench.metrics.geometry import CloudPair
-    from isacbench.model.cloud import PointCloud
+from isacbench.metrics.geometry import RADIUS_M, CloudPair
+from isacbench.model.cloud import PointCloud
 
 
 @dataclass(frozen=True)

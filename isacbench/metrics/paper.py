@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats
 from isacbench.metrics.descriptions import ScoreColumn
-from isacbench.metrics.geometry import box_diagonal_m, projected_hausdorff_m
+from isacbench.metrics.geometry import CloudPair, box_diagonal_m, projected_hausdorff_m
 from isacbench.metrics.gospa import pair_gospa
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.metrics.geometry import CloudPair
 
 PROJECTIONS = {"hausdorff_xy_m": (0, 1), "hausdorff_xz_m": (0, 2), "hausdorff_yz_m": (1, 2)}
 """Axes of the projections by the names of their Hausdorff distances."""
@@ -130,7 +126,7 @@ def _velocity_nmse(pair: CloudPair) -> float:
     return float(np.square(_velocity_errors_mps(pair)).sum()) / energy
 
 
-def _velocity_errors_mps(pair: CloudPair) -> NDArray[np.float64]:
+def _velocity_errors_mps(pair: CloudPair) -> Floats:
     """Velocity error (n_true,) of the estimated point nearest to each scatterer; without sign for ties."""
     velocity, true_velocity = pair.estimate.velocity, pair.truth.velocity
     distance_m, index = pair.two_nearest_estimates
@@ -146,7 +142,7 @@ def _velocity_errors_mps(pair: CloudPair) -> NDArray[np.float64]:
     return errors
 
 
-def _nearest_differences(values: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+def _nearest_differences(values: Floats, others: Floats) -> Floats:
     """Difference of each value from the nearest of the others, without sign."""
     ascending = np.concatenate([[-np.inf], np.sort(others), [np.inf]])
     above = np.searchsorted(ascending, values)

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats
 from isacbench.metrics.descriptions import ScoreColumn
-from isacbench.metrics.geometry import projected_hausdorff_m
+from isacbench.metrics.geometry import CloudPair, projected_hausdorff_m
 from isacbench.model.numerology import System
-
-if TYPE_CHECKING:
-    from isacbench.metrics.geometry import CloudPair
-    from isacbench.model.region import Region
-
-Floats = NDArray[np.float64]
+from isacbench.model.region import Region
 
 
 @dataclass(frozen=True)

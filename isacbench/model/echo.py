@@ -16,26 +16,21 @@ import hashlib
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from numbers import Real
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
 from isacbench.errors import require
-from isacbench.model.array import element_errors
+from isacbench.model.array import VirtualArray, element_errors
 from isacbench.model.gate import Gate, build_gate
 from isacbench.model.kernels import dirichlet
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
-
-if TYPE_CHECKING:
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.scene import Scenario
-
-Complex = NDArray[np.complex128]
 
 FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
@@ -66,10 +61,10 @@ class EchoParameters:
     """
 
     gain: Complex
-    range_bin: NDArray[np.float64]
-    doppler_bin: NDArray[np.float64]
-    u: NDArray[np.float64]
-    w: NDArray[np.float64]
+    range_bin: Floats
+    doppler_bin: Floats
+    u: Floats
+    w: Floats
 
 
 def echo_parameters(scenario: Scenario) -> EchoParameters:
@@ -88,7 +83,7 @@ def echo_parameters(scenario: Scenario) -> EchoParameters:
     return EchoParameters(gain, range_bin, doppler_bin, u, w)
 
 
-def central_phase(scenario: Scenario) -> NDArray[np.float64]:
+def central_phase(scenario: Scenario) -> Floats:
     """Phase of every echo at the centre of the resource grid and of the array.
 
     Two equal echoes closer than a Rayleigh cell are hardest to tell apart
@@ -240,7 +235,7 @@ def echo_responses(scenario: Scenario, elements: ArrayLike) -> tuple[EchoParamet
 
 
 def _superposed(
-    along_range: Complex, along_doppler: Complex, directions: Complex, doppler_bin: NDArray[np.float64]
+    along_range: Complex, along_doppler: Complex, directions: Complex, doppler_bin: Floats
 ) -> Complex:
     """Sum (a, b, e) of echoes that are products (a, K), (b, K) and (K, e).
 

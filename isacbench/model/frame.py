@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError
 
 FrameName = Literal["paper", "panel"]
-Floats = NDArray[np.float64]
 
 
 class Frame(ABC):
@@ -68,7 +67,7 @@ class Frame(ABC):
         """
 
     @abstractmethod
-    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+    def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie where the map can be inverted, its border included.
 
         Parameters
@@ -187,7 +186,7 @@ class PaperFrame(Frame):
             np.stack(along_w, axis=-1),
         )
 
-    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+    def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie below the base station.
 
         Parameters
@@ -287,7 +286,7 @@ class PanelFrame(Frame):
             np.stack([zero, one, -w / normal], axis=-1) @ self.axes,
         )
 
-    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+    def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie in front of the panel.
 
         Parameters

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import DTypeLike
 
 from isacbench.checked_arrays import checked_array
-
-if TYPE_CHECKING:
-    from numpy.typing import DTypeLike
 
 
 def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> None:

@@ -6,17 +6,14 @@ take turns in the comb, so that four of them touch every subcarrier.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
 
+from isacbench.checked_arrays import Mask
 from isacbench.choices import Sensing
 from isacbench.errors import unknown_name
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import System
 
 COMB_SIZE = 4
 COMB_OFFSETS = (0, 2, 1, 3)
@@ -29,7 +26,7 @@ FIRST_SYMBOL, LAST_SYMBOL = 1, 12
 SLOT_PERIOD = 4
 
 
-def prs_elements(system: System) -> NDArray[np.bool_]:
+def prs_elements(system: System) -> Mask:
     """Resource elements that carry the positioning reference signal.
 
     Returns
@@ -47,7 +44,7 @@ def prs_elements(system: System) -> NDArray[np.bool_]:
     return in_comb & is_sent
 
 
-def resource_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
+def resource_elements(system: System, sensing: Sensing) -> Mask:
     """Resource elements that are sensed with.
 
     Parameters

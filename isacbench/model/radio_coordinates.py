@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, get_args
+from typing import Protocol, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import Floats
 from isacbench.choices import Dimension
 from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
+from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.frame import Frame
-    from isacbench.model.numerology import System
-    from isacbench.model.region import Region
-    from isacbench.model.scene import Scatterers, Scenario
-
-    Floats = NDArray[np.float64]
+from isacbench.model.frame import Frame
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers, Scenario
 
 DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 
@@ -44,7 +40,7 @@ class Radio(Protocol):
         """Map between directions and direction cosines."""
 
     @property
-    def base_station_m(self) -> NDArray[np.float64]:
+    def base_station_m(self) -> Floats:
         """Position (3,) of the base station in m."""
 
     @property

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.model.kernels import steering
 
 

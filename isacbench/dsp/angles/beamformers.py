@@ -21,11 +21,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, checked_array
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
-from isacbench.dsp.array_types import Complex, Floats
 
 LEAST_LOADING = 1e-12
 """Loading relative to the mean eigenvalue: without noise, covariances of few waves are singular."""

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Floats
 from isacbench.model.region import Interval
 
 Spectra = TypeVar("Spectra", bound=NDArray[Any])

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.array_types import Floats, Integers
+from isacbench.checked_arrays import Floats, Integers
 
 MOST_ROTATION = 1e-3
 """Largest sine of the angle by which rounding may rotate a signal subspace: three digits of a direction, in

@@ -27,10 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.dsp.angles.cosines import PERIOD, within_period
 from isacbench.dsp.angles.line_subspaces import unitary_transform
-from isacbench.dsp.array_types import Floats, Mask
 
 UNRELIABLE = 0.4
 """Imaginary part of an eigenvalue over the distance of the nearest pair; noise that turns a pair from one

@@ -23,10 +23,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.peaks import Peaks
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.model.region import Interval
 
 SMALLEST_NULL = 1e-15

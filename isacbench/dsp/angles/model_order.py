@@ -23,8 +23,8 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.eigenpairs import Eigenpairs
-from isacbench.dsp.array_types import Floats, Integers
 from isacbench.dsp.cfar import check_pfa, window_axes, windows_of
 from isacbench.dsp.cfar.factors import ca_factor
 from isacbench.errors import require

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from isacbench.dsp.array_types import Floats, Integers, Mask
+from isacbench.checked_arrays import Floats, Integers, Mask
 
 
 class Peaks(NamedTuple):

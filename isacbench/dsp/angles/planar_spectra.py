@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from isacbench.checked_arrays import Floats, Integers, Mask
 from isacbench.dsp.angles.cosines import with_neighbours
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
 from isacbench.dsp.angles.peaks import plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats, Integers, Mask
 
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
 from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.angles.planar_spectra import Minima, planar_minima, squared_projections
-from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.instrument.stages import stage
 
 SPARE_DIMENSIONS = 4

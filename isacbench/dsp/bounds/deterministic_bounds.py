@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Floats, checked_array
+from isacbench.choices import Sensing
 from isacbench.dsp.bounds.echo_slopes import N_PARAMETERS, EchoSlopes, echo_slopes
 from isacbench.dsp.bounds.fisher_inverse import Bound, JointBound, KnownPart, inverse_where_known
 from isacbench.errors import require
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from isacbench.choices import Sensing
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import System
 
 N_NUISANCE = 2
 """Unknowns of a scatterer besides its parameters: real and imaginary part of its amplitude."""

@@ -8,19 +8,15 @@ multiplied over the axes: neither the grid nor the array is ever filled.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
+from isacbench.choices import Sensing
 from isacbench.errors import require
+from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from isacbench.choices import Sensing
-    from isacbench.model.numerology import System
 
 N_PARAMETERS = 4
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.display import brief
-from isacbench.dsp.array_types import Complex, Floats, Mask
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 NEGLIGIBLE = 1e-3
 """Share of a variance that may be lost to rounding before the variance counts as infinite."""

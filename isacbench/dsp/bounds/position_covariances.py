@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.bounds.echo_slopes import N_PARAMETERS
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from isacbench.model.frame import Frame
+from isacbench.model.frame import Frame
 
 
 def position_covariance(

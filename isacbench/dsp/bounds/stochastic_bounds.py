@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask, checked_array
+from isacbench.choices import Sensing
 from isacbench.dsp.bounds.echo_slopes import echo_slopes
 from isacbench.dsp.bounds.fisher_inverse import JointBound, KnownPart, inverse_where_known
 from isacbench.errors import require
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from isacbench.choices import Sensing
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import System
 
 ROUNDING = 1e-9
 """Share by which a covariance may miss being Hermitian and positive semidefinite."""

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, checked_array
 from isacbench.dsp.cfar.factors.rate_roots import check_looks
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
 
 CellsPerSide = int | tuple[int, ...]
 Threshold = Literal["exact", "paper"]
@@ -111,7 +108,7 @@ def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
     return int(axis)
 
 
-def checked_power(power: ArrayLike, looks: int) -> NDArray[np.float64]:
+def checked_power(power: ArrayLike, looks: int) -> Floats:
     """Check a power map and convert it to float64.
 
     Parameters

@@ -11,26 +11,22 @@ cancellation.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats, Mask
+from isacbench.dsp.cfar.map_checks import Cells
 from isacbench.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from isacbench.dsp.cfar.map_checks import Cells
-
-    Floats = NDArray[np.float64]
-    Index = tuple[slice, ...] | Cells
+Index = tuple[slice, ...] | Cells
 
 _MOST_VALUES = 2**19
 """Largest number of values of windows that are gathered at a time."""
@@ -133,7 +129,7 @@ class Windows:
         return int(self.trains.ravel()[: np.ravel_multi_index(self.place, self.trains.shape)].sum())
 
     @property
-    def trains(self) -> NDArray[np.bool_]:
+    def trains(self) -> Mask:
         """Mask of the training cells, of the window's shape."""
         return _training_places(self.axes, self.place)
 
@@ -174,7 +170,7 @@ class Windows:
 
 
 @lru_cache(maxsize=4096)
-def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> NDArray[np.bool_]:
+def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> Mask:
     """Mask of the cells outside the guard cells, of the window's shape."""
     trains = np.ones(tuple(axis.n_window for axis in axes), dtype=bool)
     guarded = (slice(max(p - axis.guard, 0), p + axis.guard + 1) for p, axis in zip(place, axes, strict=True))

@@ -29,7 +29,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import (
     N_COORDINATES,
     AtomMap,

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.kernels import dirichlet_slopes

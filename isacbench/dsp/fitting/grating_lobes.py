@@ -7,17 +7,14 @@ told apart, because the echoes of all others are subtracted for each.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
-
-if TYPE_CHECKING:
-    from isacbench.dsp.bursts import SymbolBursts
-    from isacbench.model.gate import Gate
-
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.bursts import SymbolBursts
+from isacbench.model.gate import Gate
 
 COMPETING_RESPONSE = 0.3
 """Response from which two scatterers do not change their lobes in the same round."""

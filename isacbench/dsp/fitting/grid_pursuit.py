@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.angles.peaks import vertex
-from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 
 EQUAL = 1e-9

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within

@@ -27,9 +27,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.angles.cosines import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.fitting.variable_projection import WaveFit, fit_waves
 from isacbench.dsp.stable_order import stepped
 

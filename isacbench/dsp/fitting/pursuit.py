@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.dsp.array_types import Floats, Integers, Mask
+from isacbench.checked_arrays import Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.pursuit import descending, sidelobe_energy, sidelobe_envelope, unwrapped

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 
 DIAGONAL_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""

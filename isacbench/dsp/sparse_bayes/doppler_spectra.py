@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 
 FIRST_SHARE = 0.1
 """First powers, over those of a matched filter, which counts each echo on many places."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, label, maximum_filter
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.doppler_spectra import DopplerSpectra, learn_doppler_spectra
 from isacbench.dsp.sparse_bayes.gathering import gather

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
 
 PITCH = 2.0**-12 * (1 + np.sqrt(5))
 """Rayleigh cells to which centroids are rounded: joint steps would magnify digits that rounding decides. By

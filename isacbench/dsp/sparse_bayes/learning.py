@@ -27,10 +27,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 
 LEAST_INFORMATION = 1e-30
 """Least s = a^T C^-1 a: an atom that the data do not see keeps a finite power, which is 0 soon."""
@@ -118,7 +117,7 @@ class _Pairs(NamedTuple):
         return numbers
 
     @property
-    def is_square(self) -> NDArray[np.bool_]:
+    def is_square(self) -> Mask:
         return np.equal(self.first, self.second)
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near

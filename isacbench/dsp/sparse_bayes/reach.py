@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from isacbench.dsp.array_types import Floats, Mask
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval

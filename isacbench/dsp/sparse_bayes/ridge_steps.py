@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy

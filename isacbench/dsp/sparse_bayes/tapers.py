@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Floats
 
 HANN_SIDE = 0.25, 0.5
 """Weights of the neighbouring bins and of the middle one: a Hann window over the apertures of an `AtomMap`,

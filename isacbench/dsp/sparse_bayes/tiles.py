@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
 from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched

@@ -11,20 +11,18 @@ circular noise. So only the moduli of the symbols matter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.link.waveform.resource_grid import draw_grid, require_n_id
+from isacbench.model.numerology import System
 from isacbench.model.prs import resource_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.numerology import System
 
 
 @dataclass(frozen=True)
@@ -88,11 +86,11 @@ class Weights:
         q, amplitude of the noise after division over that of the receiver noise.
     """
 
-    echo: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    echo: Floats
+    noise: Floats
 
 
-def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> NDArray[np.float64]:
+def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> Floats:
     """Draw the moduli of the symbols used for sensing; 0 on the other resource elements.
 
     Parameters
@@ -117,7 +115,7 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
     return np.abs(grid.symbols)
 
 
-def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
+def sensed_elements(system: System, sensing: Sensing) -> Mask:
     """Find the resource elements used for sensing, and refuse a grid without any.
 
     Parameters
@@ -142,7 +140,7 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
     return sensed
 
 
-def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: float = np.inf) -> Weights:
+def division_weights(moduli: Floats, division: Division, snr_db: float = np.inf) -> Weights:
     """Compute the weights of echo and noise after a division.
 
     Parameters
@@ -178,11 +176,11 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
 
 def division_factors(
     symbols: ArrayLike,
-    sensed: NDArray[np.bool_],
+    sensed: Mask,
     division: Division,
     snr_db: float = np.inf,
     unit: float | None = None,
-) -> NDArray[np.complex128]:
+) -> Complex:
     """Compute the factors that divide received resource elements by the transmitted symbols.
 
     Parameters

@@ -4,24 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex
 from isacbench.cores import one_blas_thread
-from isacbench.link.sensing.division import Signal, division_weights, symbol_moduli
+from isacbench.link.sensing.division import Signal, Weights, division_weights, symbol_moduli
 from isacbench.link.sensing.noise_colouring import coloured_noise
 from isacbench.link.sensing.weighted_echo import weighted_echo
 from isacbench.model.echo import Simulator, random_stream
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.link.sensing.division import Weights
-    from isacbench.model.observation import Observation
-    from isacbench.model.scene import Scenario
-
-    Complex = NDArray[np.complex128]
+from isacbench.model.observation import Observation
+from isacbench.model.scene import Scenario
 
 PLAIN = Signal()
 

@@ -12,21 +12,13 @@ these, and only the cells of the gate are spread over the elements.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft
-from isacbench.model.echo import echo_responses, is_dust
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.echo import EchoParameters
-    from isacbench.model.gate import Gate
-    from isacbench.model.scene import Scenario
-
-    Complex = NDArray[np.complex128]
+from isacbench.model.echo import EchoParameters, echo_responses, is_dust
+from isacbench.model.gate import Gate
+from isacbench.model.scene import Scenario
 
 MOST_NUMBERS = 2**23
 """Complex numbers of an intermediate array that are held at a time: 128 MB."""
@@ -35,7 +27,7 @@ ROUNDINGS = 32.0
 """Roundings of the largest singular value below which a dimension of the directions is rounding."""
 
 
-def weighted_echo(scenario: Scenario, gate: Gate, weight: NDArray[np.float64]) -> Complex:
+def weighted_echo(scenario: Scenario, gate: Gate, weight: Floats) -> Complex:
     """Compute the noise-free range-Doppler cells of the gate behind weights on the resource grid.
 
     Parameters
@@ -67,7 +59,7 @@ def _dimensions(responses: Complex) -> tuple[Complex, Complex]:
     return left[:, :rank] * singular[:rank], basis[:rank]
 
 
-def _cells(echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordinates: Complex) -> Complex:
+def _cells(echo: EchoParameters, gate: Gate, weight: Floats, coordinates: Complex) -> Complex:
     """Cells (n_range, n_doppler, k) of echoes whose responses have k coordinates."""
     (n_range, n_doppler), n_subcarriers, n_dimensions = gate.shape, len(weight), coordinates.shape[1]
     cells = np.empty((n_range, n_doppler, n_dimensions), dtype=np.complex128)
@@ -80,9 +72,7 @@ def _cells(echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordi
     return cells
 
 
-def _doppler_lines(
-    echo: EchoParameters, gate: Gate, weight: NDArray[np.float64], coordinates: Complex
-) -> Complex:
+def _doppler_lines(echo: EchoParameters, gate: Gate, weight: Floats, coordinates: Complex) -> Complex:
     """Doppler bins (n_subcarriers, n_doppler, k) of all subcarriers, a few of them at a time."""
     n_subcarriers, n_symbols = weight.shape
     speeds, of_speed = np.unique(echo.doppler_bin, return_inverse=True)

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
+from numpy.typing import ArrayLike
 from scipy.special import xlogy
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, checked_array
+from isacbench.choices import Modulation
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.model.number_limits import require_all, require_count
+from isacbench.model.numerology import System
 from isacbench.model.prs import prs_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.choices import Modulation
-    from isacbench.model.numerology import System
-
-    Floats = NDArray[np.float64]
 
 MOST_CROSSINGS_AT = 0.5
 """Power over its mean at which an envelope of Gaussian samples crosses upwards most often."""
@@ -43,7 +37,7 @@ class FrameRates:
     n_data_bits: int
     bit_rate_bps: float
 
-    def achievable_rate_bps(self, ber: ArrayLike) -> NDArray[np.float64]:
+    def achievable_rate_bps(self, ber: ArrayLike) -> Floats:
         """Compute the rate up to which a code could make the decided bits free of errors.
 
         Parameters
@@ -86,7 +80,7 @@ def frame_rates(system: System, modulation: Modulation) -> FrameRates:
     return FrameRates(n_data_bits, n_data_bits / (system.n_symbols * system.symbol_time_s))
 
 
-def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
+def hard_decision_capacity(ber: ArrayLike) -> Floats:
     """Compute the information that a decided bit carries: the capacity of the binary symmetric channel.
 
     Parameters

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, checked_array
 from isacbench.errors import InputError
 from isacbench.model.number_limits import require_count
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.numerology import System
-
-    Complex = NDArray[np.complex128]
+from isacbench.model.numerology import System
 
 WHOLE = 1e-9
 """Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
@@ -109,7 +103,7 @@ def n_samples(layout: SymbolLayout, n_symbols: int) -> int:
     return n_symbols * layout.n_symbol + layout.n_suffix
 
 
-def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.float64]:
+def transmit_window(layout: SymbolLayout, position: ArrayLike) -> Floats:
     """Evaluate the window that a symbol is sent through.
 
     It rises as a raised cosine at the start of the prefix, over the length of
@@ -232,7 +226,7 @@ def _whole_samples(name: str, ratio: float, n_useful: int) -> int:
     return n
 
 
-def _rise(place: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rise(place: Floats) -> Floats:
     """Raised cosine from 0 at place 0 to 1 at place 1, and on."""
     return (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
 

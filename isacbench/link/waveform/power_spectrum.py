@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.numerology import System
-
-    Floats = NDArray[np.float64]
+from isacbench.checked_arrays import Floats
+from isacbench.model.numerology import System
 
 
 def window_spectrum(system: System, frequency_hz: ArrayLike) -> Floats:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtri
 
+from isacbench.checked_arrays import Floats
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 CROSS_SECTIONS = {
     "tr38901:uav_small": (-12.81, 3.74),
@@ -53,7 +50,7 @@ def cross_section_dbsm(rcs_dbsm: float | str, key: str) -> float:
     return round(mean_dbsm + drawn_db, DECIMALS)
 
 
-def free_space_amplitudes(range_m: NDArray[np.float64], wavelength_m: float) -> NDArray[np.float64]:
+def free_space_amplitudes(range_m: Floats, wavelength_m: float) -> Floats:
     """Amplitudes of echoes from 1 m² by the radar equation, with isotropic antennas.
 
     Parameters

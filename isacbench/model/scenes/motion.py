@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+from isacbench.checked_arrays import Floats
 
 DECIMALS = 6
 """Of coordinates in m and speeds in m/s: sines differ in the last digits between machines."""

@@ -9,25 +9,18 @@ from 0.8 m on, bar 1.2 to 1.25 m, into steps of 0.5 m ± 20 %.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-Offsets = NDArray[np.float64]
 
 MOST_STEPS, MOST_POINTS = 2000, 100_000
 """Largest numbers of steps along a length, and of points of a surface."""
 
 
-def _grid(
-    x: Sequence[float] | Offsets, y: Sequence[float] | Offsets, z: Sequence[float] | Offsets
-) -> Offsets:
+def _grid(x: Sequence[float] | Floats, y: Sequence[float] | Floats, z: Sequence[float] | Floats) -> Floats:
     """Every combination of the given coordinates."""
     n_points = len(x) * len(y) * len(z)
     if n_points > MOST_POINTS:
@@ -38,7 +31,7 @@ def _grid(
     return np.stack([axis.ravel() for axis in axes], axis=1)
 
 
-def _steps(length_m: float, spacing_m: float) -> Offsets:
+def _steps(length_m: float, spacing_m: float) -> Floats:
     """Coordinates centred on 0 that span a length in equal steps of about the spacing."""
     return np.linspace(-length_m / 2, length_m / 2, _n_steps(length_m, spacing_m) + 1)
 
@@ -55,7 +48,7 @@ def _n_steps(length_m: float, spacing_m: float) -> int:
     return int(n_steps)
 
 
-def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Offsets:
+def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Floats:
     """Outline a car: sides, pillars, bonnet and boot, bumpers, roof line, wheels, mirrors.
 
     Parameters
@@ -89,7 +82,7 @@ def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Offsets:
     )
 
 
-def _lid_positions() -> list[NDArray[np.float64]]:
+def _lid_positions() -> list[Floats]:
     """Three places along the boot and the bonnet, as fractions of the car's length."""
     bonnet = np.array([4 / 12, 5 / 12, 6 / 12])
     return [-bonnet[::-1], bonnet]
@@ -108,7 +101,7 @@ LEFT_HALF = np.array(
 """Left head, shoulder, hand, hip, knee and foot of a person 1 m tall, the foot a full step ahead."""
 
 
-def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Offsets:
+def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Floats:
     """Outline a walking person: head, shoulders, hands, hips, knees and feet.
 
     Parameters
@@ -128,7 +121,7 @@ def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Offsets:
     return height_m * np.concatenate([left, right])
 
 
-def limb_swing(stride_phase_deg: float) -> Offsets:
+def limb_swing(stride_phase_deg: float) -> Floats:
     """Velocities of a pedestrian's points relative to the body, for a walking speed of 1 m/s.
 
     Limbs swing as pendulums do. The foot that passes the other one backwards
@@ -151,7 +144,7 @@ def limb_swing(stride_phase_deg: float) -> Offsets:
 
 def lamp_post(
     height_m: float = 10.0, foot_m: float = 2.0, spacing_m: float = 1.0, arm_m: float = 1.0
-) -> Offsets:
+) -> Floats:
     """Outline a mast, from the top of its shielded foot upwards, and four arm tips around its top.
 
     Parameters
@@ -183,7 +176,7 @@ def lamp_post(
     return np.concatenate([mast, arms + np.array([0.0, 0.0, height_m])])
 
 
-def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.5) -> Offsets:
+def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.5) -> Floats:
     """Outline a hedge by its four long edges.
 
     Parameters
@@ -202,7 +195,7 @@ def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.
     return _grid([-width / 2, width / 2], _steps(length, spacing_m), [0.0, height])
 
 
-def box(size_m: Sequence[float] | Offsets = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Offsets:
+def box(size_m: Sequence[float] | Floats = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Floats:
     """Sample the sides and the top of a box.
 
     Parameters
@@ -223,7 +216,7 @@ def box(size_m: Sequence[float] | Offsets = (1.0, 6.0, 1.0), spacing_m: float = 
     return np.concatenate([*sides, _grid(x, y, levels[-1:])])
 
 
-def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Offsets:
+def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Floats:
     """Sample an upright wall along y.
 
     Parameters
@@ -241,7 +234,7 @@ def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Offse
     return _grid([0.0], _steps(length, spacing_m), _steps(height, spacing_m) + height / 2)
 
 
-def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Offsets:
+def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Floats:
     """Sample an upright pole from the ground to its top.
 
     Parameters
@@ -259,7 +252,7 @@ def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Offsets:
 RAIL_HEIGHTS_M = 0.4, 0.9
 
 
-def rail(length_m: float = 8.0, spacing_m: float = 0.5) -> Offsets:
+def rail(length_m: float = 8.0, spacing_m: float = 0.5) -> Floats:
     """Sample the two bars of a guard rail along y, 0.4 m and 0.9 m above the ground.
 
     Parameters
@@ -281,7 +274,7 @@ RIM = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Points of a rim around its hub, forwards and up, in radii."""
 
 
-def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -> Offsets:
+def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -> Floats:
     """Sample a vehicle: a body up to the waist, a cabin over its middle half, and four wheels.
 
     Parameters
@@ -315,7 +308,7 @@ def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -
     return np.concatenate([*map(_rim, shells), *surfaces, _rims(hubs, WHEEL_RADIUS_M)])
 
 
-def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
+def cabin_rows(length_m: float, spacing_m: float) -> Floats:
     """Places along a vehicle of the rows of its cabin.
 
     Parameters
@@ -331,7 +324,7 @@ def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
     return y[np.abs(y) <= length_m / 4]
 
 
-def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Offsets:
+def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Floats:
     """Hubs of the wheels, on both sides of every axle.
 
     Parameters
@@ -350,18 +343,18 @@ def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Offs
     return _grid([-width_m / 2, width_m / 2], axles_m, [radius_m])
 
 
-def _rims(hubs: Offsets, radius_m: float) -> Offsets:
+def _rims(hubs: Floats, radius_m: float) -> Floats:
     """Four points on the rim of every wheel."""
     rims = hubs[:, None, :] + radius_m * np.pad(RIM, ((0, 0), (1, 0)))
     return rims.reshape(-1, 3)
 
 
-def _rim(layer: Offsets) -> Offsets:
+def _rim(layer: Floats) -> Floats:
     """Outer points of a level grid."""
     return layer[(np.abs(layer[:, :2]) == np.abs(layer[:, :2]).max(axis=0)).any(axis=1)]
 
 
-def wheel_roll(n_wheels: int) -> Offsets:
+def wheel_roll(n_wheels: int) -> Floats:
     """Velocities of the rim points of wheels relative to the body, for a speed of 1 m/s.
 
     A wheel rolls: its lowest point stands still, its highest has twice the speed.
@@ -383,7 +376,7 @@ LEAST_LORRY_M = 5.0, 2.0
 """Least length and height."""
 
 
-def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Offsets, Offsets]]:
+def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Floats, Floats]]:
     """Lower and upper corners of the cab and the cargo box of a lorry.
 
     Parameters
@@ -411,7 +404,7 @@ def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Offsets, Offsets]]:
     ]
 
 
-def lorry_hubs(size_m: Sequence[float]) -> Offsets:
+def lorry_hubs(size_m: Sequence[float]) -> Floats:
     """Hubs of the six wheels of a lorry.
 
     Returns
@@ -422,7 +415,7 @@ def lorry_hubs(size_m: Sequence[float]) -> Offsets:
     return axle_ends(width, [1.2 - length / 2, 2.5 - length / 2, length / 2 - 1.2], LORRY_WHEEL_M)
 
 
-def lorry(size_m: Sequence[float] = (2.5, 9.0, 3.6), spacing_m: float = 0.5) -> Offsets:
+def lorry(size_m: Sequence[float] = (2.5, 9.0, 3.6), spacing_m: float = 0.5) -> Floats:
     """Sample a lorry: sides and tops of cab and cargo box, and six wheels.
 
     Parameters
@@ -459,7 +452,7 @@ GEAR = 2.5
 """Turns of a wheel in a turn of the cranks."""
 
 
-def cyclist(crank_phase_deg: float = 0.0) -> Offsets:
+def cyclist(crank_phase_deg: float = 0.0) -> Floats:
     """Outline a cyclist: the points of a pedestrian, riding, and two wheels.
 
     Parameters
@@ -483,7 +476,7 @@ def cyclist(crank_phase_deg: float = 0.0) -> Offsets:
     return np.concatenate([*sides, _rims(_grid([0.0], CYCLE_AXLES_M, [CYCLE_WHEEL_M]), CYCLE_WHEEL_M)])
 
 
-def pedalling(crank_phase_deg: float) -> Offsets:
+def pedalling(crank_phase_deg: float) -> Floats:
     """Velocities of a cyclist's points relative to the frame, for a speed of 1 m/s.
 
     Wheels roll, pedals turn once in 2.5 turns of a wheel, and knees move half as fast.

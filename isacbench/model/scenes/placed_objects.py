@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, count
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.errors import InputError
+from isacbench.model.region import Region
 from isacbench.model.scene import AT_BASE_STATION_M, Scatterers
 from isacbench.model.scenes.cross_sections import cross_section_dbsm, free_space_amplitudes
+from isacbench.model.scenes.solids import Part
 from isacbench.model.surfaces.visibility import NO_PART, seen_points
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from isacbench.model.region import Region
-    from isacbench.model.scenes.solids import Part
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -128,7 +121,7 @@ def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list
     ]
 
 
-def _selected(scatterers: Scatterers, which: NDArray[np.bool_]) -> Scatterers:
+def _selected(scatterers: Scatterers, which: Mask) -> Scatterers:
     xyz, velocity, amplitude = scatterers.xyz, scatterers.velocity, scatterers.amplitude
     objects = tuple(compress(scatterers.objects, which))
     return Scatterers(xyz[which], velocity[which], amplitude[which], objects=objects)

@@ -10,10 +10,12 @@ surfaces, and every part hides them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats
 from isacbench.model.scenes.objects import (
     LORRY_WHEEL_M,
     RAIL_HEIGHTS_M,
@@ -32,13 +34,7 @@ from isacbench.model.scenes.objects import (
 )
 from isacbench.model.surfaces.shapes import cuboid, globe, tube
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Part = tuple[Floats, Sequence[int]]
+Part = tuple[Floats, Sequence[int]]
 
 BAR_M, MAST_M, ARM_M = 0.05, 0.08, 0.04
 """Radii of a rail's bars and of a pole, of a mast, and of its arms."""

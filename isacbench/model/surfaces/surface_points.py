@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from isacbench.checked_arrays import Floats, Integers, Mask
 from isacbench.errors import InputError, import_extra
 from isacbench.model.number_limits import require_places
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 MOST_SURFACE_POINTS = 200_000
 """Largest number of points that a mesh is sampled at."""
@@ -182,7 +177,7 @@ def _pairs(points: Floats, nearest_m: float) -> Integers:
     return pairs[np.lexsort(pairs.T[::-1])]
 
 
-def _without_second(pairs: Integers, n: int) -> NDArray[np.bool_]:
+def _without_second(pairs: Integers, n: int) -> Mask:
     """Mask (n,) of what is left if every pair whose first is left loses its second."""
     is_kept = np.ones(n, dtype=bool)
     for first, second in pairs.tolist():

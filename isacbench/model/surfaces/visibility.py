@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.spatial import cKDTree
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
+from isacbench.checked_arrays import Floats, Integers, Mask
 
 TOLERANCE_M = 0.02
 """Distance before a point up to which a surface does not hide it: it is the one the point lies on."""
@@ -34,7 +28,7 @@ NO_PART = -1
 
 def seen_points(
     base_station_m: Floats, xyz: Floats, point_part: Integers, triangles: Floats, face_part: Integers
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Tell which points the base station sees.
 
     A point is hidden where the ray to it meets a triangle more than

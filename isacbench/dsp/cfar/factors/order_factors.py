@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.cfar.factors.rate_roots import checked_looks, solve_factor
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # Probability of an order statistic left out at either end of the quadrature, far below the least rate.
 # With 512 nodes the relative error of the rate is below 1e-8 even at the least rate. With more looks the
@@ -131,7 +128,7 @@ class _OscaLaw:
         return min(float(law.sum()), 1.0)
 
 
-def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[Floats, Floats]:
     """Nodes and probabilities of the rank-th smallest of `n_cells` gamma powers of mean 1.
 
     Over the logarithm of the power the density is smooth and vanishes at both
@@ -153,7 +150,7 @@ def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[NDArray[np.fl
     return power / looks, weight / weight.sum()
 
 
-def _poisson(mean: NDArray[np.float64], n_counts: int) -> NDArray[np.float64]:
+def _poisson(mean: Floats, n_counts: int) -> Floats:
     """Poisson probabilities of the counts 0 to n_counts - 1, shape (n_counts, mean.size)."""
     counts = np.arange(n_counts)
     log_law = np.multiply.outer(counts, np.log(mean)) - mean

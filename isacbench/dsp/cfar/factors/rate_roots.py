@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from functools import cache
 from numbers import Integral, Real
-from typing import TYPE_CHECKING
 
 from scipy import optimize
 
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 LEAST_PFA, MOST_PFA = 1e-30, 0.999999
 """Rates between which factors without a closed form are found."""
