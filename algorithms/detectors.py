@@ -162,7 +162,17 @@ class _Cfar(ABC):
 
 
 @dataclass(frozen=True)
-class CaCfar(_Cfar):
+class _WindowCfar(_Cfar):
+    """Base class: the parameters that most detectors share, described at `CaCfar`."""
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+
+
+@dataclass(frozen=True)
+class CaCfar(_WindowCfar):
     """Cell averaging: the noise is the mean of the training cells.
 
     Attributes
@@ -198,11 +208,6 @@ class CaCfar(_Cfar):
 
     name: ClassVar[str] = "ca"
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
-
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         return _mean(windows.training(power))
 
@@ -211,7 +216,7 @@ class CaCfar(_Cfar):
 
 
 @dataclass(frozen=True)
-class _HalvedCfar(_Cfar):
+class _HalvedCfar(_WindowCfar):
     """Base class: the noise is one of the means of the two halves of the window.
 
     The leading half holds the training cells before the cell under test along
@@ -222,11 +227,12 @@ class _HalvedCfar(_Cfar):
     over the other.
     """
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
     split_axis: int = 0
+
+    _chosen: ClassVar[Callable[..., Floats]]
+    """Chooses the noise from the means of the halves that are not empty."""
+    _half_factor: ClassVar[Callable[..., float]]
+    """Factor for a rate, the numbers of leading and trailing training cells, and looks."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -242,15 +248,8 @@ class _HalvedCfar(_Cfar):
         return self._chosen(means)
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
-        return self._half_factor((windows.n_leading, windows.n_training - windows.n_leading), looks)
-
-    @abstractmethod
-    def _chosen(self, means: list[Floats]) -> Floats:
-        """Choose the noise from the means of the halves that are not empty."""
-
-    @abstractmethod
-    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        """Factor for the numbers of leading and trailing training cells."""
+        halves = windows.n_leading, windows.n_training - windows.n_leading
+        return self._half_factor(self.pfa, halves, looks)
 
 
 @dataclass(frozen=True)
@@ -281,11 +280,8 @@ class GocaCfar(_HalvedCfar):
 
     name: ClassVar[str] = "goca"
 
-    def _chosen(self, means: list[Floats]) -> Floats:
-        return np.maximum.reduce(means)
-
-    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        return goca_factor(self.pfa, halves, looks)
+    _chosen = staticmethod(np.maximum.reduce)
+    _half_factor = staticmethod(goca_factor)
 
 
 @dataclass(frozen=True)
@@ -314,15 +310,12 @@ class SocaCfar(_HalvedCfar):
 
     name: ClassVar[str] = "soca"
 
-    def _chosen(self, means: list[Floats]) -> Floats:
-        return np.minimum.reduce(means)
-
-    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        return soca_factor(self.pfa, halves, looks)
+    _chosen = staticmethod(np.minimum.reduce)
+    _half_factor = staticmethod(soca_factor)
 
 
 @dataclass(frozen=True)
-class TmCfar(_Cfar):
+class TmCfar(_WindowCfar):
     """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
 
     It lies between `ca` (nothing trimmed) and `os` (all but one cell trimmed).
@@ -347,10 +340,6 @@ class TmCfar(_Cfar):
 
     name: ClassVar[str] = "tm"
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
     trim_low: float = 0.25
     trim_high: float = 0.25
 
@@ -377,7 +366,7 @@ class TmCfar(_Cfar):
 
 
 @dataclass(frozen=True)
-class OsCfar(_Cfar):
+class OsCfar(_WindowCfar):
     """Order statistic: the noise is the k-th smallest of n training cells, k = max(1, ⌊`rank_fraction` n⌋).
 
     Up to n - k echoes in the window do not mask another. At a clutter edge the
@@ -404,10 +393,6 @@ class OsCfar(_Cfar):
 
     name: ClassVar[str] = "os"
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
     rank_fraction: float = 0.75
 
     def __post_init__(self) -> None:

@@ -41,13 +41,11 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
-from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
-from . import chain
-from .bases.angular_spectra import spectrum_cut
+from .angular_spectra import spectrum_cut
 from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
@@ -119,19 +117,6 @@ class Fft4d(CellwiseEstimator):
         require(self.angle_points >= 3, "angle_points", self.angle_points, "3 and more")
         limit_db = self.angle_dynamic_range_db
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = chain.read_map(observation, self)  # FFT over subcarriers and symbols
-        detected = chain.detect(rdm, self)  # OSCA-CFAR
-        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # FFT over rows and columns, CA-CFAR
-        waves = chain.determined(cells, waves, self)  # no directions between scatterers
-        located = chain.locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find local maxima of the angular power spectra inside the directions of the region.

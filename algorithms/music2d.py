@@ -59,13 +59,11 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
-from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
-from . import chain
-from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, determined_order
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -216,19 +214,6 @@ class Music2d(CellwiseEstimator):
         require(self.pairing in pairings, "pairing", self.pairing, allowed)
         require(0 < self.product_pfa < 1, "product_pfa", self.product_pfa, "above 0, below 1")
 
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = chain.read_map(observation, self)  # 2D-FFT
-        detected = chain.detect(rdm, self)  # OSCA-CFAR
-        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # MUSIC along rows and columns, CA-CFAR, pairing
-        waves = chain.determined(cells, waves, self)  # no directions between scatterers
-        located = chain.locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
-
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Pair the peaks of the row and the column spectra by the joint response of the array.
 
@@ -326,7 +311,7 @@ class Music2d(CellwiseEstimator):
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
             sources = self.signal_order(pairs, lines.shape, noise)
-            return pairs.vectors, chain.determined_order(pairs, np.minimum(sources, self.max_order))
+            return pairs.vectors, determined_order(pairs, np.minimum(sources, self.max_order))
 
     def line_directions(self, vectors: Floats, order: Integers, limits: Interval) -> Peaks:
         """Find the directions of signal subspaces: peaks of the MUSIC spectra that pass, or roots.

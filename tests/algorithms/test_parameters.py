@@ -12,7 +12,7 @@ from isacbench_algorithms.iaa2d import Iaa2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench_algorithms.nomp4d import Nomp4d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 from isacbench_algorithms.sbl4d import Sbl4d
 
 from isacbench.checking.scenes import RESOLVED, observed

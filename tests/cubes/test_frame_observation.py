@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 
 from isacbench import observe_cube
 from isacbench.cubes import frame_observation, transform

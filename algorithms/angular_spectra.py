@@ -17,7 +17,7 @@ from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from ..chain import CellSnapshots, CellwiseEstimator
+from .chain import CellSnapshots, CellwiseEstimator
 
 SAME_CELLS = 0.05
 """Rayleigh cells within which two peaks are one: equal samples next to each other lead to one peak."""
