@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from isacbench.checked_arrays import Floats
-from isacbench.dsp.angles.cosines import cosine_samples, within_period
+from isacbench.dsp.angles.peaks import cosine_samples, within_period
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.errors import require

@@ -37,7 +37,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
+from isacbench.dsp.angles.line_subspaces import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import select_jointly

@@ -29,16 +29,22 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Floats, Mask
-from isacbench.dsp.cfar import (
+from isacbench.dsp.cfar.factors import (
+    ca_factor,
+    check_pfa,
+    goca_factor,
+    osca_factor,
+    paper_factor,
+    soca_factor,
+)
+from isacbench.dsp.cfar.training_cells import (
     Axis,
     Cells,
     CellsPerSide,
-    Detection,
     Threshold,
     Windows,
     check_cells,
     check_fraction,
-    check_pfa,
     check_threshold,
     checked_axis,
     checked_list,
@@ -48,14 +54,8 @@ from isacbench.dsp.cfar import (
     window_axes,
     windows_of,
 )
-from isacbench.dsp.cfar.factors import (
-    ca_factor,
-    goca_factor,
-    osca_factor,
-    paper_factor,
-    soca_factor,
-    tm_factor,
-)
+from isacbench.dsp.cfar.trimmed_factors import tm_factor
+from isacbench.dsp.detection import Detection
 from isacbench.errors import InputError
 
 Power = NDArray[np.floating[Any]]

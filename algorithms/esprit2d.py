@@ -41,7 +41,7 @@ from typing import ClassVar
 import numpy as np
 
 from isacbench.checked_arrays import Mask
-from isacbench.dsp.angles.esprit import unitary_esprit
+from isacbench.dsp.angles.planar_subspaces import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.model.observation import Observation
 

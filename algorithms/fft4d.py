@@ -35,8 +35,7 @@ from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.angles.aperture import Cross
-from isacbench.dsp.angles.cosines import PERIOD, within_period
-from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
+from isacbench.dsp.angles.peaks import PERIOD, Peaks, plane_maxima, plane_peaks, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require

@@ -32,10 +32,9 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers
-from isacbench.dsp.angles.eigenpairs import Eigenpairs
-from isacbench.dsp.angles.esprit import most_sources
+from isacbench.dsp.angles.line_subspaces import Eigenpairs
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
-from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs, subarray_shape
+from isacbench.dsp.angles.planar_subspaces import most_sources, planar_eigenpairs, subarray_shape
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.joint_selection import explain_map, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions

@@ -43,10 +43,9 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers
-from isacbench.dsp.angles.cosines import PERIOD, cosine_samples, with_neighbours, within_period
-from isacbench.dsp.angles.eigenpairs import Eigenpairs
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
+    Eigenpairs,
     line_eigenpairs,
     music_null_minima,
     music_null_spectrum,
@@ -54,7 +53,14 @@ from isacbench.dsp.angles.line_subspaces import (
     real_steering,
 )
 from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
-from isacbench.dsp.angles.peaks import Peaks, line_peaks
+from isacbench.dsp.angles.peaks import (
+    PERIOD,
+    Peaks,
+    cosine_samples,
+    line_peaks,
+    with_neighbours,
+    within_period,
+)
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require

@@ -45,8 +45,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from isacbench.checked_arrays import Floats, Integers
-from isacbench.dsp.angles.cosines import cosine_samples
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
+from isacbench.dsp.angles.peaks import cosine_samples
 from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves

@@ -50,11 +50,10 @@ from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scaling import in_unit
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
+from isacbench.dsp.sparse_bayes.places import Reach
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, relearn
-from isacbench.dsp.sparse_bayes.reach import Reach
 from isacbench.dsp.sparse_bayes.ridge_steps import settle, without_misfit
-from isacbench.dsp.sparse_bayes.tapers import BinTaper
-from isacbench.dsp.sparse_bayes.tiles import DirectionGrid
+from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid
 from isacbench.errors import require
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage

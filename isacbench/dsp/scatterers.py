@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.display import brief
-from isacbench.dsp.angles.cosines import PERIOD, within_period
+from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap

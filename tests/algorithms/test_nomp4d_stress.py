@@ -9,8 +9,7 @@ from isacbench_algorithms.nomp4d import Nomp4d
 
 from isacbench.checking.image_checks import ANY_SCALE
 from isacbench.checking.stress import find_cases
-from isacbench.dsp.fitting.pursuit import SPLIT_OFFSETS_CELLS
-from isacbench.dsp.fitting.pursuit_moves import are_near
+from isacbench.dsp.fitting.pursuit import SPLIT_OFFSETS_CELLS, are_near
 
 
 def only(spec):

@@ -11,7 +11,6 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 from isacbench_algorithms.nomp4d import Nomp4d
 
-from isacbench.dsp.angles.esprit import unitary_esprit
 from isacbench.dsp.angles.line_subspaces import music_null_minima, music_null_spectrum, smoothed_covariance
 from isacbench.dsp.angles.peaks import line_peaks, plane_maxima, plane_peaks
 from isacbench.dsp.angles.planar_subspaces import (
@@ -19,10 +18,11 @@ from isacbench.dsp.angles.planar_subspaces import (
     null_minima,
     planar_covariance,
     planar_null_spectrum,
+    unitary_esprit,
 )
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.cell_detection import detect_cells, power_map, white_noise
-from isacbench.dsp.cfar.factors import tm_factor
+from isacbench.dsp.cfar.trimmed_factors import tm_factor
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
 from isacbench.dsp.fitting.joint_selection import explain_map
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions

@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from isacbench.checked_arrays import Floats, Integers, Mask
-from isacbench.dsp.angles.cosines import with_neighbours
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
-from isacbench.dsp.angles.peaks import plane_peaks
+from isacbench.dsp.angles.peaks import plane_peaks, with_neighbours
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 
 CHUNK_VALUES = 2**16
@@ -106,7 +105,7 @@ def planar_minima(
         As for `squared_projections`.
     grid : (ndarray of float64, ndarray of float64), shapes (g,) and (h,)
         Equidistant u and w of the samples, three and more, from
-        `isacbench.dsp.angles.cosines.cosine_samples`.
+        `isacbench.dsp.angles.peaks.cosine_samples`.
     n_minima : ndarray of int64, shape (n,)
         Most minima to return of each cell.
     highest : float or ndarray of float64, shape (n, 1, 1)
@@ -180,7 +179,7 @@ class AngularSpectrum:
     Attributes
     ----------
     u, w : ndarray of float64, shapes (g,) and (h,)
-        Direction cosines of the samples, from `isacbench.dsp.angles.cosines.cosine_samples`.
+        Direction cosines of the samples, from `isacbench.dsp.angles.peaks.cosine_samples`.
     power : ndarray of float64, shape (n, g, h)
         Per element.
     """

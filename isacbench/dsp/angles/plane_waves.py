@@ -15,8 +15,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
-from isacbench.dsp.angles.cosines import within_period
-from isacbench.dsp.angles.peaks import Peaks
+from isacbench.dsp.angles.peaks import Peaks, within_period
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from isacbench.checked_arrays import Floats, Integers, checked_array
-from isacbench.dsp.cfar.factors import ca_factor, check_pfa
-from isacbench.dsp.cfar.factors.rate_roots import checked_looks, checked_training
+from isacbench.dsp.cfar.factors import ca_factor, check_pfa, checked_looks, checked_training
 from isacbench.errors import require
 
 Swerling = Literal[0, 1, 2, 3, 4]

@@ -3,10 +3,8 @@
 __all__ = [
     "atom_fits",
     "atoms",
-    "grating_lobes",
     "grid_pursuit",
     "joint_selection",
     "maximum_likelihood",
     "pursuit",
-    "pursuit_moves",
 ]

@@ -22,11 +22,15 @@ from scipy.ndimage import binary_dilation, label, maximum_filter
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.sparse_bayes.doppler_spectra import DopplerSpectra, learn_doppler_spectra
-from isacbench.dsp.sparse_bayes.gathering import gather
-from isacbench.dsp.sparse_bayes.reach import Reach
-from isacbench.dsp.sparse_bayes.tapers import BinTaper
-from isacbench.dsp.sparse_bayes.tiles import DirectionGrid, MapTile, learn_tile, within_dynamic_range
+from isacbench.dsp.sparse_bayes.learning import DopplerSpectra, learn_doppler_spectra
+from isacbench.dsp.sparse_bayes.places import Reach, gather
+from isacbench.dsp.sparse_bayes.tiles import (
+    BinTaper,
+    DirectionGrid,
+    MapTile,
+    learn_tile,
+    within_dynamic_range,
+)
 
 LINE_STEP_BINS = 0.25
 """Step of the Doppler spectra."""

@@ -5,8 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.eigenpairs import MOST_ROTATION, separated_order, with_rounding
-from isacbench.dsp.angles.line_subspaces import line_eigenpairs, music_null_spectrum, real_steering
+from isacbench.dsp.angles.line_subspaces import (
+    MOST_ROTATION,
+    line_eigenpairs,
+    music_null_spectrum,
+    real_steering,
+    separated_order,
+    with_rounding,
+)
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs, planar_null_spectrum
 from tests.dsp.plane_wave_data import noise, snapshot
 

@@ -13,6 +13,7 @@ from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import (
     TOLD_APART,
     BeamSpace,
+    choose_moves,
     descending,
     noise_maximum,
     redundant,
@@ -22,7 +23,6 @@ from isacbench.dsp.fitting.pursuit import (
     strongest_around,
     unwrapped,
 )
-from isacbench.dsp.fitting.pursuit_moves import choose_moves
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System

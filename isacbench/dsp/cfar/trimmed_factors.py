@@ -11,9 +11,14 @@ import numpy as np
 from scipy import optimize, special
 
 from isacbench.checked_arrays import Floats
-from isacbench.dsp.cfar.factors.mean_factors import ca_factor
-from isacbench.dsp.cfar.factors.order_factors import osca_factor
-from isacbench.dsp.cfar.factors.rate_roots import check_pfa, checked_looks, checked_training, solve_factor
+from isacbench.dsp.cfar.factors import (
+    ca_factor,
+    check_pfa,
+    checked_looks,
+    checked_training,
+    osca_factor,
+    solve_factor,
+)
 from isacbench.errors import InputError
 
 _TAIL = 1e-60
