@@ -43,12 +43,7 @@ from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cell
 from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import in_unit
-from isacbench.dsp.scatterers import (
-    LocatedScatterers,
-    ScatterersInCells,
-    locate_waves,
-    merge_duplicates,
-)
+from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.instrument.remarks import Remarks, remark

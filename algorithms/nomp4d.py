@@ -50,13 +50,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.cell_detection import white_noise
-from isacbench.dsp.fitting.atom_fits import (
-    LEAST_DAMPING,
-    AtomFit,
-    refine_atoms,
-    refit_atoms,
-    settle_atoms,
-)
+from isacbench.dsp.fitting.atom_fits import LEAST_DAMPING, AtomFit, refine_atoms, refit_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.fitting.joint_selection import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (

@@ -113,3 +113,26 @@ def named_columns(values: object) -> dict[str, Any] | None:
 def _are_places(labels: Any) -> bool:
     """Tell if labels are ascending whole numbers, as those of a DataFrame made of an array."""
     return all(isinstance(label, int | np.integer) for label in labels) and list(labels) == sorted(labels)
+
+
+def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> None:
+    """Replace attributes of a frozen dataclass by read-only copies; called in its ``__post_init__``.
+
+    Parameters
+    ----------
+    owner : object
+        Instance of the dataclass.
+    *names : str
+        Attributes that hold arrays or what arrays are made of.
+    dtype : dtype
+        Type of the copies.
+
+    Raises
+    ------
+    InputError
+        If a conversion would lose something (`isacbench.checked_arrays`).
+    """
+    for name in names:
+        values = checked_array(name, getattr(owner, name), dtype).astype(dtype, order="K", copy=True)
+        values.setflags(write=False)
+        object.__setattr__(owner, name, values)

@@ -21,8 +21,7 @@ from isacbench.checked_arrays import Complex, Floats
 from isacbench.choices import Sensing
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 
 PLACE_ERROR_BINS = 0.5
 """Error of the distance of two peaks that are read twice a bin."""

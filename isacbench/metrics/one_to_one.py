@@ -14,10 +14,9 @@ from scipy.spatial import cKDTree
 
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs
+from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs, pair_gospa
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair
-from isacbench.metrics.gospa import pair_gospa
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.scene import Scenario

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.checked_arrays import Floats, checked_array, named_columns, unmasked_array
+from isacbench.checked_arrays import Floats, checked_array, freeze_arrays, named_columns, unmasked_array
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
-from isacbench.model.frozen_arrays import freeze_arrays
 
 if TYPE_CHECKING:
     from pathlib import Path

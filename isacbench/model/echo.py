@@ -479,6 +479,9 @@ class Simulator:
         return drawn[1]
 
 
+_simulator = lru_cache(maxsize=2)(Simulator)
+
+
 def observe_echo(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
     """Observe a scenario once; the clean echoes of the last two scenarios are kept.
 
@@ -496,8 +499,3 @@ def observe_echo(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 
         If the SNR is no number, or so low that the noise overflows.
     """
     return _simulator(scenario).observe(snr_db, trial, seed)
-
-
-@lru_cache(maxsize=2)
-def _simulator(scenario: Scenario) -> Simulator:
-    return Simulator(scenario)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacbench.checked_arrays import Floats, Integers, Mask
+from isacbench.checked_arrays import Floats, Integers, Mask, freeze_arrays
 from isacbench.display import Description, Displayed, span
-from isacbench.model.frozen_arrays import freeze_arrays
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 
@@ -107,10 +106,7 @@ class Gate(Displayed):
 
 
 def build_gate(
-    system: System,
-    base_station_m: Floats,
-    region: Region,
-    thinning: tuple[int, int] = (1, 1),
+    system: System, base_station_m: Floats, region: Region, thinning: tuple[int, int] = (1, 1)
 ) -> Gate:
     """Derive the gate from the region and its speeds alone.
 

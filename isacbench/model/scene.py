@@ -10,14 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from isacbench.checked_arrays import Floats
+from isacbench.checked_arrays import Floats, freeze_arrays
 from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
 from isacbench.files.escaping import counted, quoted
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud, describe_points
 from isacbench.model.frame import Frame
-from isacbench.model.frozen_arrays import freeze_arrays
 from isacbench.model.number_limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 from isacbench.model.region import Region

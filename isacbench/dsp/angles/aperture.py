@@ -246,6 +246,7 @@ class Aperture(ABC):
         """
         return self._responses(self, u, w)
 
+    @abstractmethod
     def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Read snapshots as lines of sensors along u, and as lines along w.
 
@@ -260,10 +261,6 @@ class Aperture(ABC):
         along_w : ndarray of complex, shape (n, Q, t)
             Lines of Q sensors: the P rows of a plane, or the row of a cross.
         """
-        return self._lines(snapshots)
-
-    @abstractmethod
-    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]: ...
 
 
 class Plane(Aperture):
@@ -285,7 +282,8 @@ class Plane(Aperture):
         """Elements (P, Q)."""
         return self.n_p, self.n_q
 
-    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+    def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+        """Read the Q columns of snapshots, and their P rows."""
         return snapshots, snapshots.transpose(0, 2, 1)
 
 
@@ -311,6 +309,7 @@ class Cross(Aperture):
         """Elements (P + Q - 1,)."""
         return (self.n_p + self.n_q - 1,)
 
-    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+    def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+        """Read the column of snapshots, and the row."""
         row = np.concatenate([snapshots[:, :1], snapshots[:, self.n_p :]], axis=1)
         return snapshots[:, : self.n_p, None], row[:, :, None]

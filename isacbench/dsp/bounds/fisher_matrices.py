@@ -17,8 +17,7 @@ from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.choices import Sensing
 from isacbench.display import brief
 from isacbench.errors import require
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 
 N_PARAMETERS = 4
 

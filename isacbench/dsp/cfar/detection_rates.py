@@ -20,11 +20,7 @@ AT_ONCE = 256
 
 
 def detection_rate(
-    snr_db: ArrayLike,
-    pfa: float,
-    looks: int = 1,
-    n_training: int | None = None,
-    swerling: Swerling = 0,
+    snr_db: ArrayLike, pfa: float, looks: int = 1, n_training: int | None = None, swerling: Swerling = 0
 ) -> Floats:
     """Probability of detection of an echo in white noise, for Swerling's models of its fluctuation.
 

@@ -58,22 +58,6 @@ def check_pfa(pfa: float) -> None:
         raise InputError(f"pfa = {pfa!r}: a probability of false alarm lies strictly between 0 and 1")
 
 
-def check_looks(looks: int) -> None:
-    """Refuse a number of looks that is not a whole number of at least one.
-
-    Parameters
-    ----------
-    looks : int
-        Independent noise powers that each cell averages.
-
-    Raises
-    ------
-    InputError
-        If `looks` is not a whole number or is below 1.
-    """
-    checked_looks(looks)
-
-
 def checked_looks(looks: int) -> int:
     """Check a number of looks and convert it to int, whose products cannot overflow.
 

@@ -25,7 +25,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.checked_arrays import Floats, Mask, checked_array
-from isacbench.dsp.cfar.factors import check_looks
+from isacbench.dsp.cfar.factors import checked_looks
 from isacbench.errors import InputError
 
 CellsPerSide = int | tuple[int, ...]
@@ -142,7 +142,7 @@ def checked_power(power: ArrayLike, looks: int) -> Floats:
         if its strongest cell is so strong that sums overflow, or so weak that they
         lose digits; or if `looks` is out of range.
     """
-    check_looks(looks)
+    checked_looks(looks)
     cells = checked_array("the power map, |.|²", power)
     if cells.ndim == 0 or cells.size == 0:
         raise InputError(f"the power map has shape {cells.shape}: at least one axis and one cell are needed")

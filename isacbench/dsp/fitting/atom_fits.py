@@ -30,13 +30,7 @@ from functools import cached_property
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atoms import (
-    N_COORDINATES,
-    AtomMap,
-    Correlations,
-    LineProducts,
-    product_matrix,
-)
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, Correlations, LineProducts, product_matrix
 from isacbench.dsp.stable_order import stepped
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)

@@ -337,11 +337,7 @@ def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floa
 
 
 def sidelobe_energy(
-    places: Floats,
-    others: Floats,
-    energy: Floats,
-    bursts: SymbolBursts = UNGAPPED,
-    least_range: float = 0.0,
+    places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED, least_range: float = 0.0
 ) -> Floats:
     """Most that echoes at other places show of their sidelobes, all in phase.
 

@@ -14,9 +14,8 @@ import numpy as np
 import pandas as pd
 from scipy import constants
 
-from isacbench.checked_arrays import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats, freeze_arrays
 from isacbench.errors import InputError, require, unknown_name
-from isacbench.model.frozen_arrays import freeze_arrays
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_all
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 

@@ -16,8 +16,7 @@ from scipy.signal.windows import dpss
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.errors import InputError, require
-from isacbench.model.numerology import System
-from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
+from isacbench.model.numerology import SLOT_SYMBOLS, System, prs_elements
 
 LEAST_CONCENTRATION = 1e-10
 """Least share of its energy within the prefix that a response of the basis has."""

@@ -19,8 +19,7 @@ from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, decide_bits
 from isacbench.link.waveform.resource_grid import ResourceGrid
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
-from isacbench.model.numerology import System
-from isacbench.model.prs import prs_elements
+from isacbench.model.numerology import System, prs_elements
 
 Knowledge = Literal["prs", "perfect"]
 """Knowledge that the user has of the channel: an estimate from the PRS, or all."""

@@ -21,8 +21,7 @@ from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.link.waveform.resource_grid import draw_grid, require_n_id
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 
 
 @dataclass(frozen=True)
@@ -175,11 +174,7 @@ def division_weights(moduli: Floats, division: Division, snr_db: float = np.inf)
 
 
 def division_factors(
-    symbols: ArrayLike,
-    sensed: Mask,
-    division: Division,
-    snr_db: float = np.inf,
-    unit: float | None = None,
+    symbols: ArrayLike, sensed: Mask, division: Division, snr_db: float = np.inf, unit: float | None = None
 ) -> Complex:
     """Compute the factors that divide received resource elements by the transmitted symbols.
 

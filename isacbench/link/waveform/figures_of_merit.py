@@ -14,8 +14,7 @@ from isacbench.choices import Modulation
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.model.number_limits import require_all, require_count
-from isacbench.model.numerology import System
-from isacbench.model.prs import prs_elements
+from isacbench.model.numerology import System, prs_elements
 
 MOST_CROSSINGS_AT = 0.5
 """Power over its mean at which an envelope of Gaussian samples crosses upwards most often."""

@@ -16,8 +16,7 @@ from isacbench.errors import require
 from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
 from isacbench.model.echo import random_stream
 from isacbench.model.number_limits import require_count
-from isacbench.model.numerology import System
-from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
+from isacbench.model.numerology import SLOT_SYMBOLS, System, prs_elements
 
 LARGEST_N_ID = 4095
 """Largest identity of a PRS sequence (3GPP TS 38.211, 7.4.1.7.2)."""
@@ -114,7 +113,7 @@ def prs_symbols(system: System, n_id: int = 0) -> Complex:
     Returns
     -------
     ndarray of complex128, shape (n_subcarriers, n_symbols)
-        QPSK of unit power on the elements of `isacbench.model.prs.prs_elements`,
+        QPSK of unit power on the elements of `isacbench.model.numerology.prs_elements`,
         0 elsewhere; read-only.
 
     Raises

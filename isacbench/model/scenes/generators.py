@@ -26,7 +26,7 @@ from isacbench.model.scenes.family_parameters import (
     SparseParameters,
     WeakParameters,
 )
-from isacbench.model.scenes.motion import heading
+from isacbench.model.scenes.objects import heading
 from isacbench.model.scenes.placement import MOST_TRIES, Draws, Ground
 
 Content = dict[str, Any]

@@ -17,13 +17,15 @@ from isacbench.files.checked_files import require_inside
 from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.number_limits import LARGEST_PLACE_M
 from isacbench.model.scene import Scatterers
-from isacbench.model.scenes.cross_sections import CROSS_SECTIONS
-from isacbench.model.scenes.motion import DECIMALS, approach_speeds, body_velocities, heading, turned
 from isacbench.model.scenes.objects import (
+    DECIMALS,
+    approach_speeds,
+    body_velocities,
     box,
     car,
     cyclist,
     green_belt,
+    heading,
     lamp_post,
     limb_swing,
     lorry,
@@ -31,14 +33,14 @@ from isacbench.model.scenes.objects import (
     pedestrian,
     pole,
     rail,
+    turned,
     vehicle,
     wall,
     wheel_roll,
 )
-from isacbench.model.scenes.placed_objects import PlacedObject, Surroundings
-from isacbench.model.scenes.solids import Part, solid_of
+from isacbench.model.scenes.placed_objects import CROSS_SECTIONS, PlacedObject, Surroundings
+from isacbench.model.scenes.solids import Part, globe, solid_of, tube
 from isacbench.model.surfaces.mesh_files import box_of, read_mesh
-from isacbench.model.surfaces.shapes import globe, tube
 from isacbench.model.surfaces.surface_points import clipped, surface_points
 
 # Strict, because a number in quotes or a `true` for a number is a typing error.

@@ -1,4 +1,4 @@
-"""Parametric objects of a street scene, as scatterer positions around their own foot point.
+"""Parametric objects of a street scene: scatterers around their own foot point, and their rigid motion.
 
 Every outline returns offsets (n, 3) in metres from the object's
 ``position_m``: the centre of its footprint, on the ground. The front of an
@@ -18,6 +18,9 @@ from isacbench.errors import InputError
 
 MOST_STEPS, MOST_POINTS = 2000, 100_000
 """Largest numbers of steps along a length, and of points of a surface."""
+
+DECIMALS = 6
+"""Of coordinates in m and speeds in m/s: sines differ in the last digits between machines."""
 
 
 def _grid(x: Sequence[float] | Floats, y: Sequence[float] | Floats, z: Sequence[float] | Floats) -> Floats:
@@ -67,7 +70,10 @@ def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Floats:
     wheel = min(length, height) / 6
     rim = [_grid(side, end + wheel * np.array([-1, 0, 1]), [wheel]) for end in ends]
     crown = [_grid(side, [end], [0.0, 2 * wheel]) for end in ends]
-    lids = [_grid(width / 4 * np.array([-1, 0, 1]), length * y, [0.55 * height]) for y in _lid_positions()]
+    bonnet = np.array([4 / 12, 5 / 12, 6 / 12])  # and boot: fractions of the length
+    lids = [
+        _grid(width / 4 * np.array([-1, 0, 1]), length * y, [0.55 * height]) for y in (-bonnet[::-1], bonnet)
+    ]
     return np.concatenate(
         [
             _grid(side, _steps(length, 0.5), [height / 4, height / 2]),
@@ -80,12 +86,6 @@ def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Floats:
             _grid(width / 2 * np.array([-1, 1]), [length / 5], [0.6 * height]),
         ]
     )
-
-
-def _lid_positions() -> list[Floats]:
-    """Three places along the boot and the bonnet, as fractions of the car's length."""
-    bonnet = np.array([4 / 12, 5 / 12, 6 / 12])
-    return [-bonnet[::-1], bonnet]
 
 
 LEFT_HALF = np.array(
@@ -496,3 +496,77 @@ def pedalling(crank_phase_deg: float) -> Floats:
     own[[4, 5, 10, 11]] = foot / 2, foot, -foot / 2, -foot
     own[12:] = wheel_roll(len(CYCLE_AXLES_M))
     return own
+
+
+def turned(vectors: Floats, yaw_deg: float) -> Floats:
+    """Turn vectors about the vertical, counterclockwise seen from above.
+
+    Parameters
+    ----------
+    vectors : ndarray of float64, shape (n, 3)
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+    """
+    cos, sin = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    x, y, z = vectors.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
+
+
+def heading(yaw_deg: float) -> Floats:
+    """Direction of an object's front.
+
+    Parameters
+    ----------
+    yaw_deg : float
+        0 faces +y, 90 faces -x.
+
+    Returns
+    -------
+    ndarray of float64, shape (3,)
+    """
+    return turned(np.array([[0.0, 1.0, 0.0]]), yaw_deg)[0]
+
+
+def body_velocities(
+    offsets: Floats, velocity_mps: Sequence[float], yaw_rate_dps: float, own: Floats
+) -> Floats:
+    """Velocities of the points of a turning body: V + ω x r, plus those of limbs and wheels.
+
+    Parameters
+    ----------
+    offsets : ndarray of float64, shape (n, 3)
+        From the object's position, in m.
+    velocity_mps : (float, float, float)
+        Of that position.
+    yaw_rate_dps : float
+        In degrees a second, counterclockwise seen from above.
+    own : ndarray of float64, shape (n, 3)
+        Velocities relative to the body.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+    """
+    x, y, _ = offsets.T
+    turning = np.radians(yaw_rate_dps) * np.column_stack([-y, x, np.zeros_like(x)])
+    return np.array(velocity_mps) + turning + own
+
+
+def approach_speeds(xyz: Floats, velocities: Floats, base_station_m: Floats) -> Floats:
+    """Project velocities on the line of sight.
+
+    Parameters
+    ----------
+    xyz, velocities : ndarray of float64, shape (n, 3)
+    base_station_m : ndarray of float64, shape (3,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In m/s, positive when approaching; 0 at the base station itself.
+    """
+    sight = xyz - base_station_m
+    distance = np.linalg.norm(sight, axis=1)
+    return -np.einsum("ij,ij->i", velocities, sight) / np.where(distance > 0, distance, 1.0)

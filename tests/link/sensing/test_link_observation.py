@@ -15,9 +15,8 @@ from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing import weighted_echo as weighted_echo_module
 from isacbench.link.sensing.division import Signal, symbol_moduli
-from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.link.sensing.link_observation import SignalSimulator, weighted_echo
 from isacbench.link.sensing.observing import observe
-from isacbench.link.sensing.weighted_echo import weighted_echo
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import Simulator, resource_grid
 from isacbench.model.gate import build_gate
