@@ -59,8 +59,6 @@ from isacbench.dsp.detection import Detection
 from isacbench.errors import InputError
 
 Power = NDArray[np.floating[Any]]
-Estimate = tuple[Floats, float | Floats]
-"""Noise estimates of cells under test, and the factors on them."""
 
 
 class _Cfar(ABC):

@@ -71,9 +71,8 @@ def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Floats:
     rim = [_grid(side, end + wheel * np.array([-1, 0, 1]), [wheel]) for end in ends]
     crown = [_grid(side, [end], [0.0, 2 * wheel]) for end in ends]
     bonnet = np.array([4 / 12, 5 / 12, 6 / 12])  # and boot: fractions of the length
-    lids = [
-        _grid(width / 4 * np.array([-1, 0, 1]), length * y, [0.55 * height]) for y in (-bonnet[::-1], bonnet)
-    ]
+    across = width / 4 * np.array([-1, 0, 1])
+    lids = [_grid(across, length * y, [0.55 * height]) for y in (-bonnet[::-1], bonnet)]
     return np.concatenate(
         [
             _grid(side, _steps(length, 0.5), [height / 4, height / 2]),
