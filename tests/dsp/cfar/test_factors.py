@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
+from isacbench.dsp.cfar import trimmed_factors
 from isacbench.dsp.cfar.factors import (
     ca_factor,
     ca_rate,
@@ -19,7 +20,6 @@ from isacbench.dsp.cfar.factors import (
     osca_rate,
     paper_factor,
     soca_factor,
-    trimmed_factors,
 )
 from isacbench.dsp.cfar.trimmed_factors import many_looks_rate, tm_factor
 from isacbench.errors import InputError
