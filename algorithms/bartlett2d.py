@@ -28,14 +28,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import bartlett_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
-from isacbench.dsp.array_types import Floats
-from isacbench.model.cloud import PointCloud
-from isacbench.model.observation import Observation
 
-from .bases.angular_spectra import AngularSpectrumEstimator
-from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
+from .angular_spectra import AngularSpectrumEstimator
+from .chain import CellSnapshots
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Bartlett2d(AngularSpectrumEstimator):
     Attributes
     ----------
     samples_per_cell, angle_dynamic_range_db
-        See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
+        See `isacbench_algorithms.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
@@ -69,19 +67,6 @@ class Bartlett2d(AngularSpectrumEstimator):
 
     local_dynamic_range_db: float = 14.0
     largest_direction_error: float | None = None
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # Bartlett's spectrum, peaks
-        waves = determined(cells, waves, self)  # no directions between scatterers
-        located = locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
 
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:
         """Compute Bartlett's spectrum of each cell, on all elements.

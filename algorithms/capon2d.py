@@ -34,16 +34,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import capon_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.planar_subspaces import subarray_shape
-from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
-from isacbench.model.cloud import PointCloud
-from isacbench.model.observation import Observation
 
-from .bases.angular_spectra import AngularSpectrumEstimator
-from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
+from .angular_spectra import AngularSpectrumEstimator
+from .chain import CellSnapshots
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Capon2d(AngularSpectrumEstimator):
         Power added to the diagonal of the covariance, over the floor of noise
         and leakage that the detection measures.
     samples_per_cell, angle_dynamic_range_db
-        See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
+        See `isacbench_algorithms.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
@@ -82,19 +80,6 @@ class Capon2d(AngularSpectrumEstimator):
         fraction = self.subarray_fraction
         require(0 < fraction <= 1, "subarray_fraction", fraction, "above 0, up to 1")
         require(abs(self.loading_db) <= 200, "loading_db", self.loading_db, "-200 to 200")
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # Capon's spectrum, peaks
-        waves = determined(cells, waves, self)  # no directions between scatterers
-        located = locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
 
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:
         """Compute Capon's spectrum of each cell.

@@ -34,21 +34,16 @@ from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, separated_order
+from isacbench.dsp.angles.line_subspaces import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Complex, Integers
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.scaling import in_unit
-from isacbench.dsp.scatterers import (
-    LocatedScatterers,
-    ScatterersInCells,
-    locate_waves,
-    merge_duplicates,
-)
+from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.instrument.remarks import Remarks, remark
@@ -504,9 +499,8 @@ class MapEstimator(ABC):
 class CellwiseEstimator(MapEstimator):
     """Base of estimators that find plane waves in range-Doppler cells: parameters, and one method per stage.
 
-    A subclass defines `estimate`, which calls the stages in order,
-    `plane_waves`, and `spectra` if it has any to show. To exchange a stage,
-    give an argument or override one method:
+    A subclass defines `plane_waves`, and `spectra` if it has any to show.
+    To exchange another stage, give an argument or override one method:
 
     ==================  ===================================================
     stage               exchanged by
@@ -559,6 +553,19 @@ class CellwiseEstimator(MapEstimator):
         require(error is None or error > 0, "largest_direction_error", error, "above 0, or none")
         for name in ("range_excess", "doppler_excess"):
             require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation by the stages in order."""
+        rdm = read_map(observation, self)  # 2D-FFT
+        detected = detect(rdm, self)  # OSCA-CFAR
+        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        if not len(cells):
+            return PointCloud.empty()
+        waves = self.plane_waves(observation, cells)  # by the estimator's own method
+        waves = determined(cells, waves, self)  # no directions between scatterers
+        located = locate(cells, waves, self)  # range and velocity
+        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
+        return self.to_cloud(rdm, found)
 
     def own_cell_test(self, located: ScatterersInCells) -> ScatterersInCells:
         """Keep the scatterers that are not much stronger in a neighbouring cell than in their own."""

@@ -19,22 +19,32 @@ All take power maps of any rank and unit. The factor of each cell comes from
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
-from isacbench.dsp.cfar import (
+from isacbench.checked_arrays import Floats, Mask
+from isacbench.dsp.cfar.factors import (
+    ca_factor,
+    check_pfa,
+    goca_factor,
+    osca_factor,
+    paper_factor,
+    soca_factor,
+)
+from isacbench.dsp.cfar.training_cells import (
     Axis,
+    Cells,
     CellsPerSide,
-    Detection,
     Threshold,
     Windows,
     check_cells,
     check_fraction,
-    check_pfa,
     check_threshold,
     checked_axis,
     checked_list,
@@ -44,27 +54,11 @@ from isacbench.dsp.cfar import (
     window_axes,
     windows_of,
 )
-from isacbench.dsp.cfar.factors import (
-    ca_factor,
-    goca_factor,
-    osca_factor,
-    paper_factor,
-    soca_factor,
-    tm_factor,
-)
+from isacbench.dsp.cfar.trimmed_factors import tm_factor
+from isacbench.dsp.detection import Detection
 from isacbench.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from isacbench.dsp.array_types import Floats
-    from isacbench.dsp.cfar import Cells
-
-    Power = NDArray[np.floating[Any]]
-    Estimate = tuple[Floats, float | Floats]
-    """Noise estimates of cells under test, and the factors on them."""
+Power = NDArray[np.floating[Any]]
 
 
 class _Cfar(ABC):
@@ -166,7 +160,17 @@ class _Cfar(ABC):
 
 
 @dataclass(frozen=True)
-class CaCfar(_Cfar):
+class _WindowCfar(_Cfar):
+    """Base class: the parameters that most detectors share, described at `CaCfar`."""
+
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
+
+
+@dataclass(frozen=True)
+class CaCfar(_WindowCfar):
     """Cell averaging: the noise is the mean of the training cells.
 
     Attributes
@@ -202,11 +206,6 @@ class CaCfar(_Cfar):
 
     name: ClassVar[str] = "ca"
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
-
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         return _mean(windows.training(power))
 
@@ -215,7 +214,7 @@ class CaCfar(_Cfar):
 
 
 @dataclass(frozen=True)
-class _HalvedCfar(_Cfar):
+class _HalvedCfar(_WindowCfar):
     """Base class: the noise is one of the means of the two halves of the window.
 
     The leading half holds the training cells before the cell under test along
@@ -226,11 +225,12 @@ class _HalvedCfar(_Cfar):
     over the other.
     """
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
     split_axis: int = 0
+
+    _chosen: ClassVar[Callable[..., Floats]]
+    """Chooses the noise from the means of the halves that are not empty."""
+    _half_factor: ClassVar[Callable[..., float]]
+    """Factor for a rate, the numbers of leading and trailing training cells, and looks."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -246,15 +246,8 @@ class _HalvedCfar(_Cfar):
         return self._chosen(means)
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
-        return self._half_factor((windows.n_leading, windows.n_training - windows.n_leading), looks)
-
-    @abstractmethod
-    def _chosen(self, means: list[Floats]) -> Floats:
-        """Choose the noise from the means of the halves that are not empty."""
-
-    @abstractmethod
-    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        """Factor for the numbers of leading and trailing training cells."""
+        halves = windows.n_leading, windows.n_training - windows.n_leading
+        return self._half_factor(self.pfa, halves, looks)
 
 
 @dataclass(frozen=True)
@@ -285,12 +278,8 @@ class GocaCfar(_HalvedCfar):
 
     name: ClassVar[str] = "goca"
 
-    def _chosen(self, means: list[Floats]) -> Floats:
-        chosen: Floats = np.maximum.reduce(means)
-        return chosen
-
-    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        return goca_factor(self.pfa, halves, looks)
+    _chosen = staticmethod(np.maximum.reduce)
+    _half_factor = staticmethod(goca_factor)
 
 
 @dataclass(frozen=True)
@@ -319,16 +308,12 @@ class SocaCfar(_HalvedCfar):
 
     name: ClassVar[str] = "soca"
 
-    def _chosen(self, means: list[Floats]) -> Floats:
-        chosen: Floats = np.minimum.reduce(means)
-        return chosen
-
-    def _half_factor(self, halves: tuple[int, int], looks: int) -> float:
-        return soca_factor(self.pfa, halves, looks)
+    _chosen = staticmethod(np.minimum.reduce)
+    _half_factor = staticmethod(soca_factor)
 
 
 @dataclass(frozen=True)
-class TmCfar(_Cfar):
+class TmCfar(_WindowCfar):
     """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
 
     It lies between `ca` (nothing trimmed) and `os` (all but one cell trimmed).
@@ -353,10 +338,6 @@ class TmCfar(_Cfar):
 
     name: ClassVar[str] = "tm"
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
     trim_low: float = 0.25
     trim_high: float = 0.25
 
@@ -383,7 +364,7 @@ class TmCfar(_Cfar):
 
 
 @dataclass(frozen=True)
-class OsCfar(_Cfar):
+class OsCfar(_WindowCfar):
     """Order statistic: the noise is the k-th smallest of n training cells, k = max(1, ⌊`rank_fraction` n⌋).
 
     Up to n - k echoes in the window do not mask another. At a clutter edge the
@@ -410,10 +391,6 @@ class OsCfar(_Cfar):
 
     name: ClassVar[str] = "os"
 
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
     rank_fraction: float = 0.75
 
     def __post_init__(self) -> None:
@@ -445,7 +422,7 @@ class OsCfar(_Cfar):
 class _OrderDetection(Detection):
     """A detection whose noise and thresholds are computed when they are first asked for."""
 
-    def __init__(self, mask: NDArray[np.bool_], thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
+    def __init__(self, mask: Mask, thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
         self.__dict__.update(mask=mask, _thresholds=thresholds)
 
     def __reduce__(self) -> tuple[type[Detection], tuple[NDArray[np.generic], ...]]:
@@ -453,8 +430,7 @@ class _OrderDetection(Detection):
 
     @cached_property
     def _estimated(self) -> tuple[Floats, Floats]:
-        found: tuple[Floats, Floats] = self.__dict__["_thresholds"]()
-        return found
+        return self.__dict__["_thresholds"]()
 
     @property
     def noise(self) -> Floats:
@@ -638,8 +614,7 @@ def _mean(values: Floats) -> Floats:
 def _orders(columns: Floats) -> Floats:
     """Order statistic of columns (..., cells of a column, columns)."""
     rank = _column_rank(columns.shape[-2])
-    orders: Floats = np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
-    return orders
+    return np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
 
 
 def _shared_orders(power: Floats, windows: Windows) -> Floats:

@@ -11,10 +11,10 @@ For every detected range-Doppler cell:
    the pairs are not reliable, the cell is solved anew with one source less.
 3. In resolved cells, maximum likelihood on the whole snapshot refines the
    directions together. In crowds, a cell is solved with fewer sources until
-   all lie where the region is (`isacbench_algorithms.bases.joint_subspace`).
+   all lie where the region is (`isacbench_algorithms.joint_subspace`).
 
 Scatterers that explain the map down to the noise are fitted to it together
-(`isacbench_algorithms.bases.joint_subspace`).
+(`isacbench_algorithms.joint_subspace`).
 
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them and k
 sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces,
@@ -40,14 +40,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.dsp.angles.esprit import unitary_esprit
+from isacbench.checked_arrays import Mask
+from isacbench.dsp.angles.planar_subspaces import unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Mask
-from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 
-from .bases.joint_subspace import JointSubspaceEstimator, Subspaces
-from .chain import detect, determined, locate, read_cells, read_map
+from .joint_subspace import JointSubspaceEstimator, Subspaces
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Esprit2d(JointSubspaceEstimator):
     Attributes
     ----------
     subarray_fraction, model_order, polish
-        See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
+        See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
@@ -75,22 +73,6 @@ class Esprit2d(JointSubspaceEstimator):
     local_dynamic_range_db: float = 14.0
     largest_direction_error: float | None = None
     subarray_fraction: float = 0.625
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        if not detected.cells.bins[0].size:
-            return PointCloud.empty()
-        seen = []
-        for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
-            cells = read_cells(rdm, detected, reading)
-            waves = self.plane_waves(observation, cells)  # ESPRIT, maximum likelihood in resolved cells
-            waves = determined(cells, waves, self)  # no directions between scatterers
-            located = locate(cells, waves, self)  # range and velocity
-            seen.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
-        found = self.explain(rdm, detected.levels, seen)  # least-squares fit, if that explains the map
-        return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the directions of all cells, those of one order together."""

@@ -33,21 +33,18 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.angles.aperture import Cross
-from isacbench.dsp.angles.cosines import PERIOD, within_period
-from isacbench.dsp.angles.peaks import Peaks, plane_maxima, plane_peaks
+from isacbench.dsp.angles.peaks import PERIOD, Peaks, plane_maxima, plane_peaks, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
-from isacbench.dsp.array_types import Complex, Floats, Mask
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
-from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
-from . import chain
-from .bases.angular_spectra import spectrum_cut
+from .angular_spectra import spectrum_cut
 from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
 from .detectors import CaCfar
 
@@ -119,19 +116,6 @@ class Fft4d(CellwiseEstimator):
         require(self.angle_points >= 3, "angle_points", self.angle_points, "3 and more")
         limit_db = self.angle_dynamic_range_db
         require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = chain.read_map(observation, self)  # FFT over subcarriers and symbols
-        detected = chain.detect(rdm, self)  # OSCA-CFAR
-        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # FFT over rows and columns, CA-CFAR
-        waves = chain.determined(cells, waves, self)  # no directions between scatterers
-        located = chain.locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find local maxima of the angular power spectra inside the directions of the region.
@@ -233,8 +217,7 @@ class Fft4d(CellwiseEstimator):
         """Local maxima of spectra (n, g, h) inside the region that are no sidelobes."""
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
         strong = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
-        maxima: Mask = plane_maxima(power) & strong & inside
-        return maxima
+        return plane_maxima(power) & strong & inside
 
     def _line_cut(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
         threshold = self.line_detector.detect(line.power).threshold[0]
@@ -245,8 +228,7 @@ class Fft4d(CellwiseEstimator):
 def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> Floats:
     """Angular power spectra (n, *samples) of snapshots (n, P, Q), cosines ascending."""
     spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, samples, norm="forward"), axes=(1, 2))
-    power: Floats = spectra.real**2 + spectra.imag**2
-    return power
+    return spectra.real**2 + spectra.imag**2
 
 
 def _between(cosine: Floats, sample: Floats) -> Floats:

@@ -36,18 +36,16 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import iaa_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
-from isacbench.model.cloud import PointCloud
-from isacbench.model.observation import Observation
 
-from .bases.angular_spectra import AngularSpectrumEstimator
-from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
+from .angular_spectra import AngularSpectrumEstimator
+from .chain import CellSnapshots
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class Iaa2d(AngularSpectrumEstimator):
     polish : int
         Most steps of maximum likelihood; 0 leaves directions between the samples.
     samples_per_cell, angle_dynamic_range_db
-        See `isacbench_algorithms.bases.angular_spectra.AngularSpectrumEstimator`.
+        See `isacbench_algorithms.angular_spectra.AngularSpectrumEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
@@ -85,19 +83,6 @@ class Iaa2d(AngularSpectrumEstimator):
         super().__post_init__()
         for name, least in (("iterations", 1), ("polish", 0)):
             require(getattr(self, name) >= least, name, getattr(self, name), f"{least} and more")
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # adapted spectrum, peaks, maximum likelihood
-        waves = determined(cells, waves, self)  # no directions between scatterers
-        located = locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
 
     def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
         """Refine the directions of each cell by maximum likelihood, and drop those as weak as noise."""

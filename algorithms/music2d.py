@@ -42,10 +42,10 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from isacbench.dsp.angles.cosines import PERIOD, cosine_samples, with_neighbours, within_period
-from isacbench.dsp.angles.eigenpairs import Eigenpairs
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
+    Eigenpairs,
     line_eigenpairs,
     music_null_minima,
     music_null_spectrum,
@@ -53,19 +53,23 @@ from isacbench.dsp.angles.line_subspaces import (
     real_steering,
 )
 from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
-from isacbench.dsp.angles.peaks import Peaks, line_peaks
+from isacbench.dsp.angles.peaks import (
+    PERIOD,
+    Peaks,
+    cosine_samples,
+    line_peaks,
+    with_neighbours,
+    within_period,
+)
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
-from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
-from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detection, Detector, Spectrum
 
-from . import chain
-from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
+from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, determined_order
 from .detectors import CaCfar
 
 MIN_GRID_POINTS = 65
@@ -216,19 +220,6 @@ class Music2d(CellwiseEstimator):
         require(self.pairing in pairings, "pairing", self.pairing, allowed)
         require(0 < self.product_pfa < 1, "product_pfa", self.product_pfa, "above 0, below 1")
 
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = chain.read_map(observation, self)  # 2D-FFT
-        detected = chain.detect(rdm, self)  # OSCA-CFAR
-        cells = chain.read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
-        if not len(cells):
-            return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # MUSIC along rows and columns, CA-CFAR, pairing
-        waves = chain.determined(cells, waves, self)  # no directions between scatterers
-        located = chain.locate(cells, waves, self)  # range and velocity
-        found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
-        return self.to_cloud(rdm, found)
-
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Pair the peaks of the row and the column spectra by the joint response of the array.
 
@@ -326,7 +317,7 @@ class Music2d(CellwiseEstimator):
         with stage("subspace"):
             pairs = line_eigenpairs(lines, n_subarray)
             sources = self.signal_order(pairs, lines.shape, noise)
-            return pairs.vectors, chain.determined_order(pairs, np.minimum(sources, self.max_order))
+            return pairs.vectors, determined_order(pairs, np.minimum(sources, self.max_order))
 
     def line_directions(self, vectors: Floats, order: Integers, limits: Interval) -> Peaks:
         """Find the directions of signal subspaces: peaks of the MUSIC spectra that pass, or roots.

@@ -7,14 +7,14 @@ For every detected range-Doppler cell:
 2. The joint spectrum is evaluated over the directions that the region spans,
    separably, and its deepest nulls placed off the grid by Newton's method. A
    pair has one null: nothing is to be paired, and there are no ghosts.
-3. In resolved cells (`isacbench_algorithms.bases.joint_subspace`), where the subspace
+3. In resolved cells (`isacbench_algorithms.joint_subspace`), where the subspace
    has more dimensions than the spectrum has nulls, sources share one. The
    flattest null is split along the axis along which it is flat.
 4. There, maximum likelihood on the whole snapshot refines the directions
    together. In crowds, the nulls are taken as they are.
 
 Scatterers that explain the map down to the noise are fitted to it together
-(`isacbench_algorithms.bases.joint_subspace`).
+(`isacbench_algorithms.joint_subspace`).
 
 A CFAR over the spectrum, as the paper has one, is left out: the reciprocal of
 a null is no power of noise, and the order says how many nulls count.
@@ -44,19 +44,18 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from isacbench.dsp.angles.cosines import cosine_samples
+from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
+from isacbench.dsp.angles.peaks import cosine_samples
 from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats, Integers
 from isacbench.errors import require
-from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from .bases.joint_subspace import JointSubspaceEstimator, Subspaces
-from .chain import CellSnapshots, detect, determined, locate, read_cells, read_map
+from .chain import CellSnapshots
+from .joint_subspace import JointSubspaceEstimator, Subspaces
 
 SAMPLES_PER_LOBE = 16
 """Grid points across the main lobe of a subarray, 4 / L: a null is rounder than the lobe."""
@@ -75,7 +74,7 @@ class Music2dJoint(JointSubspaceEstimator):
     samples_per_lobe : int
         Grid points across a subarray's main lobe, along u and along w.
     subarray_fraction, model_order, polish
-        See `isacbench_algorithms.bases.joint_subspace.JointSubspaceEstimator`.
+        See `isacbench_algorithms.joint_subspace.JointSubspaceEstimator`.
     detector, pfa, integration, range_window, doppler_window, max_sources, angle_pfa
         See `isacbench_algorithms.chain.CellwiseEstimator`.
     dynamic_range_db, local_dynamic_range_db, precision, detection_window, largest_direction_error,
@@ -95,22 +94,6 @@ class Music2dJoint(JointSubspaceEstimator):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.samples_per_lobe >= 4, "samples_per_lobe", self.samples_per_lobe, "4 and more")
-
-    def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation."""
-        rdm = read_map(observation, self)  # 2D-FFT
-        detected = detect(rdm, self)  # OSCA-CFAR
-        if not detected.cells.bins[0].size:
-            return PointCloud.empty()
-        seen = []
-        for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
-            cells = read_cells(rdm, detected, reading)
-            waves = self.plane_waves(observation, cells)  # joint MUSIC, maximum likelihood in resolved cells
-            waves = determined(cells, waves, self)  # no directions between scatterers
-            located = locate(cells, waves, self)  # range and velocity
-            seen.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
-        found = self.explain(rdm, detected.levels, seen)  # least-squares fit, if that explains the map
-        return self.to_cloud(rdm, found)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, split in cells with fewer nulls than sources."""

@@ -47,34 +47,26 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.cores import one_blas_thread
-from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.cell_detection import white_noise
-from isacbench.dsp.fitting.atom_fits import (
-    LEAST_DAMPING,
-    AtomFit,
-    refine_atoms,
-    refit_atoms,
-    settle_atoms,
-)
+from isacbench.dsp.fitting.atom_fits import LEAST_DAMPING, AtomFit, refine_atoms, refit_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
-from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
+from isacbench.dsp.fitting.joint_selection import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (
+    MOST_LEFT,
     TIE_DIGITS,
     BeamSpace,
-    descending,
-    noise_maximum,
-    redundant,
-    split_gains,
-    strongest_around,
-)
-from isacbench.dsp.fitting.pursuit_moves import (
-    MOST_LEFT,
     are_near,
     became_pairs,
     choose_moves,
     clear_of_sidelobes,
+    descending,
+    noise_maximum,
     reachable_places,
+    redundant,
+    split_gains,
+    strongest_around,
     without_images,
 )
 from isacbench.dsp.rangedoppler import GatedMap

@@ -38,8 +38,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.dsp.angles.cosines import PERIOD
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Floats
+from isacbench.dsp.angles.peaks import PERIOD
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid

@@ -42,19 +42,18 @@ from typing import ClassVar
 
 import numpy as np
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
-from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scaling import in_unit
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
+from isacbench.dsp.sparse_bayes.places import Reach
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, relearn
-from isacbench.dsp.sparse_bayes.reach import Reach
 from isacbench.dsp.sparse_bayes.ridge_steps import settle, without_misfit
-from isacbench.dsp.sparse_bayes.tapers import BinTaper
-from isacbench.dsp.sparse_bayes.tiles import DirectionGrid
+from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid
 from isacbench.errors import require
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage

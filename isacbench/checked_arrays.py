@@ -1,4 +1,4 @@
-"""The door for arrays from outside: what NumPy would cut off in silence is honoured, or refused in one line.
+"""Types of arrays, and the door for those from outside: what NumPy would cut off in silence is refused.
 
 `numpy.asarray` takes masked numbers for valid ones, texts for numbers, and
 columns of a table by their place; casts to other types cut off imaginary parts
@@ -15,6 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from isacbench.errors import InputError
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 KINDS = {"f": "real numbers", "i": "whole numbers", "c": "real or complex numbers"}
 
@@ -108,3 +113,26 @@ def named_columns(values: object) -> dict[str, Any] | None:
 def _are_places(labels: Any) -> bool:
     """Tell if labels are ascending whole numbers, as those of a DataFrame made of an array."""
     return all(isinstance(label, int | np.integer) for label in labels) and list(labels) == sorted(labels)
+
+
+def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> None:
+    """Replace attributes of a frozen dataclass by read-only copies; called in its ``__post_init__``.
+
+    Parameters
+    ----------
+    owner : object
+        Instance of the dataclass.
+    *names : str
+        Attributes that hold arrays or what arrays are made of.
+    dtype : dtype
+        Type of the copies.
+
+    Raises
+    ------
+    InputError
+        If a conversion would lose something (`isacbench.checked_arrays`).
+    """
+    for name in names:
+        values = checked_array(name, getattr(owner, name), dtype).astype(dtype, order="K", copy=True)
+        values.setflags(write=False)
+        object.__setattr__(owner, name, values)

@@ -1,7 +1,6 @@
 """Columns of the metrics of clouds, counts included, by metric and name."""
 
-from isacbench.metrics.paper import Paper
-from isacbench.metrics.repository import Repository
+from isacbench.metrics.paper import Paper, Repository
 from isacbench.plugins.scoring import COUNTS
 
 METRICS = {

@@ -32,7 +32,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "cubes": {*BASE, "checked_arrays", "files", "model", "dsp", "plugins", "link"},
     "bench": {
         *BASE,
-        "arrays",
+        "checked_arrays",
         "process_state",
         "streams",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"),

@@ -12,8 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from isacbench.link.waveform.figures_of_merit import frame_rates, papr_ccdf, symbol_papr_db
-from isacbench.link.waveform.ofdm import modulate
-from isacbench.link.waveform.power_spectrum import mean_power, power_density
+from isacbench.link.waveform.ofdm import mean_power, modulate, power_density
 from isacbench.link.waveform.qam import BITS
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import System

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, checked_array
 from isacbench.cubes.cube import Cube, require_shape
 from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
 from isacbench.cubes.transform import GateTransform
@@ -59,14 +59,14 @@ class CubeObservation(Observation):
 
     nulls: NullCarriers | None
     _source: CubeLike
-    _factors: NDArray[np.complex128] | None
+    _factors: Complex | None
     _workers: int | None
 
     def __init__(
         self,
         source: CubeLike,
         scenario: Scenario,
-        factors: NDArray[np.complex128] | None,
+        factors: Complex | None,
         workers: int | None,
         sensing: Sensing,
         carriers: NDArray[np.bool_] | None = None,
@@ -89,7 +89,7 @@ class CubeObservation(Observation):
         )
 
     @cached_property
-    def cells(self) -> NDArray[np.complex128]:
+    def cells(self) -> Complex:
         """Cells (n_range, n_doppler, P, Q) of all virtual elements, read-only."""
         cells = self.transformed(self.array.positions, self.gate)
         return cells.reshape(*self.gate.shape, *self.array.shape)
@@ -101,7 +101,7 @@ class CubeObservation(Observation):
             return super().cross
         return self.transformed(cross_elements(self.array.shape), self.gate)
 
-    def transformed(self, elements: NDArray[np.int64], gate: Gate) -> NDArray[np.complex128]:
+    def transformed(self, elements: NDArray[np.int64], gate: Gate) -> Complex:
         """Transform elements to the cells of a gate.
 
         Parameters
@@ -246,9 +246,7 @@ def _warn_of_weak_carriers(name: str, amplitude: NDArray[np.float64]) -> None:
         )
 
 
-def _require_known(
-    cube: Cube, symbols: NDArray[np.complex128] | None, division: Division, snr_db: float | None
-) -> None:
+def _require_known(cube: Cube, symbols: Complex | None, division: Division, snr_db: float | None) -> None:
     """Refuse divisions that lack the transmitted grid or the SNR, and an SNR that is not used."""
     if symbols is None and division != "reciprocal":
         raise InputError(
@@ -261,9 +259,7 @@ def _require_known(
         raise InputError(f"{cube.name}: snr_db needs division = 'wiener', not {division!r}")
 
 
-def _checked(
-    given: ArrayLike, cube: Cube, sensed: NDArray[np.bool_], sensing: Sensing
-) -> NDArray[np.complex128]:
+def _checked(given: ArrayLike, cube: Cube, sensed: NDArray[np.bool_], sensing: Sensing) -> Complex:
     """Transmitted grid without faults, and with zeros in null carriers alone, as complex128."""
     grid = checked_array(f"{cube.name}: the transmitted grid", given, np.complex128)
     if grid.shape != cube.shape[:2]:

@@ -13,8 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Complex
 from isacbench.cores import available_cores, one_blas_thread
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.model.echo import Simulator, random_stream, resource_grid, transmitted_noise, white_gaussian
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from isacbench.model.scene import Scenario
-
-Complex = NDArray[np.complex128]
 
 BLOCK_SUBCARRIERS = 16
 """Subcarriers of a block: 15 MB in double precision at the paper's size. The noise follows from it."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Complex
 from isacbench.cores import available_cores, one_blas_thread
 from isacbench.dsp.null_carriers import NullCarriers
 from isacbench.dsp.partial_dft import (
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from isacbench.cubes.cube import Cube, Tile
     from isacbench.model.gate import Gate
     from isacbench.model.numerology import System
-
-Complex = NDArray[np.complexfloating[Any, Any]]
 
 TILES_AHEAD = 1
 """Tiles that are read in advance while others are transformed."""
@@ -68,7 +67,7 @@ class GateTransform:
         elements: NDArray[np.intp],
         factors: NDArray[np.complexfloating[Any, Any]] | None = None,
         workers: int | None = None,
-    ) -> NDArray[np.complex128]:
+    ) -> Complex:
         """Transform elements (e, 2) of a cube to cells (n_range, n_doppler, e).
 
         Factors of the resource elements are applied first. Sums over the
@@ -90,7 +89,7 @@ class GateTransform:
         return doppler_sums(self.gate.doppler_bins, self.system.n_symbols)
 
     @cached_property
-    def _range_rows(self) -> NDArray[np.complex128]:
+    def _range_rows(self) -> Complex:
         rows = range_rows(self.gate.range_bins, self.system.n_subcarriers)
         return rows if self.nulls is None else self.nulls.interpolated(rows)
 

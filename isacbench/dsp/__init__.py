@@ -2,7 +2,6 @@
 
 __all__ = [
     "angles",
-    "array_types",
     "bounds",
     "cell_detection",
     "cfar",

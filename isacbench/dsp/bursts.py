@@ -13,20 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
+from isacbench.choices import Sensing
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
-from isacbench.model.prs import resource_elements
-
-if TYPE_CHECKING:
-    from isacbench.choices import Sensing
-    from isacbench.model.numerology import System
-
+from isacbench.model.numerology import System, resource_elements
 
 PLACE_ERROR_BINS = 0.5
 """Error of the distance of two peaks that are read twice a bin."""
@@ -103,8 +98,7 @@ class SymbolBursts:
             return cells
         turns = np.asarray(doppler_bins) * self.delay_symbols / self.n_symbols
         phase = np.exp(-2j * np.pi * turns).astype(np.result_type(np.complex64, cells))
-        centred: Complex = cells * phase.reshape(-1, *(1,) * (cells.ndim - 2))
-        return centred
+        return cells * phase.reshape(-1, *(1,) * (cells.ndim - 2))
 
     def response(self, bins: ArrayLike, places: ArrayLike) -> Complex:
         """Response of the bins of a unitary DFT to unit exponentials at fractional bins, centred.
@@ -124,8 +118,7 @@ class SymbolBursts:
             return dirichlet(bins, places, n).conj()
         distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)
         phase = np.exp(-1j * np.pi * (n - 1) / n * distance)
-        response: Complex = np.sqrt(n) * self.slopes(distance)[0] * phase
-        return response
+        return np.sqrt(n) * self.slopes(distance)[0] * phase
 
     def slopes(self, distance: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Kernel referred to the middle of the bursts, and its first two derivatives.

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.display import brief
-from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.windows import reach, taper

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Complex, Floats, Mask, checked_array
 from isacbench.model.region import Interval
 
 NEAR_CARRIERS = 32
@@ -63,13 +62,13 @@ class NullCarriers(NamedTuple):
         The same of an echo from up to `FARTHEST` of the unambiguous range.
     """
 
-    used: NDArray[np.bool_]
+    used: Mask
     null: NDArray[np.intp]
-    weights: NDArray[np.complexfloating[Any, Any]]
+    weights: Complex
     missed: float
     missed_beyond: float
 
-    def interpolated(self, rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def interpolated(self, rows: Complex) -> Complex:
         """Estimate null carriers within a transform.
 
         Parameters
@@ -90,7 +89,7 @@ class NullCarriers(NamedTuple):
             of_band[:, self.null[there] + offset] += rows[:, self.null[there]] * weights[there]
         return of_all * self.used
 
-    def missed_at(self, range_bins: ArrayLike) -> NDArray[np.float64]:
+    def missed_at(self, range_bins: ArrayLike) -> Floats:
         """Bound the amplitude that the estimate leaves of echoes in other range bins.
 
         Parameters
@@ -107,7 +106,7 @@ class NullCarriers(NamedTuple):
         return _missed(self.weights, np.ones(self.null.size), checked_array("bins", range_bins), band.size)
 
 
-def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers:
+def interpolate_nulls(used: Mask, limits: Interval) -> NullCarriers:
     """Estimate what null carriers within a band would have held from the carriers around them.
 
     Echoes between two limits of range change slowly from one subcarrier to the
@@ -140,9 +139,9 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
     counts = np.bincount(pattern.ravel(), minlength=len(patterns))
     turns = np.subtract.outer(NEAR_OFFSETS, NEAR_OFFSETS) / n
 
-    def covariance(lower: float, upper: float) -> NDArray[np.complex128]:
+    def covariance(lower: float, upper: float) -> Complex:
         """Covariance of the carriers around another, of echoes between two ranges in bins."""
-        values: NDArray[np.complex128] = np.exp(-1j * np.pi * (lower + upper) * turns)
+        values: Complex = np.exp(-1j * np.pi * (lower + upper) * turns)
         return values * np.sinc((upper - lower) * turns)
 
     region, own = covariance(*limits), covariance(-OWN_SIGNAL_BINS, OWN_SIGNAL_BINS)
@@ -170,16 +169,13 @@ def interpolate_nulls(used: NDArray[np.bool_], limits: Interval) -> NullCarriers
     return NullCarriers(used, null, weights[pattern.ravel()], missed, missed_beyond)
 
 
-def _missed(
-    weights: NDArray[np.complexfloating[Any, Any]], counts: NDArray[Any], places: Floats, n: int
-) -> NDArray[np.float64]:
+def _missed(weights: Complex, counts: NDArray[Any], places: Floats, n: int) -> Floats:
     """Bounds (k,) of what weights (p, offsets), of counts (p,) of null carriers, leave of echoes."""
     echoes = np.exp(-2j * np.pi / n * np.multiply.outer(NEAR_OFFSETS, places))
-    left: NDArray[np.float64] = counts @ np.abs(1 - weights @ echoes) / n
-    return left
+    return counts @ np.abs(1 - weights @ echoes) / n
 
 
-def used_band(used: NDArray[np.bool_]) -> slice:
+def used_band(used: Mask) -> slice:
     """Band from the first subcarrier that is used to the last.
 
     Parameters

@@ -31,8 +31,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
 
 RangeMethod = Literal["partial", "fft"]
 
@@ -46,7 +45,7 @@ FEW_ELEMENTS = 16
 """Columns below which products of small matrices are slow: elements are then moved outermost first."""
 
 
-def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
+def range_rows(bins: ArrayLike, n_subcarriers: int) -> Complex:
     """Rows of the unitary inverse DFT over subcarriers.
 
     Parameters
@@ -61,7 +60,7 @@ def range_rows(bins: ArrayLike, n_subcarriers: int) -> NDArray[np.complex128]:
     return _rows(bins, n_subcarriers)
 
 
-def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
+def doppler_rows(bins: ArrayLike, n_symbols: int) -> Complex:
     """Rows of the unitary DFT over symbols.
 
     Parameters
@@ -76,11 +75,10 @@ def doppler_rows(bins: ArrayLike, n_symbols: int) -> NDArray[np.complex128]:
     return _rows(bins, n_symbols).conj()
 
 
-def _rows(bins: ArrayLike, n: int) -> NDArray[np.complex128]:
+def _rows(bins: ArrayLike, n: int) -> Complex:
     # Whole turns are taken out in integers: no phase loses digits.
     turns = np.multiply.outer(checked_array("bins", bins, np.int64), np.arange(n)) % n
-    rows: NDArray[np.complex128] = np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
-    return rows
+    return np.exp(2j * np.pi * np.arange(n) / n)[turns] / np.sqrt(n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +96,7 @@ class DopplerSums:
         Sign of each bin; None where the rows are the bins themselves.
     """
 
-    rows: Floats | NDArray[np.complex128]
+    rows: Floats | Complex
     absolute: Integers
     sign: Integers | None
 
@@ -267,8 +265,7 @@ def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
     if np.iscomplexobj(rows):
         return rows @ blocks
     columns = blocks if blocks.strides[-1] == blocks.itemsize else np.ascontiguousarray(blocks)
-    product: Complex = (rows @ columns.view(rows.dtype)).view(blocks.dtype)
-    return product
+    return (rows @ columns.view(rows.dtype)).view(blocks.dtype)
 
 
 def range_bins_by_fft(at_doppler: Complex, bins: ArrayLike, workers: int = 1) -> Complex:

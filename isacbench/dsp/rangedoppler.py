@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.fft
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Integers, Mask, checked_array
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Plane
-from isacbench.dsp.array_types import Complex, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
 from isacbench.instrument.stages import stage
-
-if TYPE_CHECKING:
-    from isacbench.model.gate import Gate
-    from isacbench.model.observation import Observation
+from isacbench.model.gate import Gate
+from isacbench.model.observation import Observation
 
 Bins = tuple[Integers, Integers]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex
+from isacbench.checked_arrays import Complex
 from isacbench.errors import require
 
 MOST_EXPONENT = 40

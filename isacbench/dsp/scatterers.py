@@ -6,24 +6,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.display import brief
-from isacbench.dsp.angles.cosines import PERIOD, within_period
+from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.stable_order import rounded
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin, reach, taper
 from isacbench.model.kernels import dirichlet
-
-if TYPE_CHECKING:
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import System
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])
 """Distances in range bins, Doppler bins, u and w within which two points count as one."""
@@ -323,8 +320,7 @@ def _one_echo_share(amplitudes: Complex, offset: Floats, window: Window) -> Floa
     model = np.moveaxis(bin_profile(offset, window), -1, 0)
     explained = np.abs(np.sum(model.conj() * amplitudes, axis=0)) ** 2
     energy = np.sum(np.abs(model) ** 2, axis=0) * np.sum(np.abs(amplitudes) ** 2, axis=0)
-    share: Floats = np.divide(explained, energy, out=np.zeros_like(energy), where=energy > 0)
-    return share
+    return np.divide(explained, energy, out=np.zeros_like(energy), where=energy > 0)
 
 
 def merge_duplicates(scatterers: LocatedScatterers) -> LocatedScatterers:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.dsp.array_types import Floats
+from isacbench.checked_arrays import Floats
 
 STEP_BITS = 8
 """Binary digits kept below the square of a step."""

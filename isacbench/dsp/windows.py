@@ -21,8 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
 from isacbench.errors import InputError
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
@@ -128,8 +127,7 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
     """
     ratio = checked_array("ratio", ratio)
     shares, offsets = _share_table(window)
-    offset: Floats = np.interp(ratio / (1 + ratio), shares, offsets)
-    return offset
+    return np.interp(ratio / (1 + ratio), shares, offsets)
 
 
 def bin_profile(offset: ArrayLike, window: Window) -> Complex:

@@ -24,7 +24,7 @@ Remark = Literal["unseparated", "crowded", "unexplained"]
 
 unseparated
     Subspaces that rounding decides about: at the order asked for, signal and
-    noise are not separated (`isacbench.dsp.angles.eigenpairs`).
+    noise are not separated (`isacbench.dsp.angles.line_subspaces`).
     Directions come from the dimensions that are determined, if any.
 crowded
     Atoms beyond the largest number that an estimator fits together: the weakest

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from isacbench.errors import require
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 Direction = Literal["lower", "higher", "neither"]
 

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, checked_array
 from isacbench.errors import InputError, require
+from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
+from isacbench.model.region import Region
+from isacbench.model.scene import Scenario
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.region import Region
-    from isacbench.model.scene import Scenario
-
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 LARGEST = 1e50
@@ -98,8 +94,7 @@ class CloudPair:
         """Call a function on the pair once for all metrics."""
         if make not in self._made:
             self._made[make] = make(self)
-        found: T = self._made[make]
-        return found
+        return self._made[make]
 
     @cached_property
     def _made(self) -> dict[Callable[[CloudPair], Any], Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,14 @@ from skimage.measure import label, regionprops_table
 from skimage.morphology import reconstruction
 from skimage.segmentation import watershed
 
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.errors import require
 from isacbench.metrics.assignment import connected_pieces
 from isacbench.metrics.descriptions import ANY_KIND, ScoreColumn, object_kind
+from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
-
-if TYPE_CHECKING:
-    from isacbench.metrics.geometry import CloudPair
-    from isacbench.model.scene import Scenario
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.intp]
+from isacbench.model.scene import Scenario
 
 VOXEL_CELLS = np.array([3.0, 3.0, 0.125, 0.25])
 """Voxel in Rayleigh cells of range, velocity, u and w: 0.9 m, 5.5 m/s, and at 80 m 1.3 m and 2.5 m across.
@@ -82,8 +78,8 @@ class Matches(NamedTuple):
 
     truth: ObjectList
     found: ObjectList
-    i: Integers
-    j: Integers
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
 
     def errors(self) -> Floats:
         """Errors (n, 4) of the pairs: horizontal and vertical in m, velocity in m/s, and of the box in m."""
@@ -233,7 +229,7 @@ def true_objects(scenario: Scenario) -> ObjectList:
     return replace(described(scenario.truth, group + 1), kinds=kinds)
 
 
-def described(cloud: PointCloud, group: Integers) -> ObjectList:
+def described(cloud: PointCloud, group: NDArray[np.intp]) -> ObjectList:
     """Centres, sizes and velocities of groups of points.
 
     Parameters
@@ -251,7 +247,7 @@ def described(cloud: PointCloud, group: Integers) -> ObjectList:
     return ObjectList((least + most)[:, :3] / 2, (most - least)[:, :3], mean[:, 3])
 
 
-def group_points(scenario: Scenario, cloud: PointCloud, voxel: float = 1.0) -> Integers:
+def group_points(scenario: Scenario, cloud: PointCloud, voxel: float = 1.0) -> NDArray[np.intp]:
     """Group the points of an image into objects.
 
     Points whose voxels touch, by a corner at least, hang together. What hangs together is split by a
@@ -277,7 +273,7 @@ def group_points(scenario: Scenario, cloud: PointCloud, voxel: float = 1.0) -> I
     return group
 
 
-def _parts(voxels: Floats) -> Integers:
+def _parts(voxels: Floats) -> NDArray[np.intp]:
     """Number the parts of a piece for each of its points (n, 4), from 1."""
     shape = voxels.max(axis=0) + 1.0
     if len(voxels) < 3 or shape.prod() > MOST_VOXELS:
@@ -285,11 +281,10 @@ def _parts(voxels: Floats) -> Integers:
     index = tuple(voxels.astype(np.intp).T)
     occupied = np.zeros(shape.astype(np.intp), dtype=bool)
     occupied[index] = True
-    parts: Integers = _watershed(occupied)[index]
-    return parts
+    return _watershed(occupied)[index]
 
 
-def _watershed(occupied: NDArray[np.bool_]) -> NDArray[np.integer]:
+def _watershed(occupied: Mask) -> NDArray[np.integer]:
     """Divide the occupied voxels (of four dimensions) of a piece between the peaks of their density."""
     density = gaussian_filter(occupied.astype(np.float64), SMOOTHING_VOXELS, mode="constant", truncate=2.5)
     peaks = (maximum_filter(density, 3, mode="constant") == density) & occupied
@@ -301,5 +296,4 @@ def _watershed(occupied: NDArray[np.bool_]) -> NDArray[np.integer]:
     around = np.ones((3,) * 4)
     dome = level - reconstruction(level - height, level, method="dilation", footprint=around)
     peaks = label((dome >= height - ROUNDING) & occupied, connectivity=4)
-    parts: NDArray[np.integer] = watershed(-level, peaks, mask=occupied, connectivity=around)
-    return parts
+    return watershed(-level, peaks, mask=occupied, connectivity=around)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from skimage.metrics import normalized_root_mse, structural_similarity
 
+from isacbench.checked_arrays import Floats
 from isacbench.metrics.descriptions import ScoreColumn
-
-if TYPE_CHECKING:
-    from isacbench.metrics.geometry import CloudPair
-
-Floats = NDArray[np.float64]
+from isacbench.metrics.geometry import CloudPair
 
 PROJECTIONS = (0, 1), (0, 2), (1, 2)
 

@@ -6,25 +6,20 @@ import math
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs
+from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs, pair_gospa
 from isacbench.metrics.descriptions import ScoreColumn
-from isacbench.metrics.gospa import pair_gospa
+from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
-
-if TYPE_CHECKING:
-    from isacbench.metrics.geometry import CloudPair
-    from isacbench.model.scene import Scenario
-
-Floats = NDArray[np.float64]
+from isacbench.model.scene import Scenario
 
 MERGED_CELLS = 0.5
 """Scatterers that fit into half a Rayleigh cell in all four coordinates count as one."""

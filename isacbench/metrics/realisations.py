@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from statistics import mean, pstdev
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.paper import Paper, deviation_scores
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.region import Region
+from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
 
 COUNTS = ("n_true", "n_estimated")
 

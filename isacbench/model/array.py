@@ -11,19 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Integers, Mask, checked_array
 from isacbench.choices import Mimo
 from isacbench.errors import InputError, require
 from isacbench.model.number_limits import require_count
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 
 PAPER_ORDER = ("-u", "-w")
 """Directions towards which elements ascend whose phases are exp(-jπ(p u + q w))."""
@@ -33,7 +30,7 @@ MOST_LEAKAGE_DB = 200.0
 """Largest power, of either sign, of the direct path over that of all echoes."""
 
 
-def rectangular_positions(shape: tuple[int, int], spacing: int) -> NDArray[np.int64]:
+def rectangular_positions(shape: tuple[int, int], spacing: int) -> Integers:
     """Element positions of a rectangular array in half wavelengths.
 
     Parameters
@@ -114,17 +111,17 @@ class VirtualArray:
             )
 
     @property
-    def positions(self) -> NDArray[np.int64]:
+    def positions(self) -> Integers:
         """Distinct virtual element positions (n, 2) in half wavelengths, row by row."""
         return self._elements[0]
 
     @property
-    def transmitters(self) -> NDArray[np.int64]:
+    def transmitters(self) -> Integers:
         """Transmitter of every virtual element (n,), the first of those that give it with some receiver."""
         return self._elements[1] // (self.rx_shape[0] * self.rx_shape[1])
 
     @cached_property
-    def _elements(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _elements(self) -> tuple[Integers, Integers]:
         """Distinct sums of a transmitter's and a receiver's position, and the first pair that gives each."""
         tx = rectangular_positions(self.tx_shape, self.tx_spacing)
         rx = rectangular_positions(self.rx_shape, self.rx_spacing)
@@ -145,7 +142,7 @@ class VirtualArray:
         return self.thinning[0] * self.thinning[1]
 
     @property
-    def shares(self) -> list[tuple[slice, slice, NDArray[np.bool_]]]:
+    def shares(self) -> list[tuple[slice, slice, Mask]]:
         """Subcarriers and symbols of transmitters that take turns, and masks of their virtual elements."""
         (every_n, every_m), of = self.thinning, self.transmitters % self.n_turns
         return [
@@ -159,7 +156,7 @@ class VirtualArray:
         n_p, n_q = self.positions.max(axis=0) + 1
         return int(n_p), int(n_q)
 
-    def in_frame(self, elements: ArrayLike) -> NDArray[np.int64]:
+    def in_frame(self, elements: ArrayLike) -> Integers:
         """Find where a frame holds elements.
 
         Parameters
@@ -177,9 +174,7 @@ class VirtualArray:
         return np.where(is_mirrored, (n_p - 1, n_q - 1) - places, places)
 
 
-def element_errors(
-    name: str, gain_error_db: float, phase_error_deg: float, elements: ArrayLike
-) -> NDArray[np.complex128]:
+def element_errors(name: str, gain_error_db: float, phase_error_deg: float, elements: ArrayLike) -> Complex:
     """Draw complex factors of virtual elements that are not calibrated.
 
     The gain in dB and the phase of an element are normal, of mean 0. They
@@ -208,5 +203,4 @@ def element_errors(
     radius, angle = np.sqrt(-2 * np.log1p(-uniforms[:, 0])), 2 * np.pi * uniforms[:, 1]
     gain_db = gain_error_db * (radius * np.cos(angle)).round(9)
     phase_rad = np.radians(phase_error_deg) * (radius * np.sin(angle)).round(9)
-    factors: NDArray[np.complex128] = 10 ** (gain_db / 20) * np.exp(1j * phase_rad)
-    return factors
+    return 10 ** (gain_db / 20) * np.exp(1j * phase_rad)

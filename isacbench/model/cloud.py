@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.checked_arrays import checked_array, named_columns, unmasked_array
+from isacbench.checked_arrays import Floats, checked_array, freeze_arrays, named_columns, unmasked_array
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
-from isacbench.model.frozen_arrays import freeze_arrays
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -53,9 +52,9 @@ class PointCloud(Displayed):
       x 1 m; y 2 m; z 3 m; velocity 4 m/s; power 1
     """
 
-    xyz: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    power: NDArray[np.float64]
+    xyz: Floats
+    velocity: Floats
+    power: Floats
 
     def __init__(
         self, xyz: ArrayLike, velocity: ArrayLike | None = None, power: ArrayLike | None = None
@@ -142,12 +141,12 @@ class PointCloud(Displayed):
         """
         write_point_table(self._columns(), path)
 
-    def _columns(self) -> dict[str, NDArray[np.float64]]:
+    def _columns(self) -> dict[str, Floats]:
         """Columns of a table by their names, v only if it is known."""
         columns = dict(zip(POINT_COLUMNS, self.to_array().T, strict=True))
         return {name: column for name, column in columns.items() if name != "v" or self.has_velocity}
 
-    def to_array(self) -> NDArray[np.float64]:
+    def to_array(self) -> Floats:
         """Return the (n, 5) array of x, y, z, v and power; v is NaN if it is unknown."""
         return np.column_stack([self.xyz, self.velocity, self.power])
 
@@ -179,7 +178,7 @@ class PointCloud(Displayed):
         return PointCloud(self.xyz[keep], velocity, self.power[keep])
 
 
-def _found(columns: dict[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
+def _found(columns: dict[str, ArrayLike]) -> dict[str, Floats]:
     """Columns of a table by their names in `POINT_COLUMNS`."""
     names = ["v" if name == "velocity" else name for name in columns]
     wanted = [name for name in POINT_COLUMNS if name in ("x", "y", "z") or name in names]
@@ -195,9 +194,7 @@ def _found(columns: dict[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
     return arrays
 
 
-def describe_points(
-    name: str, xyz: NDArray[np.float64], velocity: NDArray[np.float64], **others: NDArray[np.float64]
-) -> Description:
+def describe_points(name: str, xyz: Floats, velocity: Floats, **others: Floats) -> Description:
     """Describe points by their number and the spans of their coordinates, velocities and other values.
 
     Parameters

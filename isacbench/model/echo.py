@@ -16,26 +16,21 @@ import hashlib
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from numbers import Real
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
 from isacbench.errors import require
-from isacbench.model.array import element_errors
+from isacbench.model.array import VirtualArray, element_errors
 from isacbench.model.gate import Gate, build_gate
 from isacbench.model.kernels import dirichlet
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.observation import Observation
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
-
-if TYPE_CHECKING:
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.scene import Scenario
-
-Complex = NDArray[np.complex128]
 
 FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
@@ -66,10 +61,10 @@ class EchoParameters:
     """
 
     gain: Complex
-    range_bin: NDArray[np.float64]
-    doppler_bin: NDArray[np.float64]
-    u: NDArray[np.float64]
-    w: NDArray[np.float64]
+    range_bin: Floats
+    doppler_bin: Floats
+    u: Floats
+    w: Floats
 
 
 def echo_parameters(scenario: Scenario) -> EchoParameters:
@@ -88,7 +83,7 @@ def echo_parameters(scenario: Scenario) -> EchoParameters:
     return EchoParameters(gain, range_bin, doppler_bin, u, w)
 
 
-def central_phase(scenario: Scenario) -> NDArray[np.float64]:
+def central_phase(scenario: Scenario) -> Floats:
     """Phase of every echo at the centre of the resource grid and of the array.
 
     Two equal echoes closer than a Rayleigh cell are hardest to tell apart
@@ -104,8 +99,7 @@ def central_phase(scenario: Scenario) -> NDArray[np.float64]:
     turns = (system.n_symbols - 1) / system.n_symbols * echo.doppler_bin
     turns -= (system.n_subcarriers - 1) / system.n_subcarriers * echo.range_bin
     turns -= ((n_p - 1) * echo.u + (n_q - 1) * echo.w) / 2
-    phase: NDArray[np.float64] = np.angle(echo.gain * np.exp(1j * np.pi * turns))
-    return phase
+    return np.angle(echo.gain * np.exp(1j * np.pi * turns))
 
 
 def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
@@ -241,7 +235,7 @@ def echo_responses(scenario: Scenario, elements: ArrayLike) -> tuple[EchoParamet
 
 
 def _superposed(
-    along_range: Complex, along_doppler: Complex, directions: Complex, doppler_bin: NDArray[np.float64]
+    along_range: Complex, along_doppler: Complex, directions: Complex, doppler_bin: Floats
 ) -> Complex:
     """Sum (a, b, e) of echoes that are products (a, K), (b, K) and (K, e).
 
@@ -258,8 +252,7 @@ def _superposed(
             at_speed = np.empty((len(rows), speeds.size, n_elements), dtype=np.complex128)
             for k in range(speeds.size):
                 at_speed[:, k] = rows[:, of_speed == k] @ directions[of_speed == k]
-            cells: Complex = along_doppler[:, first] @ at_speed
-            return cells
+            return along_doppler[:, first] @ at_speed
         # Explicit sizes, because -1 cannot be resolved where a scene is empty.
         n_cells = len(rows) * n_doppler
         delay_doppler = (rows[:, None, :] * along_doppler[None, :, :]).reshape(n_cells, n_echoes)
@@ -318,8 +311,7 @@ def _times_noise(echo: EchoParameters, gate: Gate, noise: Complex, directions: C
     @lru_cache(maxsize=1)
     def lines(doppler_bin: float) -> Complex:
         shift = np.outer(doppler_bin - gate.doppler_bins, symbols)
-        at_doppler: Complex = np.exp(2j * np.pi / n_symbols * shift) @ noise.T / np.sqrt(n_symbols)
-        return at_doppler
+        return np.exp(2j * np.pi / n_symbols * shift) @ noise.T / np.sqrt(n_symbols)
 
     def profile(k: int) -> Complex:
         delay = np.exp(-2j * np.pi / n_subcarriers * echo.range_bin[k] * subcarriers)
@@ -377,8 +369,7 @@ def white_gaussian(stream: np.random.Generator, shape: tuple[int, ...]) -> Compl
     """White circular complex Gaussian numbers of unit power."""
     parts = stream.standard_normal((*shape, 2))
     parts *= np.sqrt(0.5)
-    noise: Complex = parts.view(np.complex128)[..., 0]
-    return noise
+    return parts.view(np.complex128)[..., 0]
 
 
 class Simulator:
@@ -488,6 +479,9 @@ class Simulator:
         return drawn[1]
 
 
+_simulator = lru_cache(maxsize=2)(Simulator)
+
+
 def observe_echo(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> Observation:
     """Observe a scenario once; the clean echoes of the last two scenarios are kept.
 
@@ -505,8 +499,3 @@ def observe_echo(scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 
         If the SNR is no number, or so low that the noise overflows.
     """
     return _simulator(scenario).observe(snr_db, trial, seed)
-
-
-@lru_cache(maxsize=2)
-def _simulator(scenario: Scenario) -> Simulator:
-    return Simulator(scenario)

@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError
 
 FrameName = Literal["paper", "panel"]
-Floats = NDArray[np.float64]
 
 
 class Frame(ABC):
@@ -68,7 +67,7 @@ class Frame(ABC):
         """
 
     @abstractmethod
-    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+    def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie where the map can be inverted, its border included.
 
         Parameters
@@ -100,8 +99,7 @@ def _nonzero(values: Floats) -> Floats:
 def _jacobian(range_m: ArrayLike, along_range: Floats, along_u: Floats, along_w: Floats) -> Floats:
     """Jacobians (n, 3, 3) of a unit direction and its two slopes, each (n, 3), scaled by the range."""
     scale = checked_array("range_m", range_m)[..., None]
-    jacobian: Floats = np.stack([along_range, scale * along_u, scale * along_w], axis=-1)
-    return jacobian
+    return np.stack([along_range, scale * along_u, scale * along_w], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ class PaperFrame(Frame):
             np.stack(along_w, axis=-1),
         )
 
-    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+    def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie below the base station.
 
         Parameters
@@ -288,7 +286,7 @@ class PanelFrame(Frame):
             np.stack([zero, one, -w / normal], axis=-1) @ self.axes,
         )
 
-    def in_half_space(self, offset_m: ArrayLike) -> NDArray[np.bool_]:
+    def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie in front of the panel.
 
         Parameters
@@ -299,8 +297,7 @@ class PanelFrame(Frame):
         -------
         ndarray of bool, shape (n,)
         """
-        ahead: NDArray[np.bool_] = checked_array("offset_m", offset_m) @ self.axes[2] >= 0
-        return ahead
+        return checked_array("offset_m", offset_m) @ self.axes[2] >= 0
 
 
 def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> Frame:

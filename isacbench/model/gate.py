@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats, Integers, Mask, freeze_arrays
 from isacbench.display import Description, Displayed, span
-from isacbench.model.frozen_arrays import freeze_arrays
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.numerology import System
-    from isacbench.model.region import Region
+from isacbench.model.numerology import System
+from isacbench.model.region import Region
 
 RANGE_MARGIN_BINS = 6
 """Half a 9-cell detector window, one bin of window leakage, one for rounding."""
@@ -41,8 +36,8 @@ class Gate(Displayed):
         the last one is then next to the first.
     """
 
-    range_bins: NDArray[np.int64]
-    doppler_bins: NDArray[np.int64]
+    range_bins: Integers
+    doppler_bins: Integers
     reachable_range: slice
     reachable_doppler: slice
     wraps: tuple[bool, bool] = (False, False)
@@ -71,7 +66,7 @@ class Gate(Displayed):
         return self.range_bins.size, self.doppler_bins.size
 
     @property
-    def reachable(self) -> NDArray[np.bool_]:
+    def reachable(self) -> Mask:
         """Mask of the gate's shape: cells in which a scatterer of the region can have its peak."""
         mask = np.zeros(self.shape, dtype=np.bool_)
         mask[self.reachable_range, self.reachable_doppler] = True
@@ -111,10 +106,7 @@ class Gate(Displayed):
 
 
 def build_gate(
-    system: System,
-    base_station_m: NDArray[np.float64],
-    region: Region,
-    thinning: tuple[int, int] = (1, 1),
+    system: System, base_station_m: Floats, region: Region, thinning: tuple[int, int] = (1, 1)
 ) -> Gate:
     """Derive the gate from the region and its speeds alone.
 
@@ -143,7 +135,7 @@ def _trim(reachable: slice, n: int, n_bins: int) -> slice:
     return slice(max(reachable.start - n, 0), min(reachable.stop - n, n_bins - 2 * n))
 
 
-def _extend(bins: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+def _extend(bins: Integers, n: int) -> Integers:
     """Consecutive bins and n more at either end."""
     return np.arange(bins[0] - n, bins[-1] + n + 1)
 
@@ -153,7 +145,7 @@ def _shift(reachable: slice, n: int) -> slice:
     return slice(reachable.start + n, reachable.stop + n)
 
 
-def _reach(limits_bins: NDArray[np.float64], margin: int, n_bins: int) -> tuple[NDArray[np.int64], slice]:
+def _reach(limits_bins: Floats, margin: int, n_bins: int) -> tuple[Integers, slice]:
     """Bins nearest to all values between the limits, with margins where the map has room for them."""
     first, last = (int(bin_) for bin_ in np.rint(limits_bins))
     n_reachable = min(last - first + 1, n_bins)

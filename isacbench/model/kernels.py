@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from isacbench.checked_arrays import Complex, Floats, checked_array
 
 SERIES_BELOW = 1e-3
 """Distance in bins below which slopes come from the series at the peak: their quotients lose digits there."""
@@ -101,5 +98,4 @@ def steering(n_elements: int, cosine: ArrayLike) -> Complex:
     [[1.0, -1.0, 1.0]]
     """
     phase = np.multiply.outer(checked_array("cosine", cosine), -np.pi * np.arange(n_elements))
-    response: Complex = np.exp(1j * phase)
-    return response
+    return np.exp(1j * phase)

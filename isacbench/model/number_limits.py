@@ -8,14 +8,12 @@ could be said: that is refused where it comes in.
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, SupportsIndex, cast
+from typing import SupportsIndex, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isacbench.errors import InputError, require
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 LARGEST_AMPLITUDE = 1e152
 """Of all echoes of a scene together, the root of their power: thousands of 1e150 each."""

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
+from isacbench.choices import Sensing
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.choices import Sensing
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.frame import Frame
-    from isacbench.model.gate import Gate
-    from isacbench.model.numerology import System
-    from isacbench.model.region import Interval, Region
+from isacbench.model.frame import Frame
+from isacbench.model.gate import Gate
+from isacbench.model.numerology import System
+from isacbench.model.region import Interval, Region
 
 REGION_TOLERANCE_M = 0.5
 """Largest distance outside the region at which a point is still reported."""
@@ -52,12 +48,12 @@ class Observation(Displayed):
         Resource elements used for sensing.
     """
 
-    cells: NDArray[np.complexfloating[Any, Any]]
+    cells: Complex
     gate: Gate
     system: System
     array: VirtualArray
     frame: Frame
-    base_station_m: NDArray[np.float64]
+    base_station_m: Floats
     region: Region
     sensing: Sensing = "all"
 
@@ -93,7 +89,7 @@ class Observation(Displayed):
         return "cells" in vars(self)
 
     @cached_property
-    def cross(self) -> NDArray[np.complexfloating[Any, Any]]:
+    def cross(self) -> Complex:
         """Cells (n_range, n_doppler, P + Q - 1) of the elements (p, 0), then of (0, q) from q = 1."""
         cross = cross_of(self.cells)
         cross.setflags(write=False)
@@ -139,7 +135,7 @@ class Observation(Displayed):
         keep = self.region.contains(xyz, REGION_TOLERANCE_M)
         return PointCloud(xyz[keep], velocity[keep], checked_array("power", power)[keep])
 
-    def positions_m(self, range_bin: ArrayLike, u: ArrayLike, w: ArrayLike) -> NDArray[np.float64]:
+    def positions_m(self, range_bin: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
         """Place ranges and directions in space.
 
         Parameters
@@ -164,9 +160,7 @@ class Observation(Displayed):
         return xyz
 
 
-def _samples(
-    lower_m: NDArray[np.float64], upper_m: NDArray[np.float64], base_m: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
+def _samples(lower_m: Floats, upper_m: Floats, base_m: Floats) -> list[Floats]:
     """Coordinates along x, y and z of a grid of points in a box, which show its limits in direction."""
     axes = [*np.linspace(lower_m, upper_m, REGION_SAMPLES, axis=1)]
     distance_m = float(np.linalg.norm(np.clip(base_m, lower_m, upper_m) - base_m))
@@ -181,14 +175,13 @@ def _samples(
     ]
 
 
-def _unfolded(places: NDArray[np.float64], limits: Interval, size: float, n_bins: int) -> NDArray[np.float64]:
+def _unfolded(places: Floats, limits: Interval, size: float, n_bins: int) -> Floats:
     """Ranges or speeds of bins: of all aliases the one nearest to the middle of the limits."""
     turns = np.rint((places - sum(limits) / 2 / size) / n_bins)
-    unfolded: NDArray[np.float64] = (places - n_bins * turns) * size
-    return unfolded
+    return (places - n_bins * turns) * size
 
 
-def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
+def cross_elements(shape: tuple[int, int]) -> Integers:
     """Indices of the elements of one column and one row of the array.
 
     Parameters
@@ -206,7 +199,7 @@ def cross_elements(shape: tuple[int, int]) -> NDArray[np.int64]:
     return np.stack([np.r_[p, np.zeros_like(q)], np.r_[np.zeros_like(p), q]], axis=1)
 
 
-def cross_of(cells: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.complexfloating[Any, Any]]:
+def cross_of(cells: Complex) -> Complex:
     """Take one column and one row of the array.
 
     Parameters

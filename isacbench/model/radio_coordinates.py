@@ -2,54 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import Floats
 from isacbench.choices import Dimension
 from isacbench.errors import InputError
+from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.frame import Frame
-    from isacbench.model.numerology import System
-    from isacbench.model.region import Region
-    from isacbench.model.scene import Scatterers, Scenario
-
-    Floats = NDArray[np.float64]
+from isacbench.model.observation import Observation
+from isacbench.model.scene import Scatterers, Scenario
 
 DIMENSIONS: tuple[Dimension, ...] = get_args(Dimension)
 
 CANDIDATES = 64
 MAX_ROUNDS = 200
 
-
-class Radio(Protocol):
-    """Radio of a scenario or of an observation, its place and its region."""
-
-    @property
-    def system(self) -> System:
-        """Numerology."""
-
-    @property
-    def array(self) -> VirtualArray:
-        """Virtual array."""
-
-    @property
-    def frame(self) -> Frame:
-        """Map between directions and direction cosines."""
-
-    @property
-    def base_station_m(self) -> NDArray[np.float64]:
-        """Position (3,) of the base station in m."""
-
-    @property
-    def region(self) -> Region:
-        """Box and speeds in which scatterers may be."""
+Radio = Scenario | Observation
+"""What has a radio, its place and its region."""
 
 
 def rayleigh_cells(radio: Radio) -> Floats:
@@ -179,8 +151,7 @@ def draw_place(scenario: Scenario, trial: int, seed: int, margin_cells: float) -
         inside = region.contains(around).reshape(CANDIDATES, -1).all(axis=1)
         inside &= scenario.frame.in_half_space(offset_m)
         if inside.any():
-            place: Floats = places[inside.argmax()]
-            return place
+            return places[inside.argmax()]
     cell = rayleigh_cells(scenario)
     raise InputError(
         f"scenario {scenario.name}: its region is too small: a scatterer must be at least {margin_cells:g} "

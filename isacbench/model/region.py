@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.display import span
 from isacbench.errors import require
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_interval
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 Interval = tuple[float, float]
 
@@ -54,26 +51,26 @@ class Region:
         return f"{places} m, {span(self.speed_mps, 'm/s')}"
 
     @property
-    def lower_m(self) -> NDArray[np.float64]:
+    def lower_m(self) -> Floats:
         """Lower corner (3,)."""
         return np.array([self.x_m[0], self.y_m[0], self.z_m[0]])
 
     @property
-    def upper_m(self) -> NDArray[np.float64]:
+    def upper_m(self) -> Floats:
         """Upper corner (3,)."""
         return np.array([self.x_m[1], self.y_m[1], self.z_m[1]])
 
     @property
-    def size_m(self) -> NDArray[np.float64]:
+    def size_m(self) -> Floats:
         """Edge lengths (3,)."""
         return self.upper_m - self.lower_m
 
     @property
-    def corners_m(self) -> NDArray[np.float64]:
+    def corners_m(self) -> Floats:
         """Corners (8, 3)."""
         return np.array([*product(self.x_m, self.y_m, self.z_m)])
 
-    def contains(self, xyz: ArrayLike, tolerance_m: float | NDArray[np.float64] = 0.0) -> NDArray[np.bool_]:
+    def contains(self, xyz: ArrayLike, tolerance_m: float | Floats = 0.0) -> Mask:
         """Tell which points lie in the box grown by a tolerance on every side; NaN does not.
 
         Parameters
@@ -92,10 +89,7 @@ class Region:
         """
         xyz, tolerance_m = checked_array("xyz", xyz), checked_array("tolerance_m", tolerance_m)
         require(xyz.ndim == 2 and xyz.shape[1] == 3, "shape of xyz", xyz.shape, "(n, 3)")
-        inside: NDArray[np.bool_] = np.all(
-            (xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1
-        )
-        return inside
+        return np.all((xyz >= self.lower_m - tolerance_m) & (xyz <= self.upper_m + tolerance_m), axis=1)
 
     def range_limits_m(self, base_station_m: ArrayLike) -> Interval:
         """Compute the distances of the nearest and the farthest point of the box.

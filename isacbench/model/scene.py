@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats, freeze_arrays
 from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
 from isacbench.files.escaping import counted, quoted
+from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud, describe_points
-from isacbench.model.frozen_arrays import freeze_arrays
+from isacbench.model.frame import Frame
 from isacbench.model.number_limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
-from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.frame import Frame
-    from isacbench.model.numerology import System
-    from isacbench.model.region import Region
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
+from isacbench.model.region import Region
 
 MOST_EXPONENT = 1000
 """Of a unit of amplitude, so that neither it nor its reciprocal overflows."""
@@ -82,10 +75,10 @@ class Scatterers(Displayed):
         of all echoes, unless it is 0, is beyond 1e304 or its reciprocal.
     """
 
-    xyz: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    phase_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(()))
+    xyz: Floats
+    velocity: Floats
+    amplitude: Floats
+    phase_rad: Floats = field(default_factory=lambda: np.zeros(()))
     objects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -178,7 +171,7 @@ class Scenario(Displayed):
     system: System
     array: VirtualArray
     frame: Frame
-    base_station_m: NDArray[np.float64]
+    base_station_m: Floats
     region: Region
     scatterers: Scatterers
     radius_m: float = 1.0
@@ -303,10 +296,9 @@ class Scenario(Displayed):
         )
 
     @property
-    def range_m(self) -> NDArray[np.float64]:
+    def range_m(self) -> Floats:
         """Distances (n,) of the scatterers from the base station."""
-        range_m: NDArray[np.float64] = np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
-        return range_m
+        return np.linalg.norm(self.scatterers.xyz - self.base_station_m, axis=1)
 
     @property
     def truth(self) -> PointCloud:

@@ -9,7 +9,7 @@ import pytest
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 from scipy.stats import ttest_rel
 
 from isacbench.model.echo import Simulator, observe_echo

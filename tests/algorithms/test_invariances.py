@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 from threadpoolctl import threadpool_limits
 
 from isacbench.checking.image_cases import spread

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from isacbench_algorithms.chance import Chance
-from isacbench_algorithms.oracle import Oracle, lattice_offsets
+from isacbench_algorithms.references import Chance, Oracle, lattice_offsets
 
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray

@@ -2,10 +2,10 @@
 
 import pytest
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 
 from isacbench.instrument.stages import StageClock
-from isacbench.metrics.gospa import gospa_m
+from isacbench.metrics.assignment import gospa_m
 from isacbench.plugins.registry import estimator_names, get_estimator, sees_truth
 from isacbench.plugins.scoring import score
 from tests.score_tables import METRICS

@@ -7,7 +7,7 @@ import pytest
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 
 from isacbench.dsp.cell_detection import detect_cells, power_map, white_noise
-from isacbench.dsp.cfar.factors import tm_factor
+from isacbench.dsp.cfar.trimmed_factors import tm_factor
 from isacbench.model.echo import clean_echo, unit_noise
 
 DETECTORS = [CaCfar(), OsCfar(), OscaCfar(), GocaCfar(), SocaCfar(), TmCfar()]

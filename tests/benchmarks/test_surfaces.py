@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from isacbench import load_scenario
-from isacbench.model.surfaces.shapes import cuboid
-from isacbench.model.surfaces.surface_points import surface_points
-from isacbench.model.surfaces.visibility import NO_PART, seen_points
+from isacbench.model.scenes.solids import cuboid
+from isacbench.model.surfaces.surface_points import NO_PART, seen_points, surface_points
 
 BASE_M = np.array([0.0, 200.0, 40.0])
 

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import ClassVar
 
 import pytest
-from isacbench_algorithms import chance, oracle
+from isacbench_algorithms import references
 from typer.testing import CliRunner
 
 import isacbench
@@ -104,8 +104,7 @@ def small_maps_and_few_images(small_maps, monkeypatch):
     What asks for an answer of the plugin, in order to compare two, gets an image of its own.
     """
     monkeypatch.setattr(detector_checks, "LOOKS", (1, 4))
-    for reference in (oracle, chance):
-        monkeypatch.setattr(reference, "N_REALISATIONS", 8)
+    monkeypatch.setattr(references, "N_REALISATIONS", 8)
     image, images = estimator_checks.EstimatorSubject.of, {}
 
     def of(subject, scene, *asked):

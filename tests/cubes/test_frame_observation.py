@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 
 from isacbench import observe_cube
 from isacbench.cubes import frame_observation, transform
@@ -17,8 +17,8 @@ from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import resource_grid
 from isacbench.model.gate import build_gate
+from isacbench.model.numerology import prs_elements
 from isacbench.model.observation import Observation, cross_elements
-from isacbench.model.prs import prs_elements
 
 ESTIMATORS = [Music2d(), Music2d(integration="element"), Fft4d()]
 ids = ["music2d", "music2d-element", "fft4d"]

@@ -10,7 +10,7 @@ from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.nomp4d import Nomp4d
-from isacbench_algorithms.oracle import Oracle
+from isacbench_algorithms.references import Oracle
 from typer.testing import CliRunner
 
 from isacbench import observe_cube

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import constants
 
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 
 SHAPE = (3, 4)
 SYSTEMS = {"all": System(n_subcarriers=7, n_symbols=5), "prs": System(n_subcarriers=14, n_symbols=70)}

@@ -11,8 +11,7 @@ import isacbench
 from isacbench.dsp.bounds import joint_bound, position_covariance, single_bound
 from isacbench.errors import InputError
 from isacbench.model.frame import PanelFrame, PaperFrame
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 from tests.conftest import few, slow_but
 from tests.dsp.explicit_echoes import (
     SENSING,

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 
 PRS = symbol_bursts(System(), "prs")
 

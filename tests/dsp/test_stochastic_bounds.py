@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bounds import joint_bound, single_bound, stochastic_bound
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 from tests.conftest import few
 from tests.dsp.explicit_echoes import SENSING, SHAPE, SYSTEMS, echoes_and_slopes, normalised
 

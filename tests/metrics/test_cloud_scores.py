@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from isacbench.errors import InputError, InputWarning
+from isacbench.metrics.assignment import gospa_m
 from isacbench.metrics.geometry import hausdorff_m
-from isacbench.metrics.gospa import gospa_m
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.scoring import score
 from tests.single_scores import paper_scores

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from isacbench import load_scenario
 from isacbench.errors import InputError, InputWarning
-from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs
+from isacbench.metrics.assignment import Pairs, cheapest, connected_pieces, most_pairs, near_pairs, pair_gospa
 from isacbench.metrics.geometry import CloudPair
-from isacbench.metrics.gospa import pair_gospa
 from isacbench.metrics.one_to_one import MERGED_CELLS, RADII_M, OneToOne, merged_truth, score_curve
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells

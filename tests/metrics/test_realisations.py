@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.paper import Repository
 from isacbench.metrics.realisations import EVERY, SPREAD_COLUMNS, nearest_to_mean, score_realisations
-from isacbench.metrics.repository import Repository
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
 from isacbench.plugins.scoring import Metrics, score

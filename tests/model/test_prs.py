@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from isacbench.errors import InputError
-from isacbench.model.numerology import System
-from isacbench.model.prs import prs_elements, resource_elements
+from isacbench.model.numerology import System, prs_elements, resource_elements
 
 SYSTEM = System()
 

@@ -20,7 +20,7 @@ from isacbench.model.echo import random_stream, white_gaussian
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Mask = NDArray[np.bool_]
+    from isacbench.checked_arrays import Complex, Mask
 
 SITE = 32
 """Cells of a site along range and along Doppler."""
@@ -62,8 +62,8 @@ class PowerMap:
         Cells without an echo in which false alarms are counted.
     """
 
-    noise: NDArray[np.complex128]
-    echo: NDArray[np.complex128]
+    noise: Complex
+    echo: Complex
     targets: Mask
     clear: Mask
 

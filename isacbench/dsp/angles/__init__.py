@@ -3,9 +3,6 @@
 __all__ = [
     "aperture",
     "beamformers",
-    "cosines",
-    "eigenpairs",
-    "esprit",
     "line_subspaces",
     "model_order",
     "peaks",

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.model.kernels import steering
 
 
@@ -154,8 +154,7 @@ class _PlaneResponses(Responses):
 
     def matched(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
-        matched: Complex = np.sum((a @ snapshots) * b, axis=3) / self.n_elements
-        return matched
+        return np.sum((a @ snapshots) * b, axis=3) / self.n_elements
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
@@ -199,8 +198,7 @@ class _CrossResponses(Responses):
 
     def synthesis(self, amplitude: Complex) -> Complex:
         both = np.concatenate([self.along_u, self.along_w], axis=-1)
-        waves: Complex = (amplitude[:, None, :] @ both)[:, 0]
-        return waves
+        return (amplitude[:, None, :] @ both)[:, 0]
 
     @staticmethod
     def _joined(along_u: Complex, along_w: Complex) -> Complex:
@@ -248,6 +246,7 @@ class Aperture(ABC):
         """
         return self._responses(self, u, w)
 
+    @abstractmethod
     def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Read snapshots as lines of sensors along u, and as lines along w.
 
@@ -262,10 +261,6 @@ class Aperture(ABC):
         along_w : ndarray of complex, shape (n, Q, t)
             Lines of Q sensors: the P rows of a plane, or the row of a cross.
         """
-        return self._lines(snapshots)
-
-    @abstractmethod
-    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]: ...
 
 
 class Plane(Aperture):
@@ -287,7 +282,8 @@ class Plane(Aperture):
         """Elements (P, Q)."""
         return self.n_p, self.n_q
 
-    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+    def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+        """Read the Q columns of snapshots, and their P rows."""
         return snapshots, snapshots.transpose(0, 2, 1)
 
 
@@ -313,6 +309,7 @@ class Cross(Aperture):
         """Elements (P + Q - 1,)."""
         return (self.n_p + self.n_q - 1,)
 
-    def _lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+    def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
+        """Read the column of snapshots, and the row."""
         row = np.concatenate([snapshots[:, :1], snapshots[:, self.n_p :]], axis=1)
         return snapshots[:, : self.n_p, None], row[:, :, None]

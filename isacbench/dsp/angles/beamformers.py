@@ -21,11 +21,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, checked_array
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
-from isacbench.dsp.array_types import Complex, Floats
 
 LEAST_LOADING = 1e-12
 """Loading relative to the mean eigenvalue: without noise, covariances of few waves are singular."""
@@ -143,14 +142,12 @@ def _adapted_power(power: Floats, columns: Floats, a: Floats, b: Floats, noise: 
     whitened = (inverse @ columns.reshape(n, n_sensors, -1)).reshape(columns.shape)
     paired = inverse.reshape(n, n_u, n_w, n_u, n_w).transpose(0, 1, 3, 2, 4)
     gain = aa.T @ paired.reshape(n, n_u * n_u, n_w * n_w) @ bb
-    adapted: Floats = _matched_power(whitened, a, b) / gain**2
-    return adapted
+    return _matched_power(whitened, a, b) / gain**2
 
 
 def _matched_power(columns: Floats, a: Floats, b: Floats) -> Floats:
     """Squared projections (n, g, h) of columns (n, i, j, s) on steering vectors."""
-    matched: Floats = np.sum((a.T @ (columns.transpose(0, 3, 1, 2) @ b)) ** 2, axis=1)
-    return matched
+    return np.sum((a.T @ (columns.transpose(0, 3, 1, 2) @ b)) ** 2, axis=1)
 
 
 def _spanned(steering: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,11 @@
-"""Subspace methods on a line of sensors, batched over many cells and in real arithmetic.
+"""Subspace methods on a line of sensors, and the effect of rounding on any signal subspace.
+
+A perturbation of size E rotates the space of the k largest eigenvectors by an
+angle whose sine is at most E over the gap between the k-th eigenvalue and the
+next (Davis and Kahan). Rounding perturbs every covariance. Where the gap is
+only a few rounding errors wide, the subspace is arbitrary: in a white
+covariance, within a group of equal eigenvalues, and beyond the last source of a
+noise-free snapshot.
 
 Forward-backward averaging makes a covariance centro-Hermitian; the unitary
 transform then turns it into a real symmetric matrix, and a steering vector
@@ -7,6 +14,8 @@ the data is real.
 
 References
 ----------
+Davis and Kahan, "The rotation of eigenvectors by a perturbation III", SIAM J.
+Numer. Anal. 7 (1970).
 Pillai and Kwon, "Forward/backward spatial smoothing techniques for coherent
 signal identification", IEEE Trans. ASSP 37 (1989).
 Huarng and Yeh, "A unitary transformation method for angle-of-arrival
@@ -18,16 +27,22 @@ Trans. AP 34 (1986).
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.angles.eigenpairs import Eigenpairs, with_rounding
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.dsp.angles.peaks import Peaks
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
 from isacbench.model.region import Interval
+
+MOST_ROTATION = 1e-3
+"""Largest sine of the angle by which rounding may rotate a signal subspace: three digits of a direction, in
+units of the subarray's beam."""
+
+ROUNDING_UNITS = 4
+"""Rounding error of a decomposed covariance, per dimension: in last digits of the largest eigenvalue."""
 
 SMALLEST_NULL = 1e-15
 """Squared distance from the signal subspace, relative, below which there is only rounding."""
@@ -37,6 +52,66 @@ LEAST_RADIUS = 0.5
 
 NEWTON_STEPS = 3
 """From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
+
+
+class Eigenpairs(NamedTuple):
+    """Largest eigenvalues of n covariances, their eigenvectors, and the effect of rounding on them.
+
+    Attributes
+    ----------
+    values : ndarray of float64, shape (n, m)
+        Descending.
+    vectors : ndarray of float64, shape (n, L, m)
+        Orthonormal columns.
+    rotation : ndarray of float64, shape (n, m - 1)
+        For each index k, the largest sine of the angle by which rounding may
+        have rotated the space of the first k + 1 eigenvectors; 1 where that
+        space is arbitrary.
+    rounding : ndarray of float64, shape (n,)
+        Level below which eigenvalues are rounding errors.
+    """
+
+    values: Floats
+    vectors: Floats
+    rotation: Floats
+    rounding: Floats
+
+
+def with_rounding(values: Floats, vectors: Floats) -> Eigenpairs:
+    """Add the effect of rounding to a decomposition of covariances.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n, m)
+        Descending.
+    vectors : ndarray of float64, shape (n, L, m)
+    """
+    last_digit = float(np.finfo(values.dtype).eps)
+    rounding = ROUNDING_UNITS * vectors.shape[1] * last_digit * np.maximum(values[:, 0], 0)
+    gap = values[:, :-1] - values[:, 1:]
+    # Where a gap is less than rounding the angle is anything, and the ratio may overflow.
+    rotation = np.divide(rounding[:, None], gap, out=np.ones_like(gap), where=gap > rounding[:, None])
+    return Eigenpairs(values, vectors, rotation, rounding)
+
+
+def separated_order(rotation: Floats, order: Integers) -> Integers:
+    """Limit the dimensions of signal subspaces to those that are determined despite rounding.
+
+    Parameters
+    ----------
+    rotation : ndarray of float64, shape (n, m)
+        `Eigenpairs.rotation`.
+    order : ndarray of int64, shape (n,)
+        Orders asked for, 0 to m.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Largest determined order up to the one asked for; 0 where none is determined.
+    """
+    orders = np.arange(1, rotation.shape[1] + 1)
+    determined = (rotation <= MOST_ROTATION) & (orders <= order[:, None])
+    return np.where(determined, orders, 0).max(axis=1, initial=0)
 
 
 def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
@@ -63,8 +138,7 @@ def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
     forward = sum(blocks, start=np.zeros((), dtype=whole.dtype)) / (n_shifts * snapshots.shape[2])
     transform = unitary_transform(n_subarray).astype(whole.dtype, copy=False)
     # The real part is the forward-backward average: the backward half adds the conjugate.
-    covariance: Floats = (transform.conj().T @ forward @ transform).real
-    return covariance
+    return (transform.conj().T @ forward @ transform).real
 
 
 def line_eigenpairs(snapshots: Complex, n_subarray: int) -> Eigenpairs:

@@ -23,10 +23,10 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from isacbench.dsp.angles.eigenpairs import Eigenpairs
-from isacbench.dsp.array_types import Floats, Integers
-from isacbench.dsp.cfar import check_pfa, window_axes, windows_of
-from isacbench.dsp.cfar.factors import ca_factor
+from isacbench.checked_arrays import Floats, Integers
+from isacbench.dsp.angles.line_subspaces import Eigenpairs
+from isacbench.dsp.cfar.factors import ca_factor, check_pfa
+from isacbench.dsp.cfar.training_cells import window_axes, windows_of
 from isacbench.errors import require
 
 ModelOrder = Literal["noise", "eigenvalue_cfar", "mdl", "aic"]

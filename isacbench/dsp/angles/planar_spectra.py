@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from isacbench.dsp.angles.cosines import with_neighbours
+from isacbench.checked_arrays import Floats, Integers, Mask
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
-from isacbench.dsp.angles.peaks import plane_peaks
+from isacbench.dsp.angles.peaks import plane_peaks, with_neighbours
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats, Integers, Mask
 
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
@@ -106,7 +105,7 @@ def planar_minima(
         As for `squared_projections`.
     grid : (ndarray of float64, ndarray of float64), shapes (g,) and (h,)
         Equidistant u and w of the samples, three and more, from
-        `isacbench.dsp.angles.cosines.cosine_samples`.
+        `isacbench.dsp.angles.peaks.cosine_samples`.
     n_minima : ndarray of int64, shape (n,)
         Most minima to return of each cell.
     highest : float or ndarray of float64, shape (n, 1, 1)
@@ -151,8 +150,7 @@ def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
     size = np.abs(values)
     step = -np.divide(along, size, out=np.zeros_like(along), where=size > 0)
     clipped = np.clip(step, -0.5, 0.5)
-    scaled: Floats = np.einsum("nmij,nmj->nmi", axes, clipped) * limit
-    return scaled
+    return np.einsum("nmij,nmj->nmi", axes, clipped) * limit
 
 
 def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
@@ -163,8 +161,7 @@ def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floa
 
     def projection(u_order: int, w_order: int) -> Floats:
         along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
-        projected: Floats = np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
-        return projected
+        return np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
 
     level, along_u, along_w = projection(0, 0), projection(1, 0), projection(0, 1)
     gradient = 2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
@@ -182,7 +179,7 @@ class AngularSpectrum:
     Attributes
     ----------
     u, w : ndarray of float64, shapes (g,) and (h,)
-        Direction cosines of the samples, from `isacbench.dsp.angles.cosines.cosine_samples`.
+        Direction cosines of the samples, from `isacbench.dsp.angles.peaks.cosine_samples`.
     power : ndarray of float64, shape (n, g, h)
         Per element.
     """
@@ -220,8 +217,7 @@ class AngularSpectrum:
     @property
     def _is_flat(self) -> Mask:
         """Mask (n,) of the spectra whose peaks are rounding."""
-        flat: Mask = self.power.max(axis=(1, 2)) <= (1 + FLAT) * self.power.min(axis=(1, 2))
-        return flat
+        return self.power.max(axis=(1, 2)) <= (1 + FLAT) * self.power.min(axis=(1, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.display import brief
 from isacbench.dsp.angles.aperture import Aperture, Responses
-from isacbench.dsp.angles.cosines import within_period
-from isacbench.dsp.angles.peaks import Peaks
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.dsp.angles.peaks import Peaks, within_period
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""
@@ -88,8 +86,7 @@ class PlaneWaves:
         for _ in range(2):
             residual = residual - responses.synthesis(self._fit(residual[None], responses)[0])
         axes = tuple(range(1, residual.ndim))
-        power: Floats = np.mean(residual.real**2 + residual.imag**2, axis=axes)
-        return power
+        return np.mean(residual.real**2 + residual.imag**2, axis=axes)
 
     def direction_errors(self, snapshots: Complex, aperture: Aperture, noise: float) -> Floats:
         """Bound the errors of directions by what the waves of a cell leave unexplained.
@@ -203,8 +200,7 @@ class PlaneWaves:
     def _fit(self, snapshots: Complex, responses: Responses) -> Complex:
         inverse = np.linalg.inv(_restricted(responses.gram(), self.found))
         matched = np.where(self.found, responses.matched(snapshots), 0)
-        amplitude: Complex = np.einsum("nij,snj->sni", inverse, matched)
-        return amplitude
+        return np.einsum("nij,snj->sni", inverse, matched)
 
 
 def pair_directions(

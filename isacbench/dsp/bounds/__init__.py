@@ -11,11 +11,14 @@ is part of the amplitude and tells nothing here.
 
 from __future__ import annotations
 
-from isacbench.dsp.bounds.deterministic_bounds import N_NUISANCE, joint_bound, single_bound
-from isacbench.dsp.bounds.echo_slopes import N_PARAMETERS
-from isacbench.dsp.bounds.fisher_inverse import NEGLIGIBLE, Bound, JointBound
-from isacbench.dsp.bounds.position_covariances import position_covariance
-from isacbench.dsp.bounds.stochastic_bounds import stochastic_bound
+from isacbench.dsp.bounds.cramer_rao_bounds import (
+    N_NUISANCE,
+    joint_bound,
+    position_covariance,
+    single_bound,
+    stochastic_bound,
+)
+from isacbench.dsp.bounds.fisher_matrices import N_PARAMETERS, NEGLIGIBLE, Bound, JointBound
 
 __all__ = [
     "NEGLIGIBLE",

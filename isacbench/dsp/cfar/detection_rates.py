@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-from isacbench.checked_arrays import checked_array
-from isacbench.dsp.cfar.factors import ca_factor, check_pfa
-from isacbench.dsp.cfar.factors.rate_roots import checked_looks, checked_training
+from isacbench.checked_arrays import Floats, Integers, checked_array
+from isacbench.dsp.cfar.factors import ca_factor, check_pfa, checked_looks, checked_training
 from isacbench.errors import require
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-Floats = NDArray[np.float64]
 Swerling = Literal[0, 1, 2, 3, 4]
 
 NEGLIGIBLE = 1e-17
@@ -25,11 +20,7 @@ AT_ONCE = 256
 
 
 def detection_rate(
-    snr_db: ArrayLike,
-    pfa: float,
-    looks: int = 1,
-    n_training: int | None = None,
-    swerling: Swerling = 0,
+    snr_db: ArrayLike, pfa: float, looks: int = 1, n_training: int | None = None, swerling: Swerling = 0
 ) -> Floats:
     """Probability of detection of an echo in white noise, for Swerling's models of its fluctuation.
 
@@ -93,7 +84,7 @@ def detection_rate(
         first += AT_ONCE
 
 
-def _log_weights(k: NDArray[np.int64], energy: Floats, shape: float) -> Floats:
+def _log_weights(k: Integers, energy: Floats, shape: float) -> Floats:
     """Logarithm of the probability of k: Poisson of a mean energy, or negative binomial of a shape."""
     if np.isinf(shape):
         return special.xlogy(k, energy) - energy - special.gammaln(k + 1)

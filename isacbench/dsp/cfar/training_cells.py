@@ -1,4 +1,4 @@
-"""Windows of CFAR detectors: cells under test, and their training cells.
+"""Input of CFAR detectors: checked maps, windows and lists of cells, and the training cells of each window.
 
 Along an axis the window reaches `training + guard` cells to either side of the cell under test.
 Near an edge it keeps its size and shifts to stay inside the map, while the guard cells stay around
@@ -11,29 +11,229 @@ cancellation.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING, Any, cast
+from numbers import Integral, Real
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
 
+from isacbench.checked_arrays import Floats, Mask, checked_array
+from isacbench.dsp.cfar.factors import checked_looks
 from isacbench.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+CellsPerSide = int | tuple[int, ...]
+Threshold = Literal["exact", "paper"]
+Cells = tuple["NDArray[np.intp]", ...]
+"""Cells of a map as `numpy.nonzero` gives them: for each axis an array of indices, shape (n,)."""
 
-    from numpy.typing import NDArray
+_WEAKEST, _STRONGEST = 1e-200, 1e200
+"""Limits of the strongest cell of a map, between which sums and thresholds are right in float64."""
 
-    from isacbench.dsp.cfar.map_checks import Cells
-
-    Floats = NDArray[np.float64]
-    Index = tuple[slice, ...] | Cells
+_ROUNDING = 1e-9
+"""Margin for rounding in the product of a fraction and a number of cells."""
 
 _MOST_VALUES = 2**19
 """Largest number of values of windows that are gathered at a time."""
+
+
+def check_cells(name: str, sizes: CellsPerSide) -> None:
+    """Refuse numbers of cells per side that are not whole numbers of at least 0.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for the message; "training" must not be 0 on all axes.
+    sizes : int or tuple of int
+        Cells per side, for all axes or for each.
+
+    Raises
+    ------
+    InputError
+        If a number is negative or not whole, or "training" is 0 on all axes.
+    """
+    per_axis = sizes if isinstance(sizes, tuple) else (sizes,)
+    if not per_axis or not all(isinstance(size, Integral) and size >= 0 for size in per_axis):
+        raise InputError(f"{name} = {sizes!r}: cells per side are whole numbers >= 0, one or a tuple")
+    if name == "training" and not any(per_axis):
+        raise InputError(f"training = {sizes}: at least one axis needs training cells")
+
+
+def check_threshold(threshold: str) -> None:
+    """Refuse an unknown kind of threshold factor.
+
+    Parameters
+    ----------
+    threshold : str
+        Kind of factor.
+
+    Raises
+    ------
+    InputError
+        If it is neither "exact" nor "paper".
+    """
+    if threshold not in ("exact", "paper"):
+        raise InputError(f'threshold = {threshold!r}: "exact" or "paper" is allowed')
+
+
+def check_fraction(name: str, fraction: float, lowest: float, highest: float) -> None:
+    """Refuse a fraction of the training cells outside its limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for the message.
+    lowest, highest : float
+        Limits, both allowed.
+
+    Raises
+    ------
+    InputError
+        If `fraction` is not a number within the limits.
+    """
+    if not isinstance(fraction, Real) or not lowest <= fraction <= highest:
+        raise InputError(f"{name} = {fraction!r}: a fraction from {lowest:g} to {highest:g} is allowed")
+
+
+def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
+    """Check the number of an axis that a detector treats differently.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for the message.
+    n_axes : int, optional
+        Number of axes of the map; without it, any number of 0 and above is allowed.
+
+    Raises
+    ------
+    InputError
+        If the map has no axis of that number.
+    """
+    if not isinstance(axis, Integral) or axis < 0:
+        raise InputError(f"{name} = {axis!r}: allowed are 0 (range) and above")
+    if n_axes is not None and axis >= n_axes:
+        raise InputError(
+            f"{name} = {axis}: a map of {n_axes} axes has no axis {axis}; allowed are 0 to {n_axes - 1}"
+        )
+    return int(axis)
+
+
+def checked_power(power: ArrayLike, looks: int) -> Floats:
+    """Check a power map and convert it to float64.
+
+    Parameters
+    ----------
+    power : array_like of real numbers
+        Power map of any rank.
+    looks : int
+        Independent noise powers that each cell averages.
+
+    Raises
+    ------
+    InputError
+        If the map is complex or empty, or holds NaN, infinite or negative power;
+        if its strongest cell is so strong that sums overflow, or so weak that they
+        lose digits; or if `looks` is out of range.
+    """
+    checked_looks(looks)
+    cells = checked_array("the power map, |.|²", power)
+    if cells.ndim == 0 or cells.size == 0:
+        raise InputError(f"the power map has shape {cells.shape}: at least one axis and one cell are needed")
+    lowest, highest = float(cells.min()), float(cells.max())
+    # Both are NaN as soon as one cell is.
+    if not 0 <= lowest <= highest < math.inf:
+        raise InputError(f"the power map spans {lowest} to {highest}: finite powers >= 0 are allowed")
+    # Sums and thresholds of stronger maps overflow, those of weaker ones lose digits.
+    if highest and not _WEAKEST <= highest <= _STRONGEST:
+        raise InputError(
+            f"the strongest cell of the power map is {highest}: scale the map, "
+            f"0 or {_WEAKEST} to {_STRONGEST} is allowed"
+        )
+    return cells
+
+
+def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
+    """Check a list of cells under test and convert it to arrays of indices.
+
+    Parameters
+    ----------
+    cells : tuple of array_like of int
+        One array of indices from 0 for each axis of the map, shape (n,), as
+        `numpy.nonzero` gives them.
+    shape : tuple of int
+        Shape of the map.
+
+    Returns
+    -------
+    tuple of ndarray of int, each shape (n,)
+
+    Raises
+    ------
+    InputError
+        If there is not one array for each axis, if they differ in length, or
+        if a cell lies outside the map.
+    """
+    if not isinstance(cells, tuple) or len(cells) != len(shape):
+        raise InputError(
+            f"cells: a tuple of {len(shape)} arrays of indices is needed, as numpy.nonzero gives"
+        )
+    indices = tuple(checked_array("cells", index, np.int64) for index in cells)
+    if any(index.ndim != 1 or index.size != indices[0].size for index in indices):
+        raise InputError("cells: the arrays of indices must be one-dimensional and equally long")
+    for axis, (index, length) in enumerate(zip(indices, shape, strict=True)):
+        if index.size and not 0 <= index.min() <= index.max() < length:
+            raise InputError(
+                f"cells: {index.min()} to {index.max()} along axis {axis}, the map has 0 to {length - 1}"
+            )
+    return indices
+
+
+def spread(
+    training: CellsPerSide, guard: CellsPerSide, n_axes: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Spread numbers of training and guard cells per side over the axes of the map.
+
+    Parameters
+    ----------
+    training, guard : int or tuple of int
+        Cells per side, for all axes or for each.
+    n_axes : int
+        Axes of the map.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Training cells, and guard cells, of each axis.
+
+    Raises
+    ------
+    InputError
+        If they are not numbers of cells, or not one for each axis.
+    """
+    per_side = []
+    for name, sizes in (("training", training), ("guard", guard)):
+        check_cells(name, sizes)
+        per_axis = sizes if isinstance(sizes, tuple) else (sizes,) * n_axes
+        if len(per_axis) != n_axes:
+            raise InputError(f"{name} = {sizes}: the map has {n_axes} axes, give one number or {n_axes}")
+        # A NumPy integer may be too narrow for the size of the window.
+        per_side.append(tuple(int(size) for size in per_axis))
+    return per_side[0], per_side[1]
+
+
+def share_of(fraction: float, n_cells: int) -> int:
+    """Share of a number of cells, ⌊fraction n⌋, without the loss of one cell to rounding."""
+    return int(fraction * n_cells + _ROUNDING)
+
+
+Index = tuple[slice, ...] | Cells
 
 
 @dataclass(frozen=True)
@@ -133,7 +333,7 @@ class Windows:
         return int(self.trains.ravel()[: np.ravel_multi_index(self.place, self.trains.shape)].sum())
 
     @property
-    def trains(self) -> NDArray[np.bool_]:
+    def trains(self) -> Mask:
         """Mask of the training cells, of the window's shape."""
         return _training_places(self.axes, self.place)
 
@@ -155,8 +355,7 @@ class Windows:
             slice(cell.start - place, cell.stop - place) if isinstance(cell, slice) else cell - place
             for cell, place in zip(cast("tuple[Any, ...]", self.cells), self.place, strict=True)
         )
-        found: Floats = windows[first]
-        return found
+        return windows[first]
 
     def training(self, power: Floats) -> Floats:
         """Training cells of each window, in the order of the map.
@@ -175,7 +374,7 @@ class Windows:
 
 
 @lru_cache(maxsize=4096)
-def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> NDArray[np.bool_]:
+def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> Mask:
     """Mask of the cells outside the guard cells, of the window's shape."""
     trains = np.ones(tuple(axis.n_window for axis in axes), dtype=bool)
     guarded = (slice(max(p - axis.guard, 0), p + axis.guard + 1) for p, axis in zip(place, axes, strict=True))

@@ -29,14 +29,8 @@ from functools import cached_property
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
-from isacbench.dsp.fitting.atoms import (
-    N_COORDINATES,
-    AtomMap,
-    Correlations,
-    LineProducts,
-    product_matrix,
-)
+from isacbench.checked_arrays import Complex, Floats, Mask
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, Correlations, LineProducts, product_matrix
 from isacbench.dsp.stable_order import stepped
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
@@ -330,8 +324,7 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     load = damping * diagonal + np.finfo(np.float64).eps * diagonal.max()
     step = np.linalg.solve(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
-    limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
-    return limited
+    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
 
 
 def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.kernels import dirichlet_slopes
@@ -300,8 +300,7 @@ def _mirror_transform(n: int) -> Complex:
     """Unitary transform (n, n) that turns exp(jx), odd in x over the elements, into cos x + sin x."""
     identity = np.eye(n)
     # A product that numpy's types take for real, though it is not.
-    transform: Complex = np.add((0.5 - 0.5j) * identity, (0.5 + 0.5j) * identity[::-1], dtype=np.complex128)
-    return transform
+    return np.add((0.5 - 0.5j) * identity, (0.5 + 0.5j) * identity[::-1], dtype=np.complex128)
 
 
 def _real_steering(n: int, places: Floats) -> AtomFactors:
@@ -319,8 +318,7 @@ def _steering_basis(n: int, limits: Interval | None) -> Floats:
     lower, upper = (n / 2 * limits[0] - MARGIN_CELLS, n / 2 * limits[1] + MARGIN_CELLS)
     places = np.linspace(lower, upper, int(np.ceil(STEERING_SAMPLES * (upper - lower))))
     _, strength, directions = np.linalg.svd(_real_steering(n, places).value, full_matrices=False)
-    basis: Floats = directions[strength > NEGLIGIBLE * strength[0]].T
-    return basis
+    return directions[strength > NEGLIGIBLE * strength[0]].T
 
 
 def product_matrix(lines: tuple[LineProducts, ...], left: int | None, right: int | None) -> Floats:

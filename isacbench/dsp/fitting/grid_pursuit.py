@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.angles.peaks import vertex
-from isacbench.dsp.array_types import Complex, Floats
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 
 EQUAL = 1e-9
@@ -175,8 +175,7 @@ class _Members:
 
     def _solved(self, right: Complex) -> Complex:
         k = len(right)
-        solved: Complex = solve_triangular(self._cholesky[:k, :k], right, lower=True, trans="T")
-        return solved
+        return solve_triangular(self._cholesky[:k, :k], right, lower=True, trans="T")
 
 
 class _Search:
@@ -270,5 +269,4 @@ def _matched_separably(cells: Complex, lines: list[Floats]) -> Complex:
     n_range, n_doppler, n_u, n_w = cells.shape
     rows = (lines[0] @ cells.reshape(n_range, -1)).reshape(-1, n_doppler, n_u * n_w)
     snapshots = (lines[1] @ rows).reshape(*(len(line) for line in lines[:2]), n_u, n_w)
-    beams: Complex = lines[2] @ (snapshots @ lines[3].T)
-    return beams
+    return lines[2] @ (snapshots @ lines[3].T)

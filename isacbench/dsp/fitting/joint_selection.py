@@ -1,4 +1,4 @@
-"""Scatterers that explain a range-Doppler map together: joint selection and joint fit.
+"""Scatterers that explain a range-Doppler map together: joint selection, grating lobes and joint fit.
 
 A plane wave found in a cell may belong to a scatterer in the next cell or be
 a sidelobe of one far away. So each scatterer is fitted together with all
@@ -7,21 +7,28 @@ So is the response of one scatterer's matched filter to another: n scatterers
 cost four n x n products for any size of the array. Where only one column and
 one row of the array are read, the responses along u and w are added, not
 multiplied.
+
+Lobes next to each other differ by less than the sidelobes of other echoes.
+A scatterer taken alone is easily put at a wrong one. Together scatterers are
+told apart, because the echoes of all others are subtracted for each.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, settle_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import redundant
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
+from isacbench.model.gate import Gate
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 
@@ -32,10 +39,11 @@ NEIGHBOURHOOD_BINS = 2.0
 """Range and Doppler bins in which weaker scatterers are compared with the strongest."""
 
 COMPETING_RESPONSE = 0.3
-"""Response above which two candidates compete: only the stronger joins in a round."""
+"""Response above which two candidates compete: only the stronger joins, or changes its lobe, in a round."""
 
 TIE = 1e-6
-"""Relative difference of two candidates that counts as rounding: of equal ones the first joins."""
+"""Relative difference that counts as rounding: of equal candidates the first joins, between equal lobes a
+scatterer stays."""
 
 REPEATING_RESPONSE = 0.8
 """Response above which a candidate only repeats a member."""
@@ -66,6 +74,9 @@ LEAST_RESOLVED = 0.5
 
 FEW = 16
 """Number of scatterers up to which the fit is tried in a crowded map too: it costs next to nothing."""
+
+LOBE_ROUNDS = 16
+"""Rounds of changes of lobes; two to four are usual."""
 
 
 class _MatchedFilters:
@@ -154,7 +165,7 @@ def select_jointly(
     their neighbours leave. Candidates of one family do not compete with each
     other: their cell has resolved them. With gapped symbols, the selected
     scatterers finally move to their best grating lobes
-    (`isacbench.dsp.fitting.grating_lobes`).
+    (`isacbench.dsp.fitting.joint_selection`).
 
     Parameters
     ----------
@@ -282,8 +293,7 @@ def _around(places: Floats, bins: Integers, n_side: int) -> Integers:
     """Indices (n, k) of the bins around each place, shifted to stay inside the gate."""
     width = min(2 * n_side + 1, bins.size)
     first = np.clip(np.rint(places).astype(np.int64) - bins[0] - width // 2, 0, bins.size - width)
-    around: Integers = first[:, None] + np.arange(width)
-    return around
+    return first[:, None] + np.arange(width)
 
 
 def _nearby(filters: _MatchedFilters) -> Mask:
@@ -298,8 +308,7 @@ def _wins(candidate: Floats, competes: Mask) -> Mask:
     rivals = np.where(competes, candidate, 0)
     stronger = rivals > (1 + TIE) * candidate[:, None]
     first_as_strong = np.argmax(rivals >= (1 - TIE) * candidate[:, None], axis=1)
-    wins: Mask = ~stronger.any(axis=1) & (first_as_strong >= np.arange(candidate.size))
-    return wins
+    return ~stronger.any(axis=1) & (first_as_strong >= np.arange(candidate.size))
 
 
 def _known_apart(scatterers: LocatedScatterers) -> Mask:
@@ -308,3 +317,73 @@ def _known_apart(scatterers: LocatedScatterers) -> Mask:
     apart: Mask = (family[:, None] == family) & (family >= 0)
     np.fill_diagonal(apart, False)
     return apart
+
+
+def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Integers, Floats]:
+    """Find the grating lobes of scatterers within the speeds of the region.
+
+    Parameters
+    ----------
+    doppler_bin : ndarray of float64, shape (n,)
+    gate : Gate
+        Of the map.
+
+    Returns
+    -------
+    owner : ndarray of int64, shape (m,)
+        Scatterer of each place: first the n scatterers at their own places, then
+        their lobes.
+    place : ndarray of float64, shape (m,)
+        Doppler bins.
+    """
+    n, reach = doppler_bin.size, gate.reachable_doppler
+    slowest, fastest = gate.doppler_bins[reach.start] - 0.5, gate.doppler_bins[reach.stop - 1] + 0.5
+    n_lobes = int((fastest - slowest) / bursts.lobe_period)
+    steps = np.repeat(np.r_[0, -n_lobes:0, 1 : n_lobes + 1], n)
+    owner = np.tile(np.arange(n), 2 * n_lobes + 1)
+    # A single burst has an infinite period, and no step but 0.
+    place = doppler_bin[owner] + (steps * bursts.lobe_period if n_lobes else 0.0)
+    exists = (steps == 0) | ((place >= slowest) & (place <= fastest))
+    return owner[exists], place[exists]
+
+
+def best_lobes(matched: Complex, response: NDArray[np.inexact[Any]], owner: Integers) -> Integers:
+    """Choose for each scatterer the place where the map, less all others' echoes, shows it most.
+
+    Parameters
+    ----------
+    matched : ndarray of complex128, shape (m,)
+        Outputs of the matched filters of all places, of comparable scale.
+    response : ndarray, shape (m, m)
+        Of filter i to a scatterer at place j, 1 at its own.
+    owner : ndarray of int64, shape (m,)
+        Scatterer of each place, the first n of them 0 to n - 1.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Place of each scatterer.
+    """
+    n, everywhere = int(owner.max(initial=-1)) + 1, np.arange(owner.size)
+    current = np.arange(n)
+    if not n:
+        return current
+    first = np.searchsorted(np.sort(owner), current)
+    for _ in range(LOBE_ROUNDS):
+        square = response[np.ix_(current, current)]
+        amplitude = np.linalg.solve(square + LOADING * np.eye(n), matched[current])
+        own = response[everywhere, current[owner]] * amplitude[owner]
+        shown = np.abs(matched - response[:, current] @ amplitude + own)
+        best = np.lexsort([-shown, owner])[first]
+        gain = shown[best] - shown[current]
+        changes = (gain > TIE * shown[current]) & _leads(gain, np.abs(square) > COMPETING_RESPONSE)
+        if not changes.any():
+            break
+        current = np.where(changes, best, current)
+    return current
+
+
+def _leads(gain: Floats, competes: Mask) -> Mask:
+    """Mask (n,) of the scatterers that gain most among those that they compete with; of equals the first."""
+    leader = np.where(competes, gain, -np.inf).argmax(axis=1)
+    return leader == np.arange(gain.size)

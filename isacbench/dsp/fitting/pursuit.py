@@ -1,4 +1,4 @@
-"""Residual of a matching pursuit in four dimensions: its peaks, atoms to split, and redundant atoms.
+"""Residual of a matching pursuit in four dimensions, the moves of a round, and redundant atoms.
 
 The residual is seen through beams towards the directions of the region. Beams
 of the map are formed once; those of atoms are products of four kernels, so that
@@ -7,6 +7,9 @@ a new residual needs no element of the array again.
 The misfit of strong echoes scales with them. A residual peak is an echo only
 if it exceeds the misfit that stronger atoms may leave there: the same fraction
 of each of them, spread like its sidelobes.
+
+Places are in Rayleigh cells, shape (n, 4): range, Doppler, u and w. The gain
+of a move is the energy that it takes from the residual.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from itertools import product
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from isacbench.dsp.array_types import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
@@ -68,6 +71,21 @@ LOST = 0.5
 
 UNGAPPED = whole_frame(1)
 """Symbols of a frame that is sensed as a whole: the bound of its sidelobes holds for any number of them."""
+
+ROUND_RANGE_DB = 6.0
+"""Moves of a round gain at most this much less than the best one."""
+
+APART_CELLS = 1.0 - 1e-9
+"""Least distance between the moves of one round. Less than one: peaks are one apart but for rounding."""
+
+SPLIT_PREFERENCE = 2.0
+"""Factor by which a split is preferred to a new atom nearby, which would only be the first of two."""
+
+PAIR_CELLS = 0.8
+"""Distance from the atom that was split, within which its two parts must lie."""
+
+MOST_LEFT = 64
+"""Number of strongest unexplained peaks of the residual whose sidelobes are not taken for atoms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +212,7 @@ class BeamSpace:
         first = [axis[0] for axis in self.axes]
         # Atoms at the edge of their boxes lie halfway between two bins, but for rounding.
         at = np.rint(np.round((places - first) * samples_per_cell, TIE_DIGITS)).astype(np.int64)
-        around: Floats = mean[tuple(np.clip(at, 0, np.array(mean.shape) - 1).T)]
-        return around
+        return mean[tuple(np.clip(at, 0, np.array(mean.shape) - 1).T)]
 
 
 def _around(reachable: slice) -> slice:
@@ -320,11 +337,7 @@ def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floa
 
 
 def sidelobe_energy(
-    places: Floats,
-    others: Floats,
-    energy: Floats,
-    bursts: SymbolBursts = UNGAPPED,
-    least_range: float = 0.0,
+    places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED, least_range: float = 0.0
 ) -> Floats:
     """Most that echoes at other places show of their sidelobes, all in phase.
 
@@ -384,8 +397,7 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
     share[itself] = 0
-    strongest: Floats = (share * fit.shown).max(axis=1, initial=0)
-    return strongest
+    return (share * fit.shown).max(axis=1, initial=0)
 
 
 def split_gains(
@@ -485,3 +497,146 @@ def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
         near = unwrapped(places[pair], places[stronger], fit.periods)
         places[stronger] = np.average(near, axis=0, weights=power[pair])
     return drop, places
+
+
+def reachable_places(places: Floats, gate: Gate) -> Mask:
+    """Tell which places lie within a bin of the ranges and speeds of the region.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    inside = np.ones(len(places), dtype=np.bool_)
+    for axis, bins, reach in (
+        (0, gate.range_bins, gate.reachable_range),
+        (1, gate.doppler_bins, gate.reachable_doppler),
+    ):
+        inside &= (places[:, axis] >= bins[reach.start] - 1) & (places[:, axis] <= bins[reach.stop - 1] + 1)
+    return inside
+
+
+def clear_of_sidelobes(
+    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
+) -> Integers:
+    """Keep the candidates that are not sidelobes of peaks which no move explains.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Peaks of the residual.
+    gain : ndarray of float64, shape (n,)
+    candidates : ndarray of int64, shape (c,)
+        Indices of peaks that can become atoms, by descending gain.
+    left : ndarray of int64, shape (m,)
+        Indices of peaks that no move explains, at most `MOST_LEFT`.
+
+    Returns
+    -------
+    ndarray of int64
+        Some of the candidates, in their order.
+    """
+    shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
+    return candidates[gain[candidates] >= shown]
+
+
+def without_images(
+    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
+) -> Integers:
+    """Drop the peaks that are grating lobes of the best candidates.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Peaks of the residual.
+    gain : ndarray of float64, shape (n,)
+    candidates, left : ndarray of int64
+        Indices of peaks that can become atoms, and of others, both by descending gain.
+
+    Returns
+    -------
+    ndarray of int64
+        Some of `left`; all of it if the whole frame is used for sensing, because
+        there are no grating lobes then.
+    """
+    if bursts.is_whole_frame:
+        return left
+    left, best = left[: 2 * MOST_LEFT], candidates[:MOST_LEFT]
+    distance = places[left][:, None] - places[best]
+    lobes = (sidelobe_envelope(distance, bursts) ** 2 * gain[best]).max(axis=1, initial=0)
+    return left[gain[left] > lobes]
+
+
+def are_near(places: Floats, others: Floats, distance: float) -> Mask:
+    """Tell which places have another one nearer than a distance along every coordinate.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+    others : ndarray of float64, shape (m, 4)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
+
+
+def became_pairs(centres: Floats, places: Floats) -> Mask:
+    """Tell which split atoms have become two: at least two atoms lie around their place.
+
+    Parameters
+    ----------
+    centres : ndarray of float64, shape (n, 4)
+        Places of the atoms that were split.
+    places : ndarray of float64, shape (m, 4)
+        Places of the present atoms.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    around: Integers = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
+    return around >= 2
+
+
+def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, room: int) -> Integers:
+    """Choose the best moves of a round, apart from each other, without sidelobes of better ones.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (n, 4)
+        Places of new atoms, and of atoms that may be split.
+    gain : ndarray of float64, shape (n,)
+    is_new : ndarray of bool, shape (n,)
+    room : int
+        Largest number of moves.
+
+    Returns
+    -------
+    ndarray of int64
+        Indices of moves, the best first.
+    """
+    if not gain.max(initial=0) > 0:
+        return np.empty(0, dtype=np.int64)
+    worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
+    eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
+    candidates = eligible[descending(worth[eligible])]
+    amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
+    # Between bins a grating lobe may exceed its peak: it must not be chosen together with its peak.
+    bursts = atom_map.bursts.with_equal_lobes
+    # One coordinate after the other in memory: a map without echoes has tens of thousands of candidates.
+    along = places[candidates].T.copy()
+    chosen: list[int] = []
+    while candidates.size and len(chosen) < room:
+        move, candidates, along = int(candidates[0]), candidates[1:], along[:, 1:]
+        chosen.append(move)
+        distance = unwrapped(along.T, places[move], atom_map.periods) - places[move]
+        sidelobes = sidelobes[1:] + sidelobe_envelope(distance, bursts) * amplitude[move]
+        kept = (np.abs(distance) >= APART_CELLS).any(axis=1)
+        kept &= ~is_new[candidates] | (amplitude[candidates] >= sidelobes)
+        candidates, along, sidelobes = candidates[kept], along[:, kept], sidelobes[kept]
+    return np.array(chosen, dtype=np.int64)

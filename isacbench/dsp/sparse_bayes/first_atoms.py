@@ -20,13 +20,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, label, maximum_filter
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.sparse_bayes.doppler_spectra import DopplerSpectra, learn_doppler_spectra
-from isacbench.dsp.sparse_bayes.gathering import gather
-from isacbench.dsp.sparse_bayes.reach import Reach
-from isacbench.dsp.sparse_bayes.tapers import BinTaper
-from isacbench.dsp.sparse_bayes.tiles import DirectionGrid, MapTile, learn_tile, within_dynamic_range
+from isacbench.dsp.sparse_bayes.learning import DopplerSpectra, learn_doppler_spectra
+from isacbench.dsp.sparse_bayes.places import Reach, gather
+from isacbench.dsp.sparse_bayes.tiles import (
+    BinTaper,
+    DirectionGrid,
+    MapTile,
+    learn_tile,
+    within_dynamic_range,
+)
 
 LINE_STEP_BINS = 0.25
 """Step of the Doppler spectra."""
@@ -118,8 +122,7 @@ class _Rows:
     def is_reachable(self) -> Mask:
         """Rows in which echoes of the region show, shape (n_rows,)."""
         first, last = self.reach.range_limits
-        near: Mask = (self.taper.bins >= first - 1) & (self.taper.bins <= last + 1)
-        return near
+        return (self.taper.bins >= first - 1) & (self.taper.bins <= last + 1)
 
     def around(self, start: float, end: float) -> slice:
         """Rows of a tile whose core lies between two range bins."""
@@ -322,8 +325,7 @@ class _Movers:
         # Lines gather the power of cells, and of a bin's half-dozen lines: ten decibels more.
         least = np.maximum(least, power.max() * 10 ** (-(DYNAMIC_RANGE_DB + 10) / 10))
         least = np.maximum(least, ABOVE_NOISE[1] * spectra.noise[:, None])
-        active: Mask = (power > least) & is_moving & self.rows.is_reachable[:, None]
-        return active
+        return (power > least) & is_moving & self.rows.is_reachable[:, None]
 
     def atoms(
         self, around: Mask, limits: tuple[float, float], line_limits: tuple[float, float]

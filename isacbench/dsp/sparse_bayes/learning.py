@@ -1,4 +1,4 @@
-"""Sparse Bayesian learning: the powers of dictionary atoms that make data of one snapshot most likely.
+"""Sparse Bayesian learning: powers of dictionary atoms and of Doppler lines that make data most likely.
 
 Data y are echoes of unknown complex amplitudes of power g in noise of covariance N:
 
@@ -12,6 +12,11 @@ whose fixed points are those of expectation maximisation, found in about a
 dozen steps instead of hundreds. Most powers tend to 0: the result is sparse
 without a penalty to choose. The amplitudes are g q, the posterior means.
 
+All elements of the array are snapshots of one spectrum. A bin of the discrete
+transform mixes neighbouring speeds; the learned powers do not, and filters made
+of them pass an echo of one speed and suppress all others (Capon's filter with a
+modelled covariance).
+
 References
 ----------
 Tipping, "Sparse Bayesian learning and the relevance vector machine", J. Machine
@@ -20,17 +25,20 @@ Wipf and Rao, "An empirical Bayesian strategy for solving the simultaneous spars
 approximation problem", IEEE Trans. SP 55 (2007).
 Stoica and Babu, "SPICE and LIKES: two hyperparameter-free methods for sparse-
 parameter estimation", Signal Processing 92 (2012): the update with the root.
+Wipf and Rao, IEEE Trans. SP 55 (2007): many snapshots share their powers.
+Capon, "High-resolution frequency-wavenumber spectrum analysis", Proc. IEEE 57
+(1969).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 
 LEAST_INFORMATION = 1e-30
 """Least s = a^T C^-1 a: an atom that the data do not see keeps a finite power, which is 0 soon."""
@@ -49,6 +57,13 @@ PRUNED_DB = 45.0
 
 FIRST_PRUNED_STEP = 2
 """Step from which atoms are left out: the first steps level powers that the first guess spread."""
+
+FIRST_SHARE = 0.1
+"""First powers, over those of a matched filter, which counts each echo on many places."""
+
+LEAST_SHARE = 1e-12
+"""Least first power over the largest, so that no place is ruled out at the start, and least noise over the
+covariance, so that it can be inverted."""
 
 
 class Noise(NamedTuple):
@@ -118,7 +133,7 @@ class _Pairs(NamedTuple):
         return numbers
 
     @property
-    def is_square(self) -> NDArray[np.bool_]:
+    def is_square(self) -> Mask:
         return np.equal(self.first, self.second)
 
 
@@ -286,8 +301,7 @@ def learn_directions(
 
 def _outer(dictionary: Floats) -> Floats:
     """All products of two components of each atom, (n_atoms, n²)."""
-    squares: Floats = (dictionary[:, :, None] * dictionary[:, None, :]).reshape(len(dictionary), -1)
-    return squares
+    return (dictionary[:, :, None] * dictionary[:, None, :]).reshape(len(dictionary), -1)
 
 
 def learn_atoms(
@@ -336,3 +350,89 @@ def learn_atoms(
             index, gram, products = index[stays], gram[np.ix_(stays, stays)], products[stays]
             power, amplitude = power[stays], amplitude[stays]
     return index, amplitude
+
+
+@dataclass(frozen=True, eq=False)
+class DopplerSpectra:
+    """Powers of Doppler lines in range bins.
+
+    Attributes
+    ----------
+    doppler_bins : ndarray of float64, shape (v,)
+        Places of the lines, finer than a bin.
+    kernels : ndarray of float64, shape (v, n_doppler)
+        Echoes of the lines in the Doppler bins of the map.
+    power : ndarray of float64, shape (n_range, v)
+    noise : ndarray of float64, shape (n_range,)
+        Power that the spectra were learned with.
+    """
+
+    doppler_bins: Floats
+    kernels: Floats
+    power: Floats
+    noise: Floats
+
+    def filters(self, line: Floats, interfering: Mask) -> Floats:
+        """Filters that pass a line and least of interfering ones and noise.
+
+        Parameters
+        ----------
+        line : ndarray of float64, shape (n_doppler,)
+            Echo of the line.
+        interfering : ndarray of bool, shape (v,)
+            Lines to suppress.
+
+        Returns
+        -------
+        ndarray of float64, shape (n_range, n_doppler)
+            Weights with w^T d = 1.
+        """
+        kernels = self.kernels[interfering]
+        covariance = (self.power[:, None, interfering] * kernels.T) @ kernels
+        covariance += _loading(covariance, self.noise)[:, None, None] * np.eye(line.size)
+        weights = np.linalg.solve(covariance, np.broadcast_to(line[:, None], (len(covariance), line.size, 1)))
+        return weights[..., 0] / (weights[..., 0] @ line)[:, None]
+
+
+def learn_doppler_spectra(
+    rows: Complex, doppler_bins: Floats, kernels: Floats, noise: Floats, n_steps: int
+) -> DopplerSpectra:
+    """Learn the Doppler spectrum of each range bin.
+
+    Parameters
+    ----------
+    rows : ndarray of complex128, shape (n_range, n_doppler, n_elements)
+        In which Doppler lines are real (`AtomMap`).
+    doppler_bins : ndarray of float64, shape (v,)
+        Places of the lines.
+    kernels : ndarray of float64, shape (v, n_doppler)
+        Echoes of the lines.
+    noise : ndarray of float64, shape (n_range,)
+        Noise powers, above 0.
+    """
+    _, n_doppler, n_elements = rows.shape
+    parts = np.ascontiguousarray(rows).view(np.float64)
+    sample = parts @ parts.transpose(0, 2, 1) / n_elements
+    # Products of two bins, each pair once: a matrix product takes the quadratic forms of all lines.
+    first, second = np.tril_indices(n_doppler)
+    pairs = kernels[:, first] * kernels[:, second]
+    full = np.empty((n_doppler, n_doppler), dtype=np.int64)
+    full[first, second] = full[second, first] = np.arange(first.size)
+    count = np.where(first == second, 1, 2)
+    energy = np.sum(kernels**2, axis=1)
+    power = FIRST_SHARE * (sample[:, first, second] * count) @ pairs.T / energy**2
+    power += LEAST_SHARE * power.max()
+    diagonal = np.arange(n_doppler)
+    for _ in range(n_steps):
+        covariance = (power @ pairs)[:, full]
+        covariance[:, diagonal, diagonal] += _loading(covariance, noise)[:, None]
+        inverse = np.linalg.inv(covariance)
+        seen = ((inverse @ sample @ inverse)[:, first, second] * count) @ pairs.T
+        information = (inverse[:, first, second] * count) @ pairs.T
+        power = power * np.sqrt(np.maximum(seen, 0) / np.maximum(information, LEAST_INFORMATION))
+    return DopplerSpectra(doppler_bins, kernels, power, noise)
+
+
+def _loading(covariance: Floats, noise: Floats) -> Floats:
+    """Noise, but not below rounding: of data that are no lines powers grow without a bound."""
+    return np.maximum(noise, LEAST_SHARE * covariance.diagonal(axis1=1, axis2=2).max(axis=1))

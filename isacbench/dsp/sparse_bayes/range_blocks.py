@@ -16,12 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isacbench.dsp.array_types import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
-from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
 from isacbench.dsp.sparse_bayes.learning import learn_atoms
-from isacbench.dsp.sparse_bayes.reach import Reach
+from isacbench.dsp.sparse_bayes.places import Reach, gather, strongest_near
 
 BLOCK_BINS = 8
 """Range bins of a block."""

@@ -19,12 +19,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
-from isacbench.dsp.sparse_bayes.gathering import strongest_near
-from isacbench.dsp.sparse_bayes.reach import Reach
+from isacbench.dsp.sparse_bayes.places import Reach, strongest_near
 from isacbench.dsp.stable_order import stepped
 
 RIDGES = 1e-2, 1e-3, 1e-3, 1e-4, 1e-4
@@ -175,8 +174,7 @@ def _weighed(fit: AtomFit, ridge: float) -> Complex:
         return fit.amplitude
     loaded = fit.gram + (WEIGHING_RIDGE - ridge) * np.eye(len(fit))
     matched = np.stack([fit.correlations.value.real, fit.correlations.value.imag], axis=1)
-    amplitude: Complex = cho_solve(cho_factor(loaded), matched) @ np.array([1, 1j])
-    return amplitude
+    return cho_solve(cho_factor(loaded), matched) @ np.array([1, 1j])
 
 
 def damped_step(fit: AtomFit, damping: float) -> Floats:
@@ -199,5 +197,4 @@ def damped_step(fit: AtomFit, damping: float) -> Floats:
     load = damping * (diagonal + np.tile(fit.power, N_COORDINATES)) + 1e-12 * diagonal.max()
     step = cho_solve(cho_factor(fit.information + np.diag(load)), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
-    limited: Floats = step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
-    return limited
+    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))

@@ -1,4 +1,4 @@
-"""Tiles of a map: windows in range and Doppler whose echoes are learned on a joint grid.
+"""Tiles of a map: windows in range and Doppler, perhaps tapered, whose echoes are learned on a joint grid.
 
 A tile holds the echoes of a few range bins and of a few Doppler lines. Its grid
 has all places in its window and in the angular sectors that its cells show;
@@ -12,11 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from isacbench.dsp.array_types import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
 from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched
-from isacbench.dsp.sparse_bayes.reach import Reach
+from isacbench.dsp.sparse_bayes.places import Reach, gather, strongest_near
+
+HANN_SIDE = 0.25, 0.5
+"""Weights of the neighbouring bins and of the middle one: a Hann window over the apertures of an `AtomMap`,
+whose kernels are referred to their middle and therefore add up with equal signs."""
 
 DIRECTION_STEP = 0.1
 """Largest step of the directions of the grid in Rayleigh cells."""
@@ -74,6 +77,61 @@ GATHER_BOX = np.array([0.2, 0.2, 0.235, 0.235])
 
 CORE_BINS = 0.5
 """Distance below the first range bin from which atoms belong to a core."""
+
+
+@dataclass(frozen=True, eq=False)
+class BinTaper:
+    """Sums of neighbouring bins.
+
+    Attributes
+    ----------
+    weights : ndarray of float64, shape (n, n_bins)
+        Rows of equal noise power 1.
+    bins : ndarray of float64, shape (n,)
+        Bins that the rows are centred on.
+    """
+
+    weights: Floats
+    bins: Floats
+
+    @classmethod
+    def hann(cls, bins: Floats) -> BinTaper:
+        """Sum each bin and its neighbours; bins at the ends, which lack one, are left out.
+
+        Parameters
+        ----------
+        bins : ndarray of float64, shape (n_bins,)
+            Neighbouring bins. Fewer than three are left as they are.
+        """
+        n = bins.size - 2
+        if n < 1:
+            return cls.none(bins)
+        side, middle = HANN_SIDE
+        weights = np.zeros((n, bins.size))
+        row = np.arange(n)
+        weights[row, row] = weights[row, row + 2] = side
+        weights[row, row + 1] = middle
+        return cls(weights / np.sqrt(2 * side**2 + middle**2), bins[1:-1])
+
+    @classmethod
+    def none(cls, bins: Floats) -> BinTaper:
+        """Leave all bins as they are.
+
+        Parameters
+        ----------
+        bins : ndarray of float64, shape (n_bins,)
+        """
+        return cls(np.eye(bins.size), bins)
+
+    def noise(self, rows: slice) -> Floats:
+        """Covariance of unit white noise in some rows.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, n)
+        """
+        weights = self.weights[rows]
+        return weights @ weights.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +203,7 @@ class DirectionGrid:
         reach = [
             int(np.ceil(margin / max(axis[1] - axis[0], margin / axis.size))) for axis in (self.u, self.w)
         ]
-        grown: Mask = binary_dilation(fine, np.ones([2 * n + 1 for n in reach], dtype=np.bool_))
-        return grown
+        return binary_dilation(fine, np.ones([2 * n + 1 for n in reach], dtype=np.bool_))
 
 
 def strong_dimensions(dictionary: Floats, least: float) -> Floats:

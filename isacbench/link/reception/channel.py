@@ -8,21 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, get_args
+from typing import ClassVar, Literal, Protocol, get_args
 
 import numpy as np
 import pandas as pd
 from scipy import constants
 
+from isacbench.checked_arrays import Complex, Floats, freeze_arrays
 from isacbench.errors import InputError, require, unknown_name
-from isacbench.model.frozen_arrays import freeze_arrays
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_all
-from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 
 Polarization = Literal["vertical", "horizontal"]
 
@@ -59,9 +54,9 @@ class Paths:
         If the shapes disagree, a number is not finite, or a delay is negative.
     """
 
-    gain: NDArray[np.complex128]
-    delay_s: NDArray[np.float64]
-    doppler_hz: NDArray[np.float64]
+    gain: Complex
+    delay_s: Floats
+    doppler_hz: Floats
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "delay_s", "doppler_hz")
@@ -264,7 +259,7 @@ def reflection_coefficient(
     return complex((incident - refracted) / (incident + refracted))
 
 
-def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
+def channel_response(system: System, paths: Paths) -> Complex:
     """Compute the channel on every resource element to the first antenna, in closed form.
 
     Returns
@@ -287,7 +282,7 @@ def channel_response(system: System, paths: Paths) -> NDArray[np.complex128]:
     kept = np.sinc(share) / np.sinc(share / system.n_subcarriers)
     time_s = system.symbol_time_s * np.arange(system.n_symbols)
     along_time = np.exp(2j * np.pi * np.outer(time_s, paths.doppler_hz)) * (kept * gain)
-    by_symbol: NDArray[np.complex128] = along_time @ along_delay.T
+    by_symbol: Complex = along_time @ along_delay.T
     return by_symbol.T
 
 
@@ -313,11 +308,10 @@ def require_closed_form(system: System, paths: Paths) -> None:
         )
 
 
-def _along_delay(system: System, delay_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _along_delay(system: System, delay_s: Floats) -> Complex:
     """Phases (n_subcarriers, n_paths) of delays."""
     frequency_hz = system.subcarrier_spacing_hz * np.arange(system.n_subcarriers)
-    phases: NDArray[np.complex128] = np.exp(-2j * np.pi * np.outer(frequency_hz, delay_s))
-    return phases
+    return np.exp(-2j * np.pi * np.outer(frequency_hz, delay_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +329,8 @@ class Profile:
         fading.
     """
 
-    delay: NDArray[np.float64]
-    power: NDArray[np.float64]
+    delay: Floats
+    power: Floats
     has_line_of_sight: bool
 
 

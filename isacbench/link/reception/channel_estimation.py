@@ -10,18 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal.windows import dpss
 
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.errors import InputError, require
-from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import SLOT_SYMBOLS, System, prs_elements
 
 LEAST_CONCENTRATION = 1e-10
 """Least share of its energy within the prefix that a response of the basis has."""
@@ -53,10 +48,10 @@ class PrsEstimator:
         channel is taken as constant.
     """
 
-    basis: NDArray[np.complex128]
-    bursts: tuple[NDArray[np.int64], ...]
-    is_prs: NDArray[np.bool_]
-    along_time: NDArray[np.float64]
+    basis: Complex
+    bursts: tuple[Integers, ...]
+    is_prs: Mask
+    along_time: Floats
 
     @property
     def noise_gain(self) -> float:
@@ -69,9 +64,7 @@ class PrsEstimator:
         of_burst = [np.mean(leverage / self._count(burst)) for burst in self.bursts]
         return float(np.mean(self.along_time**2 @ of_burst))
 
-    def estimate(
-        self, received: NDArray[np.complex128], sent: NDArray[np.complex128]
-    ) -> NDArray[np.complex128]:
+    def estimate(self, received: Complex, sent: Complex) -> Complex:
         """Estimate the channel.
 
         Parameters
@@ -93,13 +86,12 @@ class PrsEstimator:
         )
         # The PRS has unit power: these are the least-squares estimates of each subcarrier on its own.
         projected = (raw @ self.basis.conj()) @ self.basis.T
-        by_symbol: NDArray[np.complex128] = self.along_time @ projected
+        by_symbol: Complex = self.along_time @ projected
         return by_symbol.T
 
-    def _count(self, burst: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _count(self, burst: Integers) -> Integers:
         """PRS elements (n_subcarriers,) of a burst."""
-        count: NDArray[np.int64] = self.is_prs[:, burst].sum(axis=1)
-        return count
+        return self.is_prs[:, burst].sum(axis=1)
 
 
 @lru_cache(maxsize=8)
@@ -144,7 +136,7 @@ def require_estimable(system: System, time_order: int = 0) -> None:
     require(allowed, "time_order", time_order, limits)
 
 
-def _bursts(is_prs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], ...]:
+def _bursts(is_prs: Mask) -> tuple[Integers, ...]:
     """Symbols of the slots in which PRS touches every subcarrier."""
     symbols = np.flatnonzero(is_prs.any(axis=0))
     slots = symbols // SLOT_SYMBOLS
@@ -152,7 +144,7 @@ def _bursts(is_prs: NDArray[np.bool_]) -> tuple[NDArray[np.int64], ...]:
     return tuple(burst for burst in bursts if is_prs[:, burst].any(axis=1).all())
 
 
-def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: int) -> NDArray[np.float64]:
+def _along_time(n_symbols: int, bursts: tuple[Integers, ...], order: int) -> Floats:
     """Weights (n_symbols or 1, n_bursts) of the bursts in every symbol: least-squares polynomials."""
     if order == 0:
         return np.full((1, len(bursts)), 1 / len(bursts))
@@ -162,12 +154,11 @@ def _along_time(n_symbols: int, bursts: tuple[NDArray[np.int64], ...], order: in
         np.polynomial.chebyshev.chebvander(2 * time / max(n_symbols - 1, 1) - 1, order)
         for time in (middle, np.arange(n_symbols))
     )
-    weights: NDArray[np.float64] = at_symbols @ np.linalg.pinv(at_bursts)
-    return weights
+    return at_symbols @ np.linalg.pinv(at_bursts)
 
 
 @lru_cache(maxsize=4)
-def _basis(n_subcarriers: int, latest: float) -> NDArray[np.complex128]:
+def _basis(n_subcarriers: int, latest: float) -> Complex:
     """Orthonormal basis (n_subcarriers, n_basis) of the responses of delays from 0 to the latest, in bins.
 
     It has about one response per delay bin, and a few more for the leakage of
@@ -181,6 +172,6 @@ def _basis(n_subcarriers: int, latest: float) -> NDArray[np.complex128]:
     kept = sequences[concentration >= LEAST_CONCENTRATION].T
     # The sequences are symmetric about delay 0, the prefix about half of its length.
     turn = np.exp(-1j * np.pi * latest / n_subcarriers * np.arange(n_subcarriers))
-    basis: NDArray[np.complex128] = kept * turn[:, None]
+    basis: Complex = kept * turn[:, None]
     basis.setflags(write=False)
     return basis

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from isacbench.checked_arrays import Complex, Floats
+from isacbench.choices import Modulation
 from isacbench.errors import InputError, require, unknown_name
-from isacbench.link.reception.channel import channel_response
+from isacbench.link.reception.channel import Channel, channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, decide_bits
+from isacbench.link.waveform.resource_grid import ResourceGrid
 from isacbench.model.echo import random_stream, white_gaussian
 from isacbench.model.number_limits import LARGEST_NOISE_AMPLITUDE
-from isacbench.model.prs import prs_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.choices import Modulation
-    from isacbench.link.reception.channel import Channel
-    from isacbench.link.waveform.resource_grid import ResourceGrid
-    from isacbench.model.numerology import System
-
-    Complex = NDArray[np.complex128]
+from isacbench.model.numerology import System, prs_elements
 
 Knowledge = Literal["prs", "perfect"]
 """Knowledge that the user has of the channel: an estimate from the PRS, or all."""
@@ -244,15 +238,14 @@ def response_ber(
     return float(np.average(error_rates(modulation, element_snr_db), weights=weights))
 
 
-def _interpolated_ber(modulation: Modulation, snr_db: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interpolated_ber(modulation: Modulation, snr_db: Floats) -> Floats:
     """Interpolate `isacbench.link.waveform.qam.awgn_ber` in a table, for many SNRs."""
     within_db = np.clip(snr_db, WEAKEST_DB, STRONGEST_DB)
     first, last = np.floor(within_db.min() / STEP_DB), np.ceil(within_db.max() / STEP_DB)
     table_db = STEP_DB * np.arange(first, last + 2)
     smallest = np.finfo(np.float64).tiny
     logarithm = CubicSpline(table_db, np.log(np.maximum(awgn_ber(modulation, table_db), smallest)))
-    rates: NDArray[np.float64] = np.exp(logarithm(within_db))
-    return rates
+    return np.exp(logarithm(within_db))
 
 
 def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -> float:

@@ -11,20 +11,17 @@ circular noise. So only the moduli of the symbols matter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.link.waveform.resource_grid import draw_grid, require_n_id
-from isacbench.model.prs import resource_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import System, resource_elements
 
 
 @dataclass(frozen=True)
@@ -88,11 +85,11 @@ class Weights:
         q, amplitude of the noise after division over that of the receiver noise.
     """
 
-    echo: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    echo: Floats
+    noise: Floats
 
 
-def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> NDArray[np.float64]:
+def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0) -> Floats:
     """Draw the moduli of the symbols used for sensing; 0 on the other resource elements.
 
     Parameters
@@ -117,7 +114,7 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
     return np.abs(grid.symbols)
 
 
-def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
+def sensed_elements(system: System, sensing: Sensing) -> Mask:
     """Find the resource elements used for sensing, and refuse a grid without any.
 
     Parameters
@@ -142,7 +139,7 @@ def sensed_elements(system: System, sensing: Sensing) -> NDArray[np.bool_]:
     return sensed
 
 
-def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: float = np.inf) -> Weights:
+def division_weights(moduli: Floats, division: Division, snr_db: float = np.inf) -> Weights:
     """Compute the weights of echo and noise after a division.
 
     Parameters
@@ -177,12 +174,8 @@ def division_weights(moduli: NDArray[np.float64], division: Division, snr_db: fl
 
 
 def division_factors(
-    symbols: ArrayLike,
-    sensed: NDArray[np.bool_],
-    division: Division,
-    snr_db: float = np.inf,
-    unit: float | None = None,
-) -> NDArray[np.complex128]:
+    symbols: ArrayLike, sensed: Mask, division: Division, snr_db: float = np.inf, unit: float | None = None
+) -> Complex:
     """Compute the factors that divide received resource elements by the transmitted symbols.
 
     Parameters
@@ -213,8 +206,7 @@ def division_factors(
     """
     sent = np.where(sensed, symbols, 1)
     if division == "reciprocal":
-        factors: NDArray[np.complex128] = sensed / (sent * np.mean(sensed))
-        return factors
+        return sensed / (sent * np.mean(sensed))
     moduli = np.abs(sent)
     amplitude = np.sqrt(np.mean(moduli[sensed] ** 2)) if unit is None else unit
     weights = division_weights(np.where(sensed, moduli, 0) / amplitude, division, snr_db)

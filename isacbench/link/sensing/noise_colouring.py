@@ -30,19 +30,14 @@ J. Comput. Graph. Stat. 3 (1994).
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 import scipy.linalg
 
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.partial_dft import doppler_rows, range_rows
 from isacbench.model.echo import white_gaussian
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Complex = NDArray[np.complex128]
 
 NEGLIGIBLE = 1e-12
 """Share of the largest below which covariances and eigenvalues are rounding."""
@@ -54,7 +49,7 @@ MOST_NUMBERS = 2**22
 """Complex numbers of an intermediate array that are held at a time: 64 MB."""
 
 
-def noise_covariance(weight: NDArray[np.float64]) -> Complex:
+def noise_covariance(weight: Floats) -> Complex:
     """Compute the covariance of weighted unit noise between range-Doppler cells.
 
     Parameters
@@ -67,11 +62,10 @@ def noise_covariance(weight: NDArray[np.float64]) -> Complex:
     ndarray of complex128, same shape
         E[Z(r + Δr, d + Δd) Z*(r, d)] at [Δr, Δd]; negative lags count from the end.
     """
-    covariance: Complex = scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
-    return covariance
+    return scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
 
 
-def coloured_noise(white: Complex, weight: NDArray[np.float64], stream: np.random.Generator) -> Complex:
+def coloured_noise(white: Complex, weight: Floats, stream: np.random.Generator) -> Complex:
     """Give white noise of a gate the covariance that weights on the resource grid make.
 
     Parameters
@@ -113,7 +107,7 @@ def _is_white_along_range(covariance: Complex, shape: tuple[int, ...]) -> bool:
     return bool(np.all(np.abs(covariance[lags[lags % len(covariance) != 0]]) <= NEGLIGIBLE * largest))
 
 
-def _lags(n: int, n_all: int) -> NDArray[np.int64]:
+def _lags(n: int, n_all: int) -> Integers:
     """Lags that occur between n consecutive bins; of all bins there are, each once."""
     return np.arange(n_all) if 2 * n - 1 >= n_all else np.arange(1 - n, n)
 
@@ -124,8 +118,7 @@ def _coloured_along_doppler(white: Complex, covariance: Complex) -> Complex:
     matrix = covariance[0, np.subtract.outer(bins, bins)]
     power, modes = scipy.linalg.eigh(matrix)
     root = (modes * np.sqrt(np.maximum(power, 0))) @ modes.conj().T
-    coloured: Complex = np.einsum("cd,rdpq->rcpq", root, white, optimize=True)
-    return coloured
+    return np.einsum("cd,rdpq->rcpq", root, white, optimize=True)
 
 
 def _small_tori(shape: tuple[int, ...], whole: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -138,9 +131,7 @@ def _small_tori(shape: tuple[int, ...], whole: tuple[int, ...]) -> list[tuple[in
     return [torus for torus in tori if torus != whole]
 
 
-def _spectrum(
-    covariance: Complex, shape: tuple[int, ...], torus: tuple[int, ...]
-) -> NDArray[np.float64] | None:
+def _spectrum(covariance: Complex, shape: tuple[int, ...], torus: tuple[int, ...]) -> Floats | None:
     """Eigenvalues of the covariance on a torus; None where some are negative."""
     on_torus = np.zeros(torus, dtype=np.complex128)
     lags = [
@@ -154,7 +145,7 @@ def _spectrum(
     return np.maximum(spectrum, 0)
 
 
-def _embedded(white: Complex, spectrum: NDArray[np.float64], stream: np.random.Generator) -> Complex:
+def _embedded(white: Complex, spectrum: Floats, stream: np.random.Generator) -> Complex:
     """White noise as part of a torus of it, coloured by the eigenvalues there."""
     shape, n_elements = white.shape[:2], white.shape[2] * white.shape[3]
     by_element = white.reshape(*shape, n_elements).transpose(2, 0, 1)
@@ -172,9 +163,7 @@ def _embedded(white: Complex, spectrum: NDArray[np.float64], stream: np.random.G
     return np.ascontiguousarray(coloured.transpose(1, 2, 0)).reshape(white.shape)
 
 
-def _drawn_on_grid(
-    amplitude: NDArray[np.float64], shape: tuple[int, ...], stream: np.random.Generator
-) -> Complex:
+def _drawn_on_grid(amplitude: Floats, shape: tuple[int, ...], stream: np.random.Generator) -> Complex:
     """Noise (n_range, n_doppler, P, Q) of the resource elements of some amplitude, few of them."""
     (n_range, n_doppler, n_p, n_q), (n_subcarriers, n_symbols) = shape, amplitude.shape
     # Where in the map the gate lies does not matter to the law.

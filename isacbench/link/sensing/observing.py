@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo as observe_plainly
+from isacbench.model.observation import Observation
 from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
-
-if TYPE_CHECKING:
-    from isacbench.choices import Division, Modulation, Sensing
-    from isacbench.model.observation import Observation
 
 
 def observe(

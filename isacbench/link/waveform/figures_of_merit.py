@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
+from numpy.typing import ArrayLike
 from scipy.special import xlogy
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Floats, checked_array
+from isacbench.choices import Modulation
 from isacbench.errors import InputError, require
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.model.number_limits import require_all, require_count
-from isacbench.model.prs import prs_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.choices import Modulation
-    from isacbench.model.numerology import System
-
-    Floats = NDArray[np.float64]
+from isacbench.model.numerology import System, prs_elements
 
 MOST_CROSSINGS_AT = 0.5
 """Power over its mean at which an envelope of Gaussian samples crosses upwards most often."""
@@ -43,7 +36,7 @@ class FrameRates:
     n_data_bits: int
     bit_rate_bps: float
 
-    def achievable_rate_bps(self, ber: ArrayLike) -> NDArray[np.float64]:
+    def achievable_rate_bps(self, ber: ArrayLike) -> Floats:
         """Compute the rate up to which a code could make the decided bits free of errors.
 
         Parameters
@@ -60,8 +53,7 @@ class FrameRates:
         InputError
             If a rate is not from 0 to 1.
         """
-        rate: NDArray[np.float64] = self.bit_rate_bps * hard_decision_capacity(ber)
-        return rate
+        return self.bit_rate_bps * hard_decision_capacity(ber)
 
 
 def frame_rates(system: System, modulation: Modulation) -> FrameRates:
@@ -87,7 +79,7 @@ def frame_rates(system: System, modulation: Modulation) -> FrameRates:
     return FrameRates(n_data_bits, n_data_bits / (system.n_symbols * system.symbol_time_s))
 
 
-def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
+def hard_decision_capacity(ber: ArrayLike) -> Floats:
     """Compute the information that a decided bit carries: the capacity of the binary symmetric channel.
 
     Parameters
@@ -108,8 +100,7 @@ def hard_decision_capacity(ber: ArrayLike) -> NDArray[np.float64]:
     rate = checked_array("ber", ber)
     require_all("ber", rate, (rate >= 0) & (rate <= 1), "numbers from 0 to 1")
     entropy = -(xlogy(rate, rate) + xlogy(1 - rate, 1 - rate)) / np.log(2)
-    capacity: NDArray[np.float64] = 1 - entropy
-    return capacity
+    return 1 - entropy
 
 
 def symbol_papr_db(symbols: ArrayLike, oversampling: int = 4) -> Floats:
@@ -151,8 +142,7 @@ def symbol_papr_db(symbols: ArrayLike, oversampling: int = 4) -> Floats:
     require(0 < mean < np.inf, "mean power of the symbols", mean, "a positive number")
     samples = scipy.fft.ifft(grid.T, oversampling * len(grid), axis=1, norm="forward")
     peak = (samples.real**2 + samples.imag**2).max(axis=1) / len(grid)
-    papr_db: Floats = 10 * np.log10(peak / mean)
-    return papr_db
+    return 10 * np.log10(peak / mean)
 
 
 def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = True) -> Floats:
@@ -195,5 +185,4 @@ def papr_ccdf(papr_db: ArrayLike, n_subcarriers: int, *, oversampled: bool = Tru
     else:
         with np.errstate(divide="ignore"):
             expected = -n_subcarriers * np.log1p(-np.exp(-power))
-    probability: Floats = -np.expm1(-expected)
-    return probability
+    return -np.expm1(-expected)

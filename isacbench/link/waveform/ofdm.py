@@ -1,23 +1,17 @@
-"""CP-OFDM: the waveform of a resource grid, and the grid of a waveform."""
+"""CP-OFDM: the waveform of a resource grid, the grid of a waveform, and the spectrum in closed form."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
+from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import checked_array
+from isacbench.checked_arrays import Complex, Floats, checked_array
 from isacbench.errors import InputError
 from isacbench.model.number_limits import require_count
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.model.numerology import System
-
-    Complex = NDArray[np.complex128]
+from isacbench.model.numerology import System
 
 WHOLE = 1e-9
 """Largest distance of a prefix or suffix from whole samples, as a fraction of the useful part: rounding."""
@@ -109,7 +103,7 @@ def n_samples(layout: SymbolLayout, n_symbols: int) -> int:
     return n_symbols * layout.n_symbol + layout.n_suffix
 
 
-def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.float64]:
+def transmit_window(layout: SymbolLayout, position: ArrayLike) -> Floats:
     """Evaluate the window that a symbol is sent through.
 
     It rises as a raised cosine at the start of the prefix, over the length of
@@ -131,8 +125,7 @@ def transmit_window(layout: SymbolLayout, position: ArrayLike) -> NDArray[np.flo
     since_start, since_end = position + layout.n_prefix, position - layout.n_useful
     if layout.n_suffix == 0:
         return ((since_start >= 0) & (since_end < 0)).astype(np.float64)
-    window: NDArray[np.float64] = _rise(since_start / layout.n_suffix) - _rise(since_end / layout.n_suffix)
-    return window
+    return _rise(since_start / layout.n_suffix) - _rise(since_end / layout.n_suffix)
 
 
 def modulate(symbols: ArrayLike, system: System, oversampling: int = 1) -> Complex:
@@ -220,8 +213,7 @@ def demodulate(waveform: ArrayLike, system: System) -> Complex:
     by_symbol = received[:n_least].reshape(system.n_symbols, parts.n_symbol, *received.shape[1:])
     useful = by_symbol[:, parts.n_prefix :]
     _require_finite("waveform holds", useful)
-    grid: Complex = scipy.fft.fft(useful, axis=1, norm="ortho").swapaxes(0, 1)
-    return grid
+    return scipy.fft.fft(useful, axis=1, norm="ortho").swapaxes(0, 1)
 
 
 def _whole_samples(name: str, ratio: float, n_useful: int) -> int:
@@ -234,12 +226,86 @@ def _whole_samples(name: str, ratio: float, n_useful: int) -> int:
     return n
 
 
-def _rise(place: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rise(place: Floats) -> Floats:
     """Raised cosine from 0 at place 0 to 1 at place 1, and on."""
-    rise: NDArray[np.float64] = (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
-    return rise
+    return (1 - np.cos(np.pi * np.clip(place, 0, 1))) / 2
 
 
 def _require_finite(what: str, values: Complex) -> None:
     if not np.isfinite(values).all():
         raise InputError(f"{what} values that are not finite; allowed are finite numbers")
+
+
+def window_spectrum(system: System, frequency_hz: ArrayLike) -> Floats:
+    """Fourier transform of the transmit window, referred to its middle.
+
+    The window is a rectangle of the symbol time T_OFDM, smoothed by half a
+    sine wave as long as the suffix. Its transform is the product of theirs,
+    T_OFDM sinc(f T_OFDM) cos(π f T_CS) / (1 - (2 f T_CS)²).
+
+    Parameters
+    ----------
+    frequency_hz : array_like, any shape
+
+    Returns
+    -------
+    ndarray of float64, same shape
+        In s.
+    """
+    frequency_hz = np.asarray(frequency_hz, dtype=np.float64)
+    suffix_time_s = system.cyclic_suffix_ratio / system.subcarrier_spacing_hz
+    place = np.abs(frequency_hz) * suffix_time_s
+    # The same as cos(πx) / (1 - 4x²), without its 0/0 at x = 1/2.
+    smoothing = np.pi / 2 * np.sinc(0.5 - place) / (1 + 2 * place)
+    return system.symbol_time_s * np.sinc(frequency_hz * system.symbol_time_s) * smoothing
+
+
+def power_density(system: System, frequency_hz: ArrayLike) -> Floats:
+    """Power spectral density of the waveform of independent symbols of unit power, in closed form.
+
+    Every subcarrier adds the spectrum of the transmit window,
+    S(f) = Σ_n |W(f - n Δf)|² / (N T_OFDM). Inside the band that is a ripple
+    between subcarriers, because a prefix repeats what was sent.
+
+    Parameters
+    ----------
+    frequency_hz : array_like, any shape
+        From subcarrier 0.
+
+    Returns
+    -------
+    ndarray of float64, same shape
+        In 1/Hz; the integral over all frequencies is `mean_power`.
+
+    References
+    ----------
+    Van Waterschoot et al., "Power spectral density of cyclic prefixed OFDM
+    signals", EURASIP J. Wireless Commun. Netw. (2010), have it for a
+    rectangular window.
+    """
+    frequency_hz = np.asarray(frequency_hz, dtype=np.float64)
+    density = np.zeros(frequency_hz.shape)
+    for subcarrier in range(system.n_subcarriers):
+        density += window_spectrum(system, frequency_hz - subcarrier * system.subcarrier_spacing_hz) ** 2
+    density /= system.n_subcarriers * system.symbol_time_s
+    return density
+
+
+def mean_power(system: System) -> float:
+    """Mean power of the waveform of independent symbols of unit power: below 1 because of the overlap.
+
+    In the overlap the powers of two symbols are weighted by the squares of
+    windows whose sum, not whose squares' sum, is 1.
+
+    Returns
+    -------
+    float
+        1 - T_CS / (4 T_OFDM).
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> mean_power(System())
+    0.99375
+    """
+    return 1 - system.cyclic_suffix_ratio / (4 * (1 + system.cyclic_prefix_ratio))

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from isacbench.checked_arrays import checked_array, unmasked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, checked_array, unmasked_array
 from isacbench.choices import Modulation
 from isacbench.errors import InputError, unknown_name
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 BITS: dict[Modulation, int] = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 
@@ -35,7 +33,7 @@ def bits_per_symbol(modulation: Modulation) -> int:
     return BITS[modulation]
 
 
-def constellation(modulation: Modulation) -> NDArray[np.complex128]:
+def constellation(modulation: Modulation) -> Complex:
     """List the symbols of unit mean power, by the number that their bits spell, first bit highest.
 
     Parameters
@@ -63,7 +61,7 @@ def constellation(modulation: Modulation) -> NDArray[np.complex128]:
     return _constellation(bits_per_symbol(modulation))
 
 
-def modulate_bits(bits: ArrayLike, modulation: Modulation) -> NDArray[np.complex128]:
+def modulate_bits(bits: ArrayLike, modulation: Modulation) -> Complex:
     """Map bits to symbols.
 
     Parameters
@@ -125,7 +123,7 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     return bits.ravel()
 
 
-def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
+def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> Floats:
     """Compute the exact bit error rate of nearest-symbol decisions in white Gaussian noise.
 
     Real and imaginary part decide half of the bits each. Of each bit, of every
@@ -165,8 +163,7 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> NDArray[np.float64]:
         sigma = sigma[..., None, None]
         # Probability of each decided level, as a difference of tails, which keep their digits.
         share = ndtr((1 - distance) / sigma) - np.where(is_outermost, 0, ndtr(-(1 + distance) / sigma))
-    rate: NDArray[np.float64] = (n_wrong * share).sum(axis=(-2, -1)) / (n_levels * n_bits // 2)
-    return rate
+    return (n_wrong * share).sum(axis=(-2, -1)) / (n_levels * n_bits // 2)
 
 
 def _unit(n_bits: int) -> float:
@@ -185,7 +182,7 @@ def _axis_labels(n_bits: int) -> NDArray[np.uint8]:
     return words[np.argsort(_axis_levels(words))]
 
 
-def _axis_levels(bits: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _axis_levels(bits: NDArray[np.uint8]) -> Integers:
     """Levels (n,), odd numbers, of bits (n, k): each further bit says on which side of the middle one is."""
     signs = 1 - 2 * bits.astype(np.int64)
     level = np.ones(len(bits), dtype=np.int64)
@@ -195,7 +192,7 @@ def _axis_levels(bits: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 @lru_cache
-def _constellation(n_bits: int) -> NDArray[np.complex128]:
+def _constellation(n_bits: int) -> Complex:
     """Symbols (2 ** n_bits,), read-only."""
     words = _words(n_bits)
     points = np.empty(len(words), dtype=np.complex128)

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
+from isacbench.checked_arrays import Complex, Mask
 from isacbench.choices import Modulation
 from isacbench.display import brief
 from isacbench.errors import require
 from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
 from isacbench.model.echo import random_stream
 from isacbench.model.number_limits import require_count
-from isacbench.model.prs import SLOT_SYMBOLS, prs_elements
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.numerology import System
+from isacbench.model.numerology import SLOT_SYMBOLS, System, prs_elements
 
 LARGEST_N_ID = 4095
 """Largest identity of a PRS sequence (3GPP TS 38.211, 7.4.1.7.2)."""
@@ -54,8 +50,8 @@ class ResourceGrid:
         Of the data.
     """
 
-    symbols: NDArray[np.complex128]
-    is_prs: NDArray[np.bool_]
+    symbols: Complex
+    is_prs: Mask
     bits: NDArray[np.uint8]
     modulation: Modulation
 
@@ -106,7 +102,7 @@ def draw_grid(
 
 
 @lru_cache(maxsize=2, typed=True)
-def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
+def prs_symbols(system: System, n_id: int = 0) -> Complex:
     """Compute the symbols of the positioning reference signal on the resource grid.
 
     Parameters
@@ -117,7 +113,7 @@ def prs_symbols(system: System, n_id: int = 0) -> NDArray[np.complex128]:
     Returns
     -------
     ndarray of complex128, shape (n_subcarriers, n_symbols)
-        QPSK of unit power on the elements of `isacbench.model.prs.prs_elements`,
+        QPSK of unit power on the elements of `isacbench.model.numerology.prs_elements`,
         0 elsewhere; read-only.
 
     Raises
@@ -200,8 +196,7 @@ def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray
     if not any(start):
         return np.zeros(length, dtype=np.uint8)
     bits, _ = max_len_seq(REGISTER, start, SKIPPED + length, taps)
-    sequence: NDArray[np.uint8] = bits[SKIPPED:].astype(np.uint8)
-    return sequence
+    return bits[SKIPPED:].astype(np.uint8)
 
 
 def require_n_id(n_id: object) -> None:

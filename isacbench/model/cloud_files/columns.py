@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Sequence
+from pathlib import Path
 
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted, shortened
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-    from pathlib import Path
 
 POINT_COLUMNS = ["x", "y", "z", "v", "power"]
 """Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""

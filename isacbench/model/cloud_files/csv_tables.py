@@ -9,24 +9,21 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import TYPE_CHECKING, NoReturn
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.checked_files import CLOUD_BYTES, read_text
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import names_points
 from isacbench.number_text import is_number
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-Floats = NDArray[np.float64]
 
 BLANKS = r"\s+"
 """Separator of fields: any white space."""

@@ -7,21 +7,16 @@ in a row. NumPy reads binary rows, and ASCII rows are those of a csv file.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import find_columns
 from isacbench.model.cloud_files.csv_tables import BLANKS, CsvTable, require_finite
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-Floats = NDArray[np.float64]
 
 _START = re.compile(rb"(?:\xef\xbb\xbf)?ply[ \t]*(\r\n|\r|\n)")
 _TYPES = {

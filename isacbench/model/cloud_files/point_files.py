@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard, TypeVar
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
 from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file
@@ -29,10 +30,6 @@ from isacbench.model.cloud_files.csv_tables import (
 )
 from isacbench.model.cloud_files.ply import read_ply, write_ply
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")

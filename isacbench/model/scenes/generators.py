@@ -10,7 +10,8 @@ written to a file and read again.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -18,19 +19,15 @@ from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
-from isacbench.model.scenes.motion import heading
+from isacbench.model.scenes.family_parameters import (
+    CrowdParameters,
+    DensityParameters,
+    FamilyParameters,
+    SparseParameters,
+    WeakParameters,
+)
+from isacbench.model.scenes.objects import heading
 from isacbench.model.scenes.placement import MOST_TRIES, Draws, Ground
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from isacbench.model.scenes.family_parameters import (
-        CrowdParameters,
-        DensityParameters,
-        FamilyParameters,
-        SparseParameters,
-        WeakParameters,
-    )
 
 Content = dict[str, Any]
 Place = tuple[float, float]

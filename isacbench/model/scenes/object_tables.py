@@ -5,24 +5,27 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_inside
 from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.number_limits import LARGEST_PLACE_M
 from isacbench.model.scene import Scatterers
-from isacbench.model.scenes.cross_sections import CROSS_SECTIONS
-from isacbench.model.scenes.motion import DECIMALS, approach_speeds, body_velocities, heading, turned
 from isacbench.model.scenes.objects import (
+    DECIMALS,
+    approach_speeds,
+    body_velocities,
     box,
     car,
     cyclist,
     green_belt,
+    heading,
     lamp_post,
     limb_swing,
     lorry,
@@ -30,20 +33,15 @@ from isacbench.model.scenes.objects import (
     pedestrian,
     pole,
     rail,
+    turned,
     vehicle,
     wall,
     wheel_roll,
 )
-from isacbench.model.scenes.placed_objects import PlacedObject, Surroundings
-from isacbench.model.scenes.solids import solid_of
+from isacbench.model.scenes.placed_objects import CROSS_SECTIONS, PlacedObject, Surroundings
+from isacbench.model.scenes.solids import Part, globe, solid_of, tube
 from isacbench.model.surfaces.mesh_files import box_of, read_mesh
-from isacbench.model.surfaces.shapes import globe, tube
 from isacbench.model.surfaces.surface_points import clipped, surface_points
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from isacbench.model.scenes.solids import Part
 
 # Strict, because a number in quotes or a `true` for a number is a typing error.
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -52,7 +50,6 @@ Length = Annotated[Positive, Field(le=LARGEST_PLACE_M)]
 NonNegative = Annotated[Finite, Field(ge=0)]
 Position = tuple[Finite, Finite, Finite]
 Size = tuple[Positive, Positive, Positive]
-Offsets = NDArray[np.float64]
 
 
 def _speed_or_vector(value: Any) -> float | tuple[float, ...]:
@@ -105,7 +102,7 @@ class _ObjectTable(_EchoTable):
     yaw_deg: Finite = 0.0
     yaw_rate_dps: Finite = 0.0
 
-    outline: ClassVar[Callable[..., Offsets]]
+    outline: ClassVar[Callable[..., Floats]]
     """Gives scatterer positions (n, 3) around `position_m` from the keys of the kind."""
 
     @model_validator(mode="after")
@@ -120,23 +117,23 @@ class _ObjectTable(_EchoTable):
         scatterers = self._scatterers(offsets, around.base_station_m)
         return PlacedObject(scatterers, [(self._in_place(part), own) for part, own in parts], self.rcs_dbsm)
 
-    def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
+    def _shape(self, around: Surroundings) -> tuple[Floats, list[Part]]:
         """Scatterer positions around `position_m`, and parts that hide others."""
         sizes = self.model_dump(exclude=set(_ObjectTable.model_fields))
         kind = sizes.pop("kind")
         return self.outline(**sizes), solid_of(kind, sizes) if around.with_solids else []
 
-    def _turned(self, vectors: Offsets) -> Offsets:
+    def _turned(self, vectors: Floats) -> Floats:
         """Turn vectors (..., 3) from the object's own directions to those of the scene."""
         return (
             turned(vectors.reshape(-1, 3), self.yaw_deg).reshape(vectors.shape) if self.yaw_deg else vectors
         )
 
-    def _in_place(self, vectors: Offsets) -> Offsets:
+    def _in_place(self, vectors: Floats) -> Floats:
         """Turn and shift what lies around `position_m`."""
         return np.array(self.position_m) + self._turned(vectors)
 
-    def _scatterers(self, offsets: Offsets, base_station_m: Offsets) -> Scatterers:
+    def _scatterers(self, offsets: Floats, base_station_m: Floats) -> Scatterers:
         amplitude = np.full(len(offsets), self.amplitude)
         own = self._turned(self._own_velocities(len(offsets)))
         xyz = self._in_place(offsets)
@@ -147,7 +144,7 @@ class _ObjectTable(_EchoTable):
         speeds = approach_speeds(xyz, velocities, base_station_m)
         return Scatterers(xyz, speeds.round(DECIMALS) + 0.0, amplitude)
 
-    def _own_velocities(self, n: int) -> Offsets:
+    def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of limbs and wheels relative to the body, before it is turned."""
         return np.zeros((n, 3))
 
@@ -171,7 +168,7 @@ class _WheeledTable(_ObjectTable):
 
     n_wheels: ClassVar[int]
 
-    def _own_velocities(self, n: int) -> Offsets:
+    def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of the rims, which come last."""
         roll = self._forward_mps * wheel_roll(self.n_wheels)
         return np.concatenate([np.zeros((n - len(roll), 3)), roll])
@@ -202,7 +199,7 @@ class CyclistTable(_ObjectTable):
     crank_phase_deg: Finite = 0.0
     outline = staticmethod(cyclist)
 
-    def _own_velocities(self, n: int) -> Offsets:
+    def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of wheels and legs."""
         return self._forward_mps * pedalling(self.crank_phase_deg)
 
@@ -215,7 +212,7 @@ class PedestrianTable(_ObjectTable):
     stride_phase_deg: Finite = 0.0
     outline = staticmethod(pedestrian)
 
-    def _own_velocities(self, n: int) -> Offsets:
+    def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of the limbs."""
         return self._forward_mps * limb_swing(self.stride_phase_deg)
 
@@ -289,10 +286,10 @@ class _SurfaceTable(_ObjectTable):
     spacing_m: Positive = 0.5
 
     @abstractmethod
-    def _triangles(self, around: Surroundings) -> Offsets:
+    def _triangles(self, around: Surroundings) -> Floats:
         """Triangles (n, 3, 3) around `position_m`, in the object's own directions."""
 
-    def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
+    def _shape(self, around: Surroundings) -> tuple[Floats, list[Part]]:
         triangles = self._triangles(around)
         return surface_points(triangles, self.spacing_m), [(triangles, ())]
 
@@ -304,7 +301,7 @@ class CylinderTable(_SurfaceTable):
     radius_m: Length = 0.5
     height_m: Length = 1.0
 
-    def _triangles(self, around: Surroundings) -> Offsets:
+    def _triangles(self, around: Surroundings) -> Floats:
         return tube(np.zeros(3), [0.0, 0.0, self.height_m], self.radius_m)
 
 
@@ -314,7 +311,7 @@ class EllipsoidTable(_SurfaceTable):
     kind: Literal["ellipsoid"]
     size_m: tuple[Length, Length, Length] = (1.0, 1.0, 1.0)
 
-    def _triangles(self, around: Surroundings) -> Offsets:
+    def _triangles(self, around: Surroundings) -> Floats:
         return globe([0.0, 0.0, self.size_m[2] / 2], np.array(self.size_m) / 2)
 
 
@@ -331,11 +328,11 @@ class MeshTable(_SurfaceTable):
     scale: Positive | None = None
     up: Literal["y", "z"] | None = None
 
-    def _triangles(self, around: Surroundings) -> Offsets:
+    def _triangles(self, around: Surroundings) -> Floats:
         path = _file_of(around.source, self.file)
         return read_mesh(path, self.scale, self.up, float(np.linalg.norm(around.region.size_m)))
 
-    def _shape(self, around: Surroundings) -> tuple[Offsets, list[Part]]:
+    def _shape(self, around: Surroundings) -> tuple[Floats, list[Part]]:
         triangles = self._triangles(around)
         placed = self._in_place(triangles)
         within = clipped(placed, around.region.lower_m, around.region.upper_m)

@@ -1,4 +1,4 @@
-"""Parametric objects of a street scene, as scatterer positions around their own foot point.
+"""Parametric objects of a street scene: scatterers around their own foot point, and their rigid motion.
 
 Every outline returns offsets (n, 3) in metres from the object's
 ``position_m``: the centre of its footprint, on the ground. The front of an
@@ -9,25 +9,21 @@ from 0.8 m on, bar 1.2 to 1.25 m, into steps of 0.5 m ± 20 %.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-Offsets = NDArray[np.float64]
 
 MOST_STEPS, MOST_POINTS = 2000, 100_000
 """Largest numbers of steps along a length, and of points of a surface."""
 
+DECIMALS = 6
+"""Of coordinates in m and speeds in m/s: sines differ in the last digits between machines."""
 
-def _grid(
-    x: Sequence[float] | Offsets, y: Sequence[float] | Offsets, z: Sequence[float] | Offsets
-) -> Offsets:
+
+def _grid(x: Sequence[float] | Floats, y: Sequence[float] | Floats, z: Sequence[float] | Floats) -> Floats:
     """Every combination of the given coordinates."""
     n_points = len(x) * len(y) * len(z)
     if n_points > MOST_POINTS:
@@ -38,7 +34,7 @@ def _grid(
     return np.stack([axis.ravel() for axis in axes], axis=1)
 
 
-def _steps(length_m: float, spacing_m: float) -> Offsets:
+def _steps(length_m: float, spacing_m: float) -> Floats:
     """Coordinates centred on 0 that span a length in equal steps of about the spacing."""
     return np.linspace(-length_m / 2, length_m / 2, _n_steps(length_m, spacing_m) + 1)
 
@@ -55,7 +51,7 @@ def _n_steps(length_m: float, spacing_m: float) -> int:
     return int(n_steps)
 
 
-def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Offsets:
+def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Floats:
     """Outline a car: sides, pillars, bonnet and boot, bumpers, roof line, wheels, mirrors.
 
     Parameters
@@ -74,7 +70,9 @@ def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Offsets:
     wheel = min(length, height) / 6
     rim = [_grid(side, end + wheel * np.array([-1, 0, 1]), [wheel]) for end in ends]
     crown = [_grid(side, [end], [0.0, 2 * wheel]) for end in ends]
-    lids = [_grid(width / 4 * np.array([-1, 0, 1]), length * y, [0.55 * height]) for y in _lid_positions()]
+    bonnet = np.array([4 / 12, 5 / 12, 6 / 12])  # and boot: fractions of the length
+    across = width / 4 * np.array([-1, 0, 1])
+    lids = [_grid(across, length * y, [0.55 * height]) for y in (-bonnet[::-1], bonnet)]
     return np.concatenate(
         [
             _grid(side, _steps(length, 0.5), [height / 4, height / 2]),
@@ -87,12 +85,6 @@ def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Offsets:
             _grid(width / 2 * np.array([-1, 1]), [length / 5], [0.6 * height]),
         ]
     )
-
-
-def _lid_positions() -> list[NDArray[np.float64]]:
-    """Three places along the boot and the bonnet, as fractions of the car's length."""
-    bonnet = np.array([4 / 12, 5 / 12, 6 / 12])
-    return [-bonnet[::-1], bonnet]
 
 
 LEFT_HALF = np.array(
@@ -108,7 +100,7 @@ LEFT_HALF = np.array(
 """Left head, shoulder, hand, hip, knee and foot of a person 1 m tall, the foot a full step ahead."""
 
 
-def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Offsets:
+def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Floats:
     """Outline a walking person: head, shoulders, hands, hips, knees and feet.
 
     Parameters
@@ -128,7 +120,7 @@ def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Offsets:
     return height_m * np.concatenate([left, right])
 
 
-def limb_swing(stride_phase_deg: float) -> Offsets:
+def limb_swing(stride_phase_deg: float) -> Floats:
     """Velocities of a pedestrian's points relative to the body, for a walking speed of 1 m/s.
 
     Limbs swing as pendulums do. The foot that passes the other one backwards
@@ -151,7 +143,7 @@ def limb_swing(stride_phase_deg: float) -> Offsets:
 
 def lamp_post(
     height_m: float = 10.0, foot_m: float = 2.0, spacing_m: float = 1.0, arm_m: float = 1.0
-) -> Offsets:
+) -> Floats:
     """Outline a mast, from the top of its shielded foot upwards, and four arm tips around its top.
 
     Parameters
@@ -183,7 +175,7 @@ def lamp_post(
     return np.concatenate([mast, arms + np.array([0.0, 0.0, height_m])])
 
 
-def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.5) -> Offsets:
+def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.5) -> Floats:
     """Outline a hedge by its four long edges.
 
     Parameters
@@ -202,7 +194,7 @@ def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.
     return _grid([-width / 2, width / 2], _steps(length, spacing_m), [0.0, height])
 
 
-def box(size_m: Sequence[float] | Offsets = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Offsets:
+def box(size_m: Sequence[float] | Floats = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Floats:
     """Sample the sides and the top of a box.
 
     Parameters
@@ -223,7 +215,7 @@ def box(size_m: Sequence[float] | Offsets = (1.0, 6.0, 1.0), spacing_m: float = 
     return np.concatenate([*sides, _grid(x, y, levels[-1:])])
 
 
-def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Offsets:
+def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Floats:
     """Sample an upright wall along y.
 
     Parameters
@@ -241,7 +233,7 @@ def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Offse
     return _grid([0.0], _steps(length, spacing_m), _steps(height, spacing_m) + height / 2)
 
 
-def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Offsets:
+def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Floats:
     """Sample an upright pole from the ground to its top.
 
     Parameters
@@ -259,7 +251,7 @@ def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Offsets:
 RAIL_HEIGHTS_M = 0.4, 0.9
 
 
-def rail(length_m: float = 8.0, spacing_m: float = 0.5) -> Offsets:
+def rail(length_m: float = 8.0, spacing_m: float = 0.5) -> Floats:
     """Sample the two bars of a guard rail along y, 0.4 m and 0.9 m above the ground.
 
     Parameters
@@ -281,7 +273,7 @@ RIM = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Points of a rim around its hub, forwards and up, in radii."""
 
 
-def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -> Offsets:
+def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -> Floats:
     """Sample a vehicle: a body up to the waist, a cabin over its middle half, and four wheels.
 
     Parameters
@@ -315,7 +307,7 @@ def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -
     return np.concatenate([*map(_rim, shells), *surfaces, _rims(hubs, WHEEL_RADIUS_M)])
 
 
-def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
+def cabin_rows(length_m: float, spacing_m: float) -> Floats:
     """Places along a vehicle of the rows of its cabin.
 
     Parameters
@@ -328,11 +320,10 @@ def cabin_rows(length_m: float, spacing_m: float) -> Offsets:
     ndarray of float64, shape (n,)
     """
     y = _steps(length_m, spacing_m)
-    rows: Offsets = y[np.abs(y) <= length_m / 4]
-    return rows
+    return y[np.abs(y) <= length_m / 4]
 
 
-def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Offsets:
+def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Floats:
     """Hubs of the wheels, on both sides of every axle.
 
     Parameters
@@ -351,19 +342,18 @@ def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Offs
     return _grid([-width_m / 2, width_m / 2], axles_m, [radius_m])
 
 
-def _rims(hubs: Offsets, radius_m: float) -> Offsets:
+def _rims(hubs: Floats, radius_m: float) -> Floats:
     """Four points on the rim of every wheel."""
     rims = hubs[:, None, :] + radius_m * np.pad(RIM, ((0, 0), (1, 0)))
     return rims.reshape(-1, 3)
 
 
-def _rim(layer: Offsets) -> Offsets:
+def _rim(layer: Floats) -> Floats:
     """Outer points of a level grid."""
-    outer: Offsets = layer[(np.abs(layer[:, :2]) == np.abs(layer[:, :2]).max(axis=0)).any(axis=1)]
-    return outer
+    return layer[(np.abs(layer[:, :2]) == np.abs(layer[:, :2]).max(axis=0)).any(axis=1)]
 
 
-def wheel_roll(n_wheels: int) -> Offsets:
+def wheel_roll(n_wheels: int) -> Floats:
     """Velocities of the rim points of wheels relative to the body, for a speed of 1 m/s.
 
     A wheel rolls: its lowest point stands still, its highest has twice the speed.
@@ -385,7 +375,7 @@ LEAST_LORRY_M = 5.0, 2.0
 """Least length and height."""
 
 
-def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Offsets, Offsets]]:
+def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Floats, Floats]]:
     """Lower and upper corners of the cab and the cargo box of a lorry.
 
     Parameters
@@ -413,7 +403,7 @@ def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Offsets, Offsets]]:
     ]
 
 
-def lorry_hubs(size_m: Sequence[float]) -> Offsets:
+def lorry_hubs(size_m: Sequence[float]) -> Floats:
     """Hubs of the six wheels of a lorry.
 
     Returns
@@ -424,7 +414,7 @@ def lorry_hubs(size_m: Sequence[float]) -> Offsets:
     return axle_ends(width, [1.2 - length / 2, 2.5 - length / 2, length / 2 - 1.2], LORRY_WHEEL_M)
 
 
-def lorry(size_m: Sequence[float] = (2.5, 9.0, 3.6), spacing_m: float = 0.5) -> Offsets:
+def lorry(size_m: Sequence[float] = (2.5, 9.0, 3.6), spacing_m: float = 0.5) -> Floats:
     """Sample a lorry: sides and tops of cab and cargo box, and six wheels.
 
     Parameters
@@ -461,7 +451,7 @@ GEAR = 2.5
 """Turns of a wheel in a turn of the cranks."""
 
 
-def cyclist(crank_phase_deg: float = 0.0) -> Offsets:
+def cyclist(crank_phase_deg: float = 0.0) -> Floats:
     """Outline a cyclist: the points of a pedestrian, riding, and two wheels.
 
     Parameters
@@ -485,7 +475,7 @@ def cyclist(crank_phase_deg: float = 0.0) -> Offsets:
     return np.concatenate([*sides, _rims(_grid([0.0], CYCLE_AXLES_M, [CYCLE_WHEEL_M]), CYCLE_WHEEL_M)])
 
 
-def pedalling(crank_phase_deg: float) -> Offsets:
+def pedalling(crank_phase_deg: float) -> Floats:
     """Velocities of a cyclist's points relative to the frame, for a speed of 1 m/s.
 
     Wheels roll, pedals turn once in 2.5 turns of a wheel, and knees move half as fast.
@@ -505,3 +495,77 @@ def pedalling(crank_phase_deg: float) -> Offsets:
     own[[4, 5, 10, 11]] = foot / 2, foot, -foot / 2, -foot
     own[12:] = wheel_roll(len(CYCLE_AXLES_M))
     return own
+
+
+def turned(vectors: Floats, yaw_deg: float) -> Floats:
+    """Turn vectors about the vertical, counterclockwise seen from above.
+
+    Parameters
+    ----------
+    vectors : ndarray of float64, shape (n, 3)
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+    """
+    cos, sin = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    x, y, z = vectors.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
+
+
+def heading(yaw_deg: float) -> Floats:
+    """Direction of an object's front.
+
+    Parameters
+    ----------
+    yaw_deg : float
+        0 faces +y, 90 faces -x.
+
+    Returns
+    -------
+    ndarray of float64, shape (3,)
+    """
+    return turned(np.array([[0.0, 1.0, 0.0]]), yaw_deg)[0]
+
+
+def body_velocities(
+    offsets: Floats, velocity_mps: Sequence[float], yaw_rate_dps: float, own: Floats
+) -> Floats:
+    """Velocities of the points of a turning body: V + ω x r, plus those of limbs and wheels.
+
+    Parameters
+    ----------
+    offsets : ndarray of float64, shape (n, 3)
+        From the object's position, in m.
+    velocity_mps : (float, float, float)
+        Of that position.
+    yaw_rate_dps : float
+        In degrees a second, counterclockwise seen from above.
+    own : ndarray of float64, shape (n, 3)
+        Velocities relative to the body.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+    """
+    x, y, _ = offsets.T
+    turning = np.radians(yaw_rate_dps) * np.column_stack([-y, x, np.zeros_like(x)])
+    return np.array(velocity_mps) + turning + own
+
+
+def approach_speeds(xyz: Floats, velocities: Floats, base_station_m: Floats) -> Floats:
+    """Project velocities on the line of sight.
+
+    Parameters
+    ----------
+    xyz, velocities : ndarray of float64, shape (n, 3)
+    base_station_m : ndarray of float64, shape (3,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In m/s, positive when approaching; 0 at the base station itself.
+    """
+    sight = xyz - base_station_m
+    distance = np.linalg.norm(sight, axis=1)
+    return -np.einsum("ij,ij->i", velocities, sight) / np.where(distance > 0, distance, 1.0)

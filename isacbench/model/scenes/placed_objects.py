@@ -2,27 +2,81 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress, count
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from scipy.special import ndtri
 
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.errors import InputError
+from isacbench.model.region import Region
 from isacbench.model.scene import AT_BASE_STATION_M, Scatterers
-from isacbench.model.scenes.cross_sections import cross_section_dbsm, free_space_amplitudes
-from isacbench.model.surfaces.visibility import NO_PART, seen_points
+from isacbench.model.scenes.raw_uniforms import raw_uniforms
+from isacbench.model.scenes.solids import Part
+from isacbench.model.surfaces.surface_points import NO_PART, seen_points
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+CROSS_SECTIONS = {
+    "tr38901:uav_small": (-12.81, 3.74),
+    "tr38901:uav_large": (-5.85, 2.50),
+    "tr38901:human": (-1.37, 3.94),
+    "tr38901:vehicle": (11.25, 3.41),
+    "tr38901:agv": (-4.25, 2.51),
+}
+"""10 lg of the mean cross section σ_M in dBsm, and standard deviation of σ_S in dB.
 
-    from numpy.typing import NDArray
+3GPP TR 38.901 V19.4.0, Tables 7.9.2.1-1 to 7.9.2.1-7.
+"""
 
-    from isacbench.model.region import Region
-    from isacbench.model.scenes.solids import Part
+DECIMALS = 6
+"""Of a drawn cross section in dBsm: quantiles differ in the last digits between machines."""
 
-    Floats = NDArray[np.float64]
+
+def cross_section_dbsm(rcs_dbsm: float | str, key: str) -> float:
+    """Radar cross section of an object: the given one, or one drawn by 3GPP TR 38.901.
+
+    Parameters
+    ----------
+    rcs_dbsm : float or str
+        Number, or a name of `CROSS_SECTIONS`.
+    key : str
+        Key of the draw, as `isacbench.model.scenes.raw_uniforms.raw_uniforms` takes it.
+
+    Notes
+    -----
+    A drawn one is σ_M σ_S (§7.9.2.1). σ_S is log-normal, and eq. 7.9.2-1 gives
+    10 lg σ_S the mean that makes the mean of σ_S 1. The part that depends on
+    direction, σ_D, is left out: the visible points of an object already do.
+    """
+    if not isinstance(rcs_dbsm, str):
+        return rcs_dbsm
+    mean_dbsm, deviation_db = CROSS_SECTIONS[rcs_dbsm]
+    normal = float(ndtri(raw_uniforms(key, 1)[0] + 2.0**-54))
+    drawn_db = -math.log(10) / 20 * deviation_db**2 + deviation_db * normal
+    return round(mean_dbsm + drawn_db, DECIMALS)
+
+
+def free_space_amplitudes(range_m: Floats, wavelength_m: float) -> Floats:
+    """Amplitudes of echoes from 1 m² by the radar equation, with isotropic antennas.
+
+    Parameters
+    ----------
+    range_m : ndarray of float64, shape (n,)
+        Positive.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        Root of received over transmitted power, λ / ((4π)^1.5 R²).
+
+    References
+    ----------
+    M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., eq. 2.8.
+    """
+    return wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2)
 
 
 @dataclass(frozen=True)
@@ -128,7 +182,7 @@ def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list
     ]
 
 
-def _selected(scatterers: Scatterers, which: NDArray[np.bool_]) -> Scatterers:
+def _selected(scatterers: Scatterers, which: Mask) -> Scatterers:
     xyz, velocity, amplitude = scatterers.xyz, scatterers.velocity, scatterers.amplitude
     objects = tuple(compress(scatterers.objects, which))
     return Scatterers(xyz[which], velocity[which], amplitude[which], objects=objects)

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
+from isacbench.checked_arrays import Floats, Mask
 from isacbench.errors import InputError
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 CLEARANCE_M = 0.3
 """Least distance of two objects' footprints."""
@@ -138,7 +133,7 @@ def _half_axes(size_m: tuple[float, float], yaw_deg: float) -> Floats:
     return np.array([[width * cos, width * sin], [-length * sin, length * cos]])
 
 
-def _overlap(between: Floats, axes: Floats, others: Floats) -> NDArray[np.bool_]:
+def _overlap(between: Floats, axes: Floats, others: Floats) -> Mask:
     """Tell which rectangles a rectangle meets: two are apart if they are along one of their four axes."""
     apart = np.zeros(len(others), dtype=bool)
     own = np.broadcast_to(axes, others.shape)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from isacbench.checked_arrays import Floats
 
 
-def raw_uniforms(key_text: str, n: int) -> NDArray[np.float64]:
+def raw_uniforms(key_text: str, n: int) -> Floats:
     """Draw uniform numbers from the raw output of Philox 4x64-10, keyed by a text.
 
     NumPy may change its distributions between versions, the raw output of a
@@ -34,5 +32,4 @@ def raw_uniforms(key_text: str, n: int) -> NDArray[np.float64]:
     """
     key = int.from_bytes(hashlib.sha256(key_text.encode()).digest()[:16], "little")
     raw = np.random.Philox(key=key).random_raw(n)
-    uniforms: NDArray[np.float64] = (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    return uniforms
+    return (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53

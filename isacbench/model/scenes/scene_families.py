@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -23,9 +24,6 @@ from isacbench.model.scenes.family_parameters import (
 )
 from isacbench.specifications import MAX_VARIANTS, Spec, spec_variants, spell_spec
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
 
 @dataclass(frozen=True)
 class Family:
@@ -35,68 +33,41 @@ class Family:
     ----------
     version : int
         Counted up when a seed gives other scenes than before.
-    draw : str
-        Function from `FamilyParameters` and a key of its uniforms to the content of a scenario
-        file, as ``module:function``.
     """
 
     name: str
     version: int
     description: str
-    draw: str
     parameters: type[FamilyParameters] = FamilyParameters
 
 
-_DRAWN = "isacbench.model.scenes.generators"
+GENERATORS = "isacbench.model.scenes.generators"
+"""Module of the function ``draw_...`` of each family, which brings in what names do without."""
 
-FAMILIES: dict[str, Family] = {
+FAMILIES = {
     family.name: family
     for family in (
-        Family("street", 1, "the paper's objects elsewhere, mirrored and turned", f"{_DRAWN}:draw_street"),
+        Family("street", 1, "the paper's objects elsewhere, mirrored and turned"),
+        Family("town", 1, "vehicles, pedestrians, posts, rails and hedges", DensityParameters),
+        Family("facade", 1, "house fronts with movers before them", DensityParameters),
         Family(
-            "town",
-            1,
-            "vehicles, pedestrians, posts, rails and hedges",
-            f"{_DRAWN}:draw_town",
-            DensityParameters,
+            "crowd", 1, "pedestrians whose limbs swing; 8 to 16 unless their number is given", CrowdParameters
         ),
-        Family(
-            "facade", 1, "house fronts with movers before them", f"{_DRAWN}:draw_facade", DensityParameters
-        ),
-        Family(
-            "crowd",
-            1,
-            "pedestrians whose limbs swing; 8 to 16 unless their number is given",
-            f"{_DRAWN}:draw_crowd",
-            CrowdParameters,
-        ),
-        Family(
-            "weak",
-            1,
-            "a town whose objects differ by up to 40 dB in echo, or as given",
-            f"{_DRAWN}:draw_weak",
-            WeakParameters,
-        ),
+        Family("weak", 1, "a town whose objects differ by up to 40 dB in echo, or as given", WeakParameters),
         Family(
             "sparse",
             1,
             "lone scatterers a Rayleigh cell apart; 1 to 20 unless their number is given",
-            f"{_DRAWN}:draw_sparse",
             SparseParameters,
         ),
         Family(
             "traffic",
             1,
             "cars with turning wheels, cyclists, and lorries that hide others, on a road",
-            f"{_DRAWN}:draw_traffic",
             TrafficParameters,
         ),
         Family(
-            "crossing",
-            1,
-            "vehicles, cyclists and pedestrians that move in all directions",
-            f"{_DRAWN}:draw_crossing",
-            TrafficParameters,
+            "crossing", 1, "vehicles, cyclists and pedestrians that move in all directions", TrafficParameters
         ),
     )
 }
@@ -127,7 +98,8 @@ class FamilySpec:
         """
         key = f"{self.family.name} {self.family.version} {self.parameters.seed}"
         try:
-            content: dict[str, Any] = resolve_name(self.family.draw)(self.parameters, key)
+            draw = resolve_name(f"{GENERATORS}:draw_{self.family.name}")
+            content: dict[str, Any] = draw(self.parameters, key)
         except InputError as error:
             raise InputError(f"scenario {self.name}: {error}") from error
         return {"name": self.name, **content}

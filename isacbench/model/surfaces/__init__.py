@@ -1,3 +1,3 @@
-"""Surfaces: shapes and meshes, points on them, and their visibility from the base station."""
+"""Surfaces: meshes, points on them, and their visibility from the base station."""
 
-__all__ = ["mesh_files", "shapes", "surface_points", "visibility"]
+__all__ = ["mesh_files", "surface_points"]

@@ -6,21 +6,17 @@ import io
 import json
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.files.escaping import quoted
 from isacbench.number_text import is_number
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 MESH_BYTES = 2**28
 """Largest file of a mesh."""

@@ -20,7 +20,7 @@ from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol
-from isacbench.model.prs import prs_elements
+from isacbench.model.numerology import prs_elements
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.scoring import Metrics
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum, iaa_spectrum
-from isacbench.dsp.angles.cosines import cosine_samples
+from isacbench.dsp.angles.peaks import cosine_samples
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.model.kernels import steering
 from tests.dsp.plane_wave_data import noise, plain_covariance

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.cosines import PERIOD, cosine_samples, with_neighbours, within_period
+from isacbench.dsp.angles.peaks import PERIOD, cosine_samples, with_neighbours, within_period
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_eigenpairs
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions

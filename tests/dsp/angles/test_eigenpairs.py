@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.eigenpairs import MOST_ROTATION, separated_order, with_rounding
-from isacbench.dsp.angles.line_subspaces import line_eigenpairs
+from isacbench.dsp.angles.line_subspaces import MOST_ROTATION, line_eigenpairs, separated_order, with_rounding
 from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs
 from tests.dsp.plane_wave_data import noise, snapshot
 

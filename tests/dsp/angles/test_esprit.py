@@ -5,10 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.cosines import within_period
-from isacbench.dsp.angles.esprit import most_sources, unitary_esprit
 from isacbench.dsp.angles.line_subspaces import unitary_transform
-from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance, planar_eigenpairs
+from isacbench.dsp.angles.peaks import within_period
+from isacbench.dsp.angles.planar_subspaces import (
+    leading_eigenpairs,
+    most_sources,
+    planar_covariance,
+    planar_eigenpairs,
+    unitary_esprit,
+)
 from isacbench.model.kernels import steering
 from tests.dsp.plane_wave_data import noise, plain_covariance, responses, separate_sources, snapshot
 

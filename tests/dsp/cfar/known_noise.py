@@ -7,7 +7,8 @@ from fractions import Fraction
 from functools import partial
 from itertools import product
 
-from isacbench.dsp.cfar.factors import ca_factor, goca_factor, osca_factor, soca_factor, tm_factor
+from isacbench.dsp.cfar.factors import ca_factor, goca_factor, osca_factor, soca_factor
+from isacbench.dsp.cfar.trimmed_factors import tm_factor
 
 ROUNDING = 1e-9
 """What rounding may take from the product of a fraction and a number of cells."""

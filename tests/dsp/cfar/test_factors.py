@@ -10,19 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special, stats
 
+from isacbench.dsp.cfar import trimmed_factors
 from isacbench.dsp.cfar.factors import (
     ca_factor,
     ca_rate,
+    chosen_half_rate,
     goca_factor,
     osca_factor,
     osca_rate,
     paper_factor,
     soca_factor,
-    tm_factor,
-    trimmed_factors,
 )
-from isacbench.dsp.cfar.factors.mean_factors import chosen_half_rate
-from isacbench.dsp.cfar.factors.trimmed_factors import many_looks_rate
+from isacbench.dsp.cfar.trimmed_factors import many_looks_rate, tm_factor
 from isacbench.errors import InputError
 from tests.conftest import few
 

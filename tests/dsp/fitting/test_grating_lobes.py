@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bursts import symbol_bursts, whole_frame
-from isacbench.dsp.fitting.grating_lobes import best_lobes, lobes_within
+from isacbench.dsp.fitting.joint_selection import best_lobes, lobes_within
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
 

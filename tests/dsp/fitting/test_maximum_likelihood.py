@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.fitting.maximum_likelihood import refined, resolve_directions
-from isacbench.dsp.fitting.variable_projection import fit_waves
+from isacbench.dsp.fitting.maximum_likelihood import fit_waves, refined, resolve_directions
 from isacbench.model.kernels import steering
 from tests.conftest import few
 from tests.dsp.plane_wave_data import noise, responses, snapshot

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.fitting.variable_projection import fit_waves
+from isacbench.dsp.fitting.maximum_likelihood import fit_waves
 from isacbench.model.kernels import steering
 
 SHAPE = 7, 6

@@ -7,7 +7,7 @@ import pytest
 
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.sparse_bayes.reach import Reach
+from isacbench.dsp.sparse_bayes.places import Reach
 from isacbench.model.echo import Simulator
 from isacbench.model.region import Region
 from tests.algorithms.scenes import EMPTY

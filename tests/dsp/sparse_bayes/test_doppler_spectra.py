@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isacbench.dsp.sparse_bayes.doppler_spectra import learn_doppler_spectra
+from isacbench.dsp.sparse_bayes.learning import learn_doppler_spectra
 
 BINS = np.arange(-8.0, 9)
 LINES = np.arange(-6, 6.01, 0.25)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from isacbench.dsp.sparse_bayes.first_atoms import first_atoms
-from isacbench.dsp.sparse_bayes.tapers import BinTaper
-from isacbench.dsp.sparse_bayes.tiles import DirectionGrid, strong_dimensions
+from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid, strong_dimensions
 
 from .conftest import NOISE
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.sparse_bayes.gathering import gather, strongest_near
+from isacbench.dsp.sparse_bayes.places import gather, strongest_near
 
 BOX = np.array([0.2, 0.3, 0.25, 0.2])
 

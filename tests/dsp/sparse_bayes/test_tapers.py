@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isacbench.dsp.sparse_bayes.tapers import BinTaper
+from isacbench.dsp.sparse_bayes.tiles import BinTaper
 
 
 @pytest.mark.parametrize("taper", [BinTaper.hann, BinTaper.none])

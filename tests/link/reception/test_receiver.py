@@ -18,8 +18,7 @@ from isacbench.link.reception.receiver import (
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.echo import random_stream, white_gaussian
-from isacbench.model.numerology import System
-from isacbench.model.prs import prs_elements
+from isacbench.model.numerology import System, prs_elements
 
 MODULATIONS = ("qpsk", "16qam", "64qam", "256qam")
 FRAME = System(n_subcarriers=512)

@@ -5,8 +5,7 @@ import pytest
 
 from isacbench.link.sensing.division import division_weights
 from isacbench.link.sensing.noise_colouring import noise_covariance
-from isacbench.model.numerology import System
-from isacbench.model.prs import resource_elements
+from isacbench.model.numerology import System, resource_elements
 
 PAPER = System()
 VELOCITY_BIN_MPS = PAPER.velocity_bin_mps

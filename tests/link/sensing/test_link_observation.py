@@ -13,11 +13,10 @@ import isacbench
 from isacbench.cli.image_commands import DEFAULT_SNR
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError, InputWarning
-from isacbench.link.sensing import weighted_echo as weighted_echo_module
+from isacbench.link.sensing import link_observation
 from isacbench.link.sensing.division import Signal, symbol_moduli
-from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.link.sensing.link_observation import SignalSimulator, weighted_echo
 from isacbench.link.sensing.observing import observe
-from isacbench.link.sensing.weighted_echo import weighted_echo
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import Simulator, resource_grid
 from isacbench.model.gate import build_gate
@@ -68,7 +67,7 @@ def crowd(scenario, n, n_speeds):
 def test_weighted_cells_are_the_transform_of_the_weighted_grid(
     scenario, n, n_speeds, most_numbers, monkeypatch
 ):
-    monkeypatch.setattr(weighted_echo_module, "MOST_NUMBERS", most_numbers)
+    monkeypatch.setattr(link_observation, "MOST_NUMBERS", most_numbers)
     # A small grid, in blocks of few subcarriers, of one where every echo has a speed of its own.
     system = System(n_subcarriers=64, n_symbols=20)
     scene = dataclasses.replace(crowd(scenario, n, n_speeds), system=system)
@@ -156,7 +155,7 @@ def test_noise_is_that_of_the_trial_scaled_and_follows_the_canonical_draw(scenar
 
 def test_what_changes_neither_with_trial_nor_with_snr_is_computed_once(scenario, monkeypatch):
     n_echoes = []
-    whole = weighted_echo_module.weighted_echo
+    whole = link_observation.weighted_echo
     monkeypatch.setattr(
         "isacbench.link.sensing.link_observation.weighted_echo", lambda *of: n_echoes.append(1) or whole(*of)
     )

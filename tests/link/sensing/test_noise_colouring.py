@@ -10,8 +10,7 @@ from isacbench.link.sensing import noise_colouring
 from isacbench.link.sensing.division import division_weights
 from isacbench.link.sensing.noise_colouring import coloured_noise, noise_covariance
 from isacbench.model.echo import random_stream, white_gaussian
-from isacbench.model.numerology import System
-from isacbench.model.prs import prs_elements
+from isacbench.model.numerology import System, prs_elements
 
 
 def exact_covariance(weight, shape):

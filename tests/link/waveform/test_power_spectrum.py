@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, trapezoid
 
-from isacbench.link.waveform.ofdm import layout, transmit_window
-from isacbench.link.waveform.power_spectrum import mean_power, power_density, window_spectrum
+from isacbench.link.waveform.ofdm import layout, mean_power, power_density, transmit_window, window_spectrum
 from isacbench.model.numerology import System
 
 SPACING_HZ = 240e3

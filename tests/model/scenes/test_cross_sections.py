@@ -7,7 +7,7 @@ from tr3gpp import tr38901
 
 from isacbench.errors import InputError
 from isacbench.model.numerology import System
-from isacbench.model.scenes.cross_sections import CROSS_SECTIONS, cross_section_dbsm
+from isacbench.model.scenes.placed_objects import CROSS_SECTIONS, cross_section_dbsm
 
 TABLES = {
     "tr38901:uav_small": ("1", "UAV with small size"),

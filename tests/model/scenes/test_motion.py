@@ -6,8 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.model.scenes.motion import approach_speeds, body_velocities, heading, turned
-from isacbench.model.scenes.objects import limb_swing, pedestrian, vehicle, wheel_roll
+from isacbench.model.scenes.objects import (
+    approach_speeds,
+    body_velocities,
+    heading,
+    limb_swing,
+    pedestrian,
+    turned,
+    vehicle,
+    wheel_roll,
+)
 
 ANGLES = st.floats(-720, 720)
 STEP_S = 1e-6

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from isacbench import load_scenario
 from isacbench.errors import InputError
-from isacbench.model.scenes.motion import turned
 from isacbench.model.scenes.object_tables import AnyObject, MeshTable
+from isacbench.model.scenes.objects import turned
 from isacbench.model.scenes.placed_objects import Surroundings
 from isacbench.model.scenes.scene_families import FAMILIES
 from isacbench.model.scenes.solids import solid_of

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 from trimesh.triangles import closest_point
 
 from isacbench.errors import InputError
-from isacbench.model.scenes.motion import turned
+from isacbench.model.scenes.objects import turned
+from isacbench.model.scenes.solids import cuboid, globe, tube
 from isacbench.model.surfaces import surface_points as sampling
-from isacbench.model.surfaces.shapes import cuboid, globe, tube
 from isacbench.model.surfaces.surface_points import clipped, surface_points
 
 SIZES = st.tuples(*[st.floats(0.6, 9)] * 3)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.model.surfaces.shapes import cuboid, globe
-from isacbench.model.surfaces.visibility import NO_PART, TOLERANCE_M, seen_points
+from isacbench.model.scenes.solids import cuboid, globe
+from isacbench.model.surfaces.surface_points import NO_PART, TOLERANCE_M, seen_points
 from tests.conftest import few
 
 BASE_M = np.array([20.0, 100.0, 20.0])
@@ -126,7 +126,7 @@ def test_rays_in_chunks_see_the_same(monkeypatch):
     triangles = random.uniform(0, 30, (30, 1, 3)) + random.normal(scale=3, size=(30, 3, 3))
     points = random.uniform(0, 30, (100, 3))
     at_once = seen(points, triangles)
-    monkeypatch.setattr("isacbench.model.surfaces.visibility.MOST_PAIRS", 700)
+    monkeypatch.setattr("isacbench.model.surfaces.surface_points.MOST_PAIRS", 700)
     np.testing.assert_array_equal(seen(points, triangles), at_once)
 
 

@@ -31,30 +31,35 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from isacbench.dsp.angles.eigenpairs import Eigenpairs
-from isacbench.dsp.angles.esprit import most_sources
+from isacbench.checked_arrays import Complex, Floats, Integers
+from isacbench.dsp.angles.line_subspaces import Eigenpairs
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
-from isacbench.dsp.angles.planar_subspaces import planar_eigenpairs, subarray_shape
+from isacbench.dsp.angles.planar_subspaces import most_sources, planar_eigenpairs, subarray_shape
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Complex, Floats, Integers
 from isacbench.dsp.fitting.joint_selection import explain_map, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
 from isacbench.model.kernels import steering
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Spectrum
 
-from ..chain import (
+from .chain import (
     CellSnapshots,
     CellwiseEstimator,
     Levels,
     Reading,
     ReadMap,
+    detect,
+    determined,
     determined_order,
+    locate,
     merge_scatterers,
+    read_cells,
+    read_map,
 )
 
 CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
@@ -131,6 +136,22 @@ class JointSubspaceEstimator(CellwiseEstimator):
         orders = get_args(ModelOrder)
         require(self.model_order in orders, "model_order", self.model_order, f"one of {', '.join(orders)}")
         require(self.polish >= 0, "polish", self.polish, "0 and more")
+
+    def estimate(self, observation: Observation) -> PointCloud:
+        """Image one observation by the stages in order, those of the cells once for each reading."""
+        rdm = read_map(observation, self)  # 2D-FFT
+        detected = detect(rdm, self)  # OSCA-CFAR
+        if not detected.cells.bins[0].size:
+            return PointCloud.empty()
+        seen = []
+        for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
+            cells = read_cells(rdm, detected, reading)
+            waves = self.plane_waves(observation, cells)  # subspaces, maximum likelihood in resolved cells
+            waves = determined(cells, waves, self)  # no directions between scatterers
+            located = locate(cells, waves, self)  # range and velocity
+            seen.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
+        found = self.explain(rdm, detected.levels, seen)  # least-squares fit, if that explains the map
+        return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find directions down to the noise in a reading of resolved cells, and those of crowds in others.

@@ -8,16 +8,16 @@ from typing import Literal
 
 import numpy as np
 
-from isacbench.dsp.angles.cosines import cosine_samples, within_period
+from isacbench.checked_arrays import Floats
+from isacbench.dsp.angles.peaks import cosine_samples, within_period
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.array_types import Floats
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
-from ..chain import CellSnapshots, CellwiseEstimator
+from .chain import CellSnapshots, CellwiseEstimator
 
 SAME_CELLS = 0.05
 """Rayleigh cells within which two peaks are one: equal samples next to each other lead to one peak."""

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from numbers import Integral
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize, special
 
-from isacbench.dsp.cfar.factors.mean_factors import ca_factor
-from isacbench.dsp.cfar.factors.order_factors import osca_factor
-from isacbench.dsp.cfar.factors.rate_roots import check_pfa, checked_looks, checked_training, solve_factor
+from isacbench.checked_arrays import Floats
+from isacbench.dsp.cfar.factors import (
+    ca_factor,
+    check_pfa,
+    checked_looks,
+    checked_training,
+    osca_factor,
+    solve_factor,
+)
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 _TAIL = 1e-60
 """Probability of an order statistic left out at either end of the first, coarse grid."""
@@ -241,8 +240,7 @@ def _limits(
 
 def _log_density(log_power: Floats, looks: int) -> Floats:
     """Logarithm of the density of the logarithm of a gamma power."""
-    law: Floats = looks * log_power - np.exp(log_power) - special.gammaln(looks)
-    return law
+    return looks * log_power - np.exp(log_power) - special.gammaln(looks)
 
 
 def _order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:

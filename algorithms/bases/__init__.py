@@ -1,1 +1,0 @@
-"""Bases of estimators of one school: what they share beyond the stages of the chain."""
