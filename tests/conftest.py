@@ -440,7 +440,7 @@ def written_run(tmp_path):
     def write(name, records, manifest):
         folder = tmp_path / name
         folder.mkdir()
-        further = [one for one in COLUMNS if one not in records and TYPES[one] == "float"]
+        further = [one for one in COLUMNS if one not in records and TYPES[one] == "float64"]
         records = records.reindex(columns=[*records, *further])
         records.to_parquet(folder / "results.parquet", index=False)
         (folder / "manifest.json").write_text(json.dumps(manifest))

@@ -13,7 +13,8 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.workers.local_workers import work_guarded, work_here
+from isacbench.bench.workers.guarded_cells import work_guarded
+from isacbench.bench.workers.workbench import work_here
 from isacbench.cli.termination import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -171,7 +172,7 @@ def terminated():
     ("options", "working"),
     [
         ((), "isacbench.bench.run.runner.work_guarded"),
-        (("--timing",), "isacbench.bench.run.runner.work_alone"),
+        (("--timing",), "isacbench.bench.run.runner.work_guarded"),
         (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.workers.cluster.work_on_cluster"),
     ],
 )

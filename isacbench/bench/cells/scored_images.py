@@ -1,4 +1,4 @@
-"""Images with their scores: of one cloud, or means over the realisations of a reference.
+"""Images of references with their scores: means over the realisations.
 
 The clouds of a reference follow from the scenario alone. They are scored once for all SNRs and trials
 of a scenario in a process.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -20,8 +20,6 @@ from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.scoring import Metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
-
     from isacbench.model.scene import Scenario
     from isacbench.plugins.contracts import ReferenceEstimator
 
@@ -33,29 +31,37 @@ KEPT = 32
 
 @dataclass(frozen=True, eq=False)
 class ScoredImage:
-    """Cloud with its scores and the times of both.
+    """Realisation whose deviation is nearest to the mean, with the scores of all and the times of both.
 
     Attributes
     ----------
-    cloud : PointCloud
-        Of a reference, the realisation whose deviation is nearest to the mean.
     scores : mapping of str to Any
-        Columns of the metric; of a reference, means over its realisations.
-    time_estimate_s, time_score_s : float
-        Of a reference, of all its realisations when they were made.
+        Columns of the metrics, means over the realisations.
     spreads : mapping of str to float
-        Standard deviations over the realisations of a reference, by score.
+        Standard deviations over the realisations, by score.
+    time_estimate_s, time_score_s : float
+        Of all realisations when they were made.
     """
 
     cloud: PointCloud
     scores: Mapping[str, Any]
+    spreads: Mapping[str, float]
     time_estimate_s: float
     time_score_s: float
-    spreads: Mapping[str, float] = field(default_factory=dict)
 
-    def spread_columns(self) -> dict[str, float]:
-        """Columns of the spreads; none of an estimator that is no reference."""
-        return {SPREAD_COLUMNS[name]: spread for name, spread in self.spreads.items()}
+    def columns(self) -> dict[str, Any]:
+        """Columns of a row with the means and their spreads."""
+        return {**self.scores, **{SPREAD_COLUMNS[name]: one for name, one in self.spreads.items()}}
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Reference and scenario, equal to others of the same content."""
+
+    content: tuple[Hashable, ...]
+    reference: ReferenceEstimator = field(compare=False)
+    scenario: Scenario = field(compare=False)
+    metrics: Metrics
 
 
 def image_reference(
@@ -63,15 +69,8 @@ def image_reference(
 ) -> ScoredImage:
     """Score the realisations of a reference against the scenario that they are made from.
 
-    Returns
-    -------
-    ScoredImage
-        Remembered for an equal reference and an equal scenario.
-
-    Raises
-    ------
-    TypeError
-        If a realisation is no `PointCloud`.
+    What is returned is remembered for an equal reference and an equal scenario. TypeError if a realisation is
+    no `PointCloud`.
     """
     parts: tuple[Any, ...] = (scenario.system, scenario.array, scenario.frame, scenario.region)
     content = (
@@ -82,31 +81,19 @@ def image_reference(
         scenario.base_station_m.tobytes(),
         scenario.truth.to_array().tobytes(),
         scenario.scatterers.objects,
-        metrics,
     )
     return _imaged(_Task(content, reference, scenario, metrics))
 
 
-@dataclass(frozen=True)
-class _Task:
-    """Reference and scenario, equal to others of the same content."""
-
-    content: tuple[Hashable, ...]
-    reference: ReferenceEstimator = field(compare=False)
-    scenario: Scenario = field(compare=False)
-    metrics: Metrics = field(compare=False)
-
-
 @lru_cache(maxsize=KEPT)
 def _imaged(task: _Task) -> ScoredImage:
-    start = time.process_time()
-    scenario = task.scenario
+    start, scenario = time.process_time(), task.scenario
     clouds = list(task.reference.realisations(scenario, scenario.truth))
     for cloud in clouds:
         if not isinstance(cloud, PointCloud):
             raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
-    made_s, made = time.process_time() - start, time.perf_counter()
+    time_s, imaged = time.process_time() - start, time.perf_counter()
     pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
     scores = score_realisations(pairs, PAPER_ALONE.score, task.metrics.score)
-    scored = time.perf_counter()
-    return ScoredImage(clouds[scores.nearest], scores.means, made_s, scored - made, scores.spreads)
+    time_score_s = time.perf_counter() - imaged
+    return ScoredImage(clouds[scores.nearest], scores.means, scores.spreads, time_s, time_score_s)

@@ -129,7 +129,7 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
                 scores = metrics.score(CloudPair.of(scenario, cloud))
             else:  # means over realisations, with their spreads
                 image = image_reference(reference_of(row["estimator"], row["params"]), scenario, metrics)
-                scores = {**image.scores, **image.spread_columns()}
+                scores = image.columns()
             shot = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
             scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.

@@ -11,24 +11,27 @@ import math
 import resource
 import time
 import warnings
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextvars import copy_context
+from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Self
 
-from isacbench.bench.cells.cell import describe_error
-from isacbench.bench.store.provenance import Made
+from isacbench.bench.cells.cell import failed_by
+from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.plan.run_plan import BlockQueue
 from isacbench.bench.store.resume import versions_now
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.bench.workers.workbench import Workbench, is_to_time
+from isacbench.bench.workers.workbench import Workbench
 from isacbench.errors import InputError, InputWarning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Generator, Iterable, Iterator, Sequence
 
-    from isacbench.bench.cells.record import CellStatus
+    from isacbench.bench.cells.record import Row
     from isacbench.bench.plan.job import Job
     from isacbench.bench.plan.run_plan import Block
 
@@ -75,13 +78,8 @@ class Lane:
     """Worker processes for cells, one of which works at a time; a context manager.
 
     Estimators of isacbench share a process. One with classes of somebody else has a process
-    of its own: whatever it does to it, no other estimator meets.
-
-    Parameters
-    ----------
-    repeats : int, optional
-        Number of timed repeats of each estimate (`isacbench.bench.cells.timing`);
-        without it times are not measured for comparison.
+    of its own: whatever it does to it, no other estimator meets. With `repeats` each estimate
+    is timed (`isacbench.bench.cells.timing`).
     """
 
     def __init__(self, job: Job, guard: Guard, repeats: int | None = None) -> None:
@@ -107,49 +105,26 @@ class Lane:
             process.stop()
 
     def versions(self) -> dict[tuple[str, str], Any]:
-        """Read the versions of the code in a process.
+        """Read the versions of the code in the processes, by name and parameters of the entry.
 
-        Returns
-        -------
-        dict of (str, str) to Any
-            By name and parameters of the entry.
-
-        Raises
-        ------
-        InputError
-            If the process ends before it has loaded all plugins.
+        InputError if a process ends before it has loaded all plugins.
         """
         found: dict[tuple[str, str], Any] = {}
         for owner in self._parts:
             found |= self._process(owner).versions()
         return found
 
-    def work(self, blocks: Iterable[Block]) -> Iterator[Made]:
-        """Process the cells of blocks.
+    def work(self, blocks: Iterable[Block]) -> Iterator[Row]:
+        """Work off blocks, which are read one after the other: a row for each cell, also for one that failed.
 
-        Parameters
-        ----------
-        blocks : iterable of Block
-            Read one after the other as the work goes on.
-
-        Yields
-        ------
-        Made
-            A row for each cell, also for one that failed.
-
-        Raises
-        ------
-        CancelledError
-            If the lane was stopped meanwhile.
-        InputError
-            If no process survives observing a block.
+        CancelledError if the lane was stopped meanwhile, InputError if no process survives observing a block.
         """
         for block in blocks:
             keys = self._keys[block.scene]
             for entry in block.entries:
                 owner = keys[entry].owner
                 own = block._replace(entries=tuple(one for one in block.entries if keys[one].owner == owner))
-                yield self._process(owner).made(own, entry)
+                yield self._process(owner).row(own, entry)
 
     def _process(self, owner: tuple[str, ...]) -> _CellProcess:
         """Process of the classes of somebody else; all others pause, threads of plugins included."""
@@ -167,154 +142,152 @@ class Lane:
         return process
 
 
-class _CellProcess:
+class _CellProcess(GuardedProcess):
     """One process for cells, replaced by a fresh one when a cell ends it."""
 
     def __init__(self, job: Job, guard: Guard, repeats: int | None) -> None:
+        super().__init__(_start_worker, job, repeats)
         self._job, self._guard, self._repeats = job, guard, repeats
-        self._process = GuardedProcess(_start_worker, job, repeats)
-        self.stop, self.pause, self.go_on = self._process.stop, self._process.pause, self._process.go_on
-        self._n_met = 0  # cells that the present process has worked on
+        self._n_cells = 0  # that the present process has worked on
         self._block: Block | None = None
-        self._traces: dict[int, Made] = {}
+        self._rows: dict[int, Row] = {}
+
+    def renew(self) -> None:
+        """End the process; the next call starts a fresh one."""
+        self._n_cells = 0
+        super().renew()
 
     def versions(self) -> dict[tuple[str, str], Any]:
         """Versions of the code in the process, by name and parameters of the entry."""
         try:
-            return self._process.call(_versions, timeout_s=self._guard.timeout_s)
+            return self.call(_versions, timeout_s=self._guard.timeout_s)
         except ProcessLostError as loss:
             raise InputError(f"loading the plugins: {loss.reason}") from loss
 
-    def made(self, block: Block, entry: int) -> Made:
+    def row(self, block: Block, entry: int) -> Row:
         """Row of a cell of a block that has none but cells of this process, also of one that failed."""
-        made = None
-        while made is None:
-            if block != self._block or not self._n_met:
-                self._traces, self._block = self._observe(block), block
-            made = self._image(entry, self._traces[entry])
-        return made
+        while True:
+            if block != self._block or not self._n_cells:
+                self._rows, self._block = self._observe(block), block
+            if (row := self._image(entry)) is not None:
+                return row
 
-    def _observe(self, block: Block) -> dict[int, Made]:
-        """Observe a block; return a row for each entry, used if its image does not come back.
+    def _observe(self, block: Block) -> dict[int, Row]:
+        """Observe a block; return rows to be used if no image comes back.
 
         Several attempts, because a process may also die of what earlier cells left.
         """
         for _ in range(OBSERVE_ATTEMPTS):
             try:
-                return dict(zip(block.entries, self._process.call(_observe, block), strict=True))
+                return self.call(_observe, block)
             except ProcessLostError as error:
                 loss = error
-                self._n_met = 0
         raise InputError(
             f"scenario {self._job.plan.scenes[block.scene].name}, trial {block.trial}, {block.snr_db:g} dB: "
             f"{OBSERVE_ATTEMPTS} worker processes in a row died while simulating the observation; the last: "
             f"{loss.reason}; the scenario must fit into memory, and plugins must be importable"
         ) from loss
 
-    def _image(self, entry: int, trace: Made) -> Made | None:
+    def _image(self, entry: int) -> Row | None:
         """Image an entry; None if its process was killed and had worked on other cells before.
 
         Only the first cell of a process is blamed for its end; others are tried again.
         """
-        start, is_first = time.perf_counter(), not self._n_met
-        self._n_met += 1
+        start, is_first, during = time.perf_counter(), not self._n_cells, ""
+        timeout_s, memory_mib = self._guard.timeout_s, self._guard.memory_mib
+        self._n_cells += 1
         try:
-            limits = self._guard
-            made = self._process.call(_image, entry, limits.memory_mib, timeout_s=limits.timeout_s)
-            if is_to_time(made, self._repeats):
-                made = self._time_repeats(entry, made)
+            row = self.call(_image, entry, memory_mib, timeout_s=timeout_s)
+            if self._repeats is not None and row.status in SCORED:
+                n = self._repeats + 1  # which share one deadline
+                timeout_s, during = timeout_s and n * timeout_s, f", in {n} repeats"
+                row = self.call(_image, entry, memory_mib, row, timeout_s=timeout_s)
         except CancelledError:
             raise
         except ProcessLostError as loss:
-            self._n_met = 0
             if loss.status == "killed" and not is_first:
                 return None
-            return _lost(trace, loss.status, loss.reason, time.perf_counter() - start)
+            return self._rows[entry].failed(loss.status, loss.reason + during, time.perf_counter() - start)
         except Exception as error:  # such as an answer that cannot be sent
-            self._renew()
-            return _lost(trace, "error", describe_error(error), time.perf_counter() - start)
-        if made.outcome.record.status == "killed":
-            self._renew()  # memory that the plugin still holds must not count for other cells
-        return made
+            self.renew()
+            return failed_by(error, self._rows[entry], time.perf_counter() - start)
+        if row.status == "killed":
+            self.renew()  # memory that the plugin still holds must not count for other cells
+        return row
 
-    def _renew(self) -> None:
-        self._process.renew()
-        self._n_met = 0
 
-    def _time_repeats(self, entry: int, met: Made) -> Made:
-        """Time the repeats of an image; they share one deadline."""
-        assert self._repeats is not None
-        n, limits = self._repeats + 1, self._guard
-        timeout_s = None if limits.timeout_s is None else n * limits.timeout_s
+def work_guarded(
+    job: Job, blocks: Sequence[Block], guard: Guard, n_jobs: int, repeats: int | None = None
+) -> Generator[Row, None, None]:
+    """Work off blocks in guarded processes side by side; rows come in the order in which they are done.
+
+    With `repeats`, each estimate is timed with no other process at work: there is one, which is idle while
+    its answers are taken, and this one waits while it works.
+    """
+    if repeats is not None:
+        with Lane(job, guard, repeats) as lane:
+            yield from lane.work(blocks)
+        return
+    queue = BlockQueue(blocks)
+    done: SimpleQueue[Row | BaseException] = SimpleQueue()
+    lanes = [Lane(job, guard) for _ in range(min(n_jobs, len(blocks)))]
+
+    def work(lane: Lane) -> None:
         try:
-            return self._process.call(_time_repeats, entry, met, limits.memory_mib, timeout_s=timeout_s)
-        except ProcessLostError as loss:
-            raise ProcessLostError(loss.status, f"{loss.reason}, in {n} repeats") from loss
+            for row in lane.work(queue.blocks()):
+                done.put(row)
+        except BaseException as error:
+            done.put(error)
 
-
-def _lost(trace: Made, status: CellStatus, reason: str, time_s: float) -> Made:
-    """Row of a cell whose outcome did not come back."""
-    return _changed(trace, status=status, reason=reason, time_estimate_s=time_s)
-
-
-def _changed(made: Made, **changes: Any) -> Made:
-    """Copy of an outcome with a changed record."""
-    record = replace(made.outcome.record, **changes)
-    return made._replace(outcome=replace(made.outcome, record=record))
+    with ThreadPoolExecutor(max(len(lanes), 1)) as threads:
+        try:
+            for lane in lanes:
+                # A lane may need the plugin files that are registered for this thread alone.
+                threads.submit(copy_context().run, work, lane)
+            for _ in range(sum(len(block.entries) for block in blocks)):
+                row = done.get()
+                if isinstance(row, BaseException):
+                    raise row
+                yield row
+        finally:
+            for lane in lanes:
+                lane.stop()
 
 
 # The functions below run in the worker process.
 
-_job: Job | None = None
-_repeats: int | None = None
-_workbench: Workbench | None = None
+_workbench: Workbench
 
 
 def _start_worker(job: Job, repeats: int | None) -> None:
-    global _job, _repeats
+    global _workbench
     # The process that plans the run draws the same scenes, and warns of them.
     warnings.simplefilter("ignore", InputWarning)
-    _job, _repeats = job, repeats
+    _workbench = Workbench(job, repeats)
+    gc.freeze()  # permanent objects need not be searched at every garbage collection
 
 
 def _versions() -> dict[tuple[str, str], Any]:
-    assert _job is not None
-    return versions_now(_job.plan)
+    return versions_now(_workbench.job.plan)
 
 
-def _observe(block: Block) -> list[Made]:
-    global _workbench
-    if _workbench is None:
-        assert _job is not None
-        _workbench = Workbench(_job, _repeats)
-        # Permanent objects need not be searched at every garbage collection.
-        gc.freeze()
+def _observe(block: Block) -> dict[int, Row]:
     return _workbench.observe(block)
 
 
-def _image(entry: int, memory_mib: float | None) -> Made:
-    return _limited(entry, memory_mib, lambda workbench: workbench.image(entry))
-
-
-def _time_repeats(entry: int, met: Made, memory_mib: float | None) -> Made:
-    return _limited(entry, memory_mib, lambda workbench: workbench.time_repeats(entry, met))
-
-
-def _limited(entry: int, memory_mib: float | None, act: Callable[[Workbench], Made]) -> Made:
-    """Run an action on an entry within its memory limit; a failure becomes a row."""
-    assert _workbench is not None
+def _image(entry: int, memory_mib: float | None, first: Row | None = None) -> Row:
+    """Work on an entry within its memory limit; a failure becomes a row."""
     start = time.perf_counter()
     try:
         with _memory_limit(memory_mib):
-            made = act(_workbench)
+            row = _workbench.image(entry, first)
     except BaseException as error:  # also KeyboardInterrupt, and MemoryError while an error is handled
-        status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
-        made = _workbench.failure_row(entry, status, describe_error(error), time.perf_counter() - start)
+        row = failed_by(error, _workbench.row(entry), time.perf_counter() - start)
         _workbench.start_over()
-    record = made.outcome.record
-    if memory_mib is None or record.status != "killed":
-        return made
-    return _changed(made, reason=f"more than {memory_mib:g} MiB: {record.reason}")
+    if memory_mib is None or row.status != "killed":
+        return row
+    reason = f"more than {memory_mib:g} MiB: {row.found['reason']}"
+    return row.failed("killed", reason, row.found["time_estimate_s"])
 
 
 @contextmanager

@@ -25,8 +25,7 @@ from isacbench.bench.plan.job import load_job
 from isacbench.bench.plan.run_plan import Block
 from isacbench.bench.run.runner import Execution, run, run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers.cluster import take_piece
-from isacbench.bench.workers.cluster_worker import WorkOrder, stop
+from isacbench.bench.workers.cluster import WorkOrder, stop, take_piece
 from isacbench.bench.workers.guarded_cells import Guard
 from isacbench.cli import app
 from isacbench.errors import InputError
@@ -384,11 +383,11 @@ def test_a_process_ends_with_the_task_that_it_was_started_for_or_with_its_run(su
     order, block = WorkOrder.of_job(load_job(suite), Guard()), Block(0, 0, 0.0, (0, 1))
     with order.lane() as lane:
         assert len(list(lane.work([block]))) == 2
-        process_id = lane._at_work._process.call(os.getpid)
+        process_id = lane._at_work.call(os.getpid)
     wait_for_end(process_id)
     with order.lane() as lane:
         list(lane.work([block]))
-        process_id = lane._at_work._process.call(os.getpid)
+        process_id = lane._at_work.call(os.getpid)
         asyncio.run(stop(order.token))
         wait_for_end(process_id)
         with pytest.raises(CancelledError):
