@@ -382,7 +382,7 @@ def _records(scenarios, estimators, snr_db, trials):
 def made_run():
     """Return a function that makes up a run: its records and its manifest."""
     from isacbench.bench.kinds.imaging import ImagingKind
-    from isacbench.bench.store.score_columns import describe_scores
+    from isacbench.bench.store.manifest import describe_scores
     from isacbench.plugins.scoring import Metrics
 
     def make(scenarios=("street",), estimators=("fft4d", "music2d"), snr_db=(-20, -5, 10), trials=10):

@@ -95,11 +95,11 @@ def run_command(
         kind_of(wanted).metric_specs(wanted),
     )
     if dask is None:
-        from isacbench.bench.workers.process_server import start_process_server
+        from isacbench.bench.workers.guarded_process import start_process_server
 
         start_process_server()  # it imports what workers need while this process imports the rest
-    from isacbench.bench.cells.statuses import failed
-    from isacbench.bench.cells.timing import repeats_wanted
+    from isacbench.bench.cells.cell import repeats_wanted
+    from isacbench.bench.cells.record import failed
     from isacbench.bench.compare.worst_scenes import command_to_show
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard

@@ -13,8 +13,7 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.workers.guarded_cells import work_guarded
-from isacbench.bench.workers.workbench import work_here
+from isacbench.bench.workers.guarded_cells import work_guarded, work_here
 from isacbench.cli.termination import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -466,7 +465,7 @@ def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp
 
 def test_a_mistaken_parameter_is_told_before_any_process_is_started(cli, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "isacbench.bench.workers.process_server.start_process_server", lambda: pytest.fail("started")
+        "isacbench.bench.workers.guarded_process.start_process_server", lambda: pytest.fail("started")
     )
     (tmp_path / "s.toml").write_text(DETECTION.replace('["ca"]', '["ca[pfaa=1]"]'))
     for words in (

@@ -21,9 +21,8 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, Field
 
-from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.record import status_of
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.cell import array_digest
+from isacbench.bench.cells.record import failed, status_of
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind
 from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
 from isacbench.bench.kinds.scenes import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from isacbench.bench.cells.isolation import array_digest
+from isacbench.bench.cells.cell import array_digest
 from isacbench.bench.cells.record import status_of
 from isacbench.bench.kinds.scenes import Scene, SharedObservation, distinct_entries, entry_of
 from isacbench.bench.suites.scenario_digest import described_fields, digest

@@ -18,10 +18,14 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import MeasuredImage, estimate_cloud
-from isacbench.bench.cells.isolation import array_digest
+from isacbench.bench.cells.cell import (
+    PAPER_ALONE,
+    MeasuredImage,
+    array_digest,
+    estimate_cloud,
+    image_reference,
+)
 from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, status_of
-from isacbench.bench.cells.scored_images import PAPER_ALONE, image_reference
 from isacbench.bench.plan.labels import variant_label
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.errors import InputError

@@ -16,14 +16,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.cells.record import N_STORED
-from isacbench.bench.cells.scored_images import image_reference
-from isacbench.bench.cells.statuses import failed
-from isacbench.bench.store.manifest import describe_session, read_manifest
+from isacbench.bench.cells.cell import MeasuredImage, image_reference
+from isacbench.bench.cells.record import N_STORED, failed
+from isacbench.bench.store.manifest import (
+    SCORES,
+    describe_scores,
+    describe_session,
+    metrics_of,
+    read_manifest,
+)
 from isacbench.bench.store.run import Run, rows_by_trial
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair

@@ -13,27 +13,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.cells.cell import repeats_wanted
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, typed
-from isacbench.bench.cells.timing import repeats_wanted
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.run_plan import Shard
+from isacbench.bench.plan.run_plan import Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.manifest import (
+    SCORES,
     build_manifest,
     describe_run,
     describe_session,
+    metrics_of,
+    require_same_scores,
+    row_columns,
     with_sessions,
     write_manifest,
 )
 from isacbench.bench.store.resume import Rerun, parse_reruns, rows_to_keep
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
-from isacbench.bench.store.score_columns import SCORES, metrics_of, require_same_scores, row_columns
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
-from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded
-from isacbench.bench.workers.workbench import work_here
+from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
@@ -42,8 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from isacbench.bench.cells.record import Row
-    from isacbench.bench.plan.job import Job
-    from isacbench.bench.plan.run_plan import Block
+    from isacbench.bench.plan.run_plan import Block, Job
     from isacbench.plugins.contracts import Estimator
 
 

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.run_folder import cannot_be_written
+from isacbench.bench.store.tables import CloudArray
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 

@@ -26,8 +26,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isacbench.bench.store.resume import differing_versions, versions_now
-from isacbench.bench.workers.guarded_cells import Lane
-from isacbench.bench.workers.workbench import Workbench
+from isacbench.bench.workers.guarded_cells import Lane, Workbench
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,8 +35,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
     from isacbench.bench.cells.record import Row
-    from isacbench.bench.plan.job import Job
-    from isacbench.bench.plan.run_plan import Block
+    from isacbench.bench.plan.run_plan import Block, Job
     from isacbench.bench.workers.guarded_cells import Guard
 
 BATCH_S = 10.0

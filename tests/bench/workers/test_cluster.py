@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.run_plan import Block
+from isacbench.bench.plan.run_plan import Block, load_job
 from isacbench.bench.run.runner import Execution, run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.workers.cluster import WorkOrder, stop, take_piece

@@ -16,8 +16,7 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.run_plan import Block
+from isacbench.bench.plan.run_plan import Block, load_job
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.workers import guarded_cells
