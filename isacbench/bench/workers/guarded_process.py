@@ -202,38 +202,13 @@ class GuardedProcess:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def start(self) -> None:
-        """Start the process now instead of at the first call, unless it runs already.
-
-        Raises
-        ------
-        CancelledError
-            If the process was stopped meanwhile.
-        """
-        with self._changing:
-            self._refuse_if_stopped()
-            if not self._is_there:
-                context = start_process_server()
-                self._connection, theirs = context.Pipe()
-                # A daemon ends with this process, even where it is not stopped.
-                self._process = context.Process(target=_serve, args=(theirs, *self._begin), daemon=True)
-                self._process.start()
-                theirs.close()
-                self._is_there, self._has_begun = True, False
-
     def stop(self) -> None:
         """End the process for good, also in the middle of a call; may be called from any thread."""
         self._stopped.set()
         self._end()
 
     def renew(self) -> None:
-        """End the process; the next call starts a fresh one.
-
-        Raises
-        ------
-        CancelledError
-            If the process was stopped meanwhile.
-        """
+        """End the process; the next call starts a fresh one. CancelledError if it was stopped meanwhile."""
         self._end()
         self._is_there = False
         self._refuse_if_stopped()
@@ -257,36 +232,32 @@ class GuardedProcess:
                     os.killpg(self._process.pid, number)
 
     def call(self, function: Callable[..., T], *args: object, timeout_s: float | None = None) -> T:
-        """Call a function in the process and wait for its answer.
+        """Call a function in the process and return its answer, or raise whatever it raises.
 
-        Parameters
-        ----------
-        timeout_s : float or None
-            Longest time in s, counted once the process is ready.
-
-        Returns
-        -------
-        object
-            The function's result.
-
-        Raises
-        ------
-        ProcessLostError
-            If there is no answer; the next call starts a fresh process.
-        CancelledError
-            If the process was stopped meanwhile.
-        Exception
-            Whatever the function raises.
+        `timeout_s` is the longest time, counted once the process is ready. ProcessLostError if there is no
+        answer; the next call starts a fresh process. CancelledError if the process was stopped meanwhile.
         """
-        self.start()
-        with suppress(BrokenPipeError, ConnectionResetError):  # `_receive` reports a process that has ended
-            self._connection.send((function, args))
+        with self._changing:
+            self._refuse_if_stopped()
+            if not self._is_there:
+                context = start_process_server()
+                self._connection, theirs = context.Pipe()
+                # A daemon ends with this process, even where it is not stopped.
+                self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+                self._process.start()
+                theirs.close()
+                self._is_there, self._has_begun = True, False
         if not self._has_begun:
-            self._receive(None)
+            self._ask(None, *self._begin)
             self._has_begun = True
+        return cast("T", self._ask(timeout_s, function, *args))
+
+    def _ask(self, timeout_s: float | None, *call: object) -> Any:
+        with suppress(BrokenPipeError, ConnectionResetError):  # `_receive` reports a process that has ended
+            self._connection.send(call)
         is_result, answer = self._receive(timeout_s)
         if is_result:
-            return cast("T", answer)
+            return answer
         raise answer
 
     def _receive(self, timeout_s: float | None) -> Any:
@@ -333,7 +304,7 @@ def _cause(code: int | None) -> str:
 # The functions below run in the guarded process.
 
 
-def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> None:
+def _serve(calls: Connection) -> None:
     """Set up the process, and work in it."""
     os.setsid()  # a group of its own, so that what plugins start ends with it
     with suppress(OSError):
@@ -343,18 +314,16 @@ def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _die_with_parent()
-    _answer(answers, begin, *args)
+    _answer(calls)
 
 
 @lent_streams()  # a lost terminal or a full disk fails no code that prints
-def _answer(answers: Connection, begin: Callable[..., None], *args: object) -> None:
+def _answer(calls: Connection) -> None:
     """Call functions as they come, and answer with their results or exceptions."""
     process_id = os.getpid()
-    begin(*args)
-    answers.send(None)
     while True:
         try:
-            function, arguments = answers.recv()
+            function, *arguments = calls.recv()
         except EOFError:  # the caller has ended
             return
         answer: tuple[bool, Any]
@@ -365,9 +334,9 @@ def _answer(answers: Connection, begin: Callable[..., None], *args: object) -> N
         if os.getpid() != process_id:
             os._exit(1)  # a plugin has forked, and this is its child
         try:
-            answers.send(answer)
+            calls.send(answer)
         except Exception as error:  # an answer that cannot be sent
-            answers.send((False, error))
+            calls.send((False, error))
 
 
 def _die_with_parent() -> None:
