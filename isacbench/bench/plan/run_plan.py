@@ -182,20 +182,17 @@ class BlockQueue:
     def blocks(self) -> Iterator[Block]:
         """Blocks for one worker, until no block is left."""
         mine: deque[Block] = deque()
-        while (block := self._next(mine)) is not None:
-            yield block
-
-    def _next(self, mine: deque[Block]) -> Block | None:
-        with self._lock:
-            if not mine and self._waiting:
-                mine.extend(self._waiting.popleft())
-                if not any(mine is other for other in self._taken):
+        while True:
+            with self._lock:
+                if not mine and self._waiting:
+                    mine = self._waiting.popleft()
                     self._taken.append(mine)
-            if mine:
-                return mine.popleft()
-            # No trial is untouched: take the last block of the longest queue.
-            fullest = max(self._taken, key=len, default=mine)
-            return fullest.pop() if fullest else None
+                # If no trial is untouched: the last block of the longest queue.
+                fullest = max(self._taken, key=len, default=mine)
+                if not fullest:
+                    return
+                block = mine.popleft() if mine else fullest.pop()
+            yield block
 
 
 class EntryKey(NamedTuple):
@@ -238,7 +235,9 @@ class Job:
         for plugin in self.plugins:
             register_plugin(plugin)
         scenes = kind_of(self.suite).scenes(self.suite, self.scenarios)
-        _refuse_repeats(scenes)
+        for name, n in Counter(scene.name for scene in scenes).items():
+            if n > 1:
+                raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")
         return Plan(scenes, self.suite.trials)
 
     @cached_property
@@ -258,12 +257,8 @@ class Job:
     def _of_owner(self, owner: tuple[str, ...]) -> Job:
         kinds: tuple[tuple[str, PluginKind], ...] = ("estimators", "estimator"), ("detectors", "detector")
         changes = {key: self._texts_of(owner, key, kind) for key, kind in kinds if hasattr(self.suite, key)}
-        scored_by = [
-            name
-            for metric in kind_of(self.suite).metrics_of(self.suite).further
-            for name in foreign_classes(metric)
-        ]
-        needed = *owner, *scored_by
+        metrics = kind_of(self.suite).metrics_of(self.suite).further
+        needed = {*owner}.union(*map(foreign_classes, metrics))
         files = [
             one for one in self.plugins if any(name.startswith(f"{one.module_name}.") for name in needed)
         ]
@@ -273,14 +268,13 @@ class Job:
 
     def _texts_of(self, owner: tuple[str, ...], key: str, kind: PluginKind) -> list[str]:
         """Spell the plugins of the suite that have no classes but the owner's; all if there are none."""
-        known = self.suite.instances
-        built = [
-            variant
-            for text in getattr(self.suite, key)
-            for variant in ([(text, known[text])] if text in known else build_variants(kind, text))
+        built: list[tuple[str, Any]] = []
+        for text in getattr(self.suite, key):
+            own = self.suite.instances.get(text)
+            built += build_variants(kind, text) if own is None else [(text, own)]
+        return [text for text, plugin in built if {*owner} >= {*foreign_classes(plugin)}] or [
+            text for text, _ in built
         ]
-        own = [text for text, plugin in built if {*owner} >= {*foreign_classes(plugin)}]
-        return own or [text for text, _ in built]
 
     def draws(self) -> pd.DataFrame:
         """Scatterers that the scenes drew."""
@@ -307,9 +301,3 @@ def load_job(suite: Suite) -> Job:
             raise InputError(f"scenarios: {name_or_path!r} repeats the name {scenario.name!r}")
         loaded[scenario.name] = scenario
     return Job(suite, loaded, local_plugins())
-
-
-def _refuse_repeats(scenes: Sequence[Scene]) -> None:
-    for name, n in Counter(scene.name for scene in scenes).items():
-        if n > 1:
-            raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")
