@@ -1,17 +1,14 @@
 """Blocks worked off on a Dask cluster: the same guarded cells, on the workers of other machines.
 
-A task is a few cells of one trial of a scene, in guarded processes of its own: the Dask worker itself never
-imports a plugin, and an order arrives by content. After a while a task returns the rows that it has made and
-the cells that are left. So rows arrive as they are made, the loss of a worker costs seconds, and tasks take
-the same time whatever a cell costs. At the end, cells of tasks in which workers died run again one at a time,
-to find those that kill workers.
+A task is the blocks of one trial of a scene, which share its echo, or one block where trials are few. It has
+guarded processes of its own: the Dask worker itself never imports a plugin, and an order arrives by content.
+At the end, cells of tasks in which workers died run again one at a time, to find those that kill workers.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import multiprocessing
 import os
 import pickle
@@ -23,7 +20,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import groupby
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from isacbench.bench.store.resume import differing_versions, versions_now
 from isacbench.bench.workers.guarded_cells import Lane, Workbench
@@ -38,8 +35,7 @@ if TYPE_CHECKING:
     from isacbench.bench.plan.run_plan import Block, Job
     from isacbench.bench.workers.guarded_cells import Guard
 
-BATCH_S = 10.0
-"""Time in s after which a task takes no other cell: long compared with the start of a process."""
+    Piece = tuple[Block, ...]
 
 WAIT_S = 30.0
 """Longest time in s that a run waits for an answer of the scheduler, or for a worker."""
@@ -114,30 +110,16 @@ class WorkOrder:
             ) from error
 
 
-class Batch(NamedTuple):
-    """Result of a task: rows in the order of the cells, and the blocks that there was no time for."""
-
-    rows: list[Row]
-    rest: tuple[Block, ...] = ()
-
-
 # The functions below run in the Dask worker.
 
 _busy: defaultdict[str, set[Lane]] = defaultdict(set)
 """Processes at work, by the token of their order."""
 
 
-def work(order: WorkOrder, blocks: Sequence[Block]) -> Batch:
-    """Work off blocks until `BATCH_S` is over: the Dask task."""
-    start, rows = time.monotonic(), []
+def work(order: WorkOrder, blocks: Sequence[Block]) -> list[Row]:
+    """Work off blocks: the Dask task."""
     with order.lane() as lane:
-        for index, block in enumerate(blocks):
-            for n_done, row in enumerate(lane.work([block]), start=1):
-                rows.append(row)
-                if time.monotonic() - start > BATCH_S:
-                    rest = block._replace(entries=block.entries[n_done:]), *blocks[index + 1 :]
-                    return Batch(rows, tuple(one for one in rest if one.entries))
-    return Batch(rows)
+        return list(lane.work(blocks))
 
 
 async def check_worker(order: WorkOrder) -> None:
@@ -177,37 +159,23 @@ def work_on_cluster(
 def _rows(
     cluster: _Cluster, job: Job, blocks: Sequence[Block], stack: ExitStack
 ) -> Generator[Row, None, None]:
-    suspects: list[Block] = []
     with stack:
-        for piece, batch in cluster.work(blocks):
-            if batch is None:
+        trials = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
+        pieces = trials if len(trials) >= cluster.n_tasks() else [(block,) for block in blocks]
+        suspects: list[Block] = []
+        for piece, rows in cluster.work(pieces):
+            if rows is None:
                 suspects += [block._replace(entries=(entry,)) for block in piece for entry in block.entries]
             else:
-                yield from batch.rows
+                yield from rows
         # Any cell of a task may have killed the worker; one cell alone shows whether it does.
         for suspect in suspects:
-            for _, batch in cluster.work([suspect]):
-                if batch is not None:
-                    yield from batch.rows
+            for _, rows in cluster.work([(suspect,)]):
+                if rows is not None:
+                    yield from rows
                 else:  # the scene is observed here, because a row needs it
                     (row,) = Workbench(job).observe(suspect).values()
                     yield row.failed("killed", "several Dask workers died in this cell", 0.0)
-
-
-def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, ...]:
-    """Take the first piece of the work away, or a part of it if there are fewer pieces than wanted.
-
-    Examples
-    --------
-    >>> pieces = deque([(1, 2, 3)])
-    >>> take_piece(pieces, 2), take_piece(pieces, 1)
-    ((1, 2), (3,))
-    """
-    piece = pieces.popleft()
-    size = math.ceil(len(piece) / max(n_wanted - len(pieces), 1))
-    if size < len(piece):
-        pieces.appendleft(piece[size:])
-    return piece[:size]
 
 
 class _Cluster:
@@ -215,8 +183,8 @@ class _Cluster:
 
     def __init__(self, client: Client, address: str, order: WorkOrder) -> None:
         self._client, self._address, self._order = client, address, order
-        self._done: SimpleQueue[Future[Batch]] = SimpleQueue()
-        self._running: dict[Future[Batch], tuple[Block, ...]] = {}
+        self._done: SimpleQueue[Future[list[Row]]] = SimpleQueue()
+        self._running: dict[Future[list[Row]], Piece] = {}
         self._last_alive_s = time.monotonic()
         self._is_lost = False
 
@@ -231,27 +199,23 @@ class _Cluster:
             if fault is not None:
                 raise self._refused(f"worker {worker}", fault)
 
-    def work(self, blocks: Sequence[Block]) -> Iterator[tuple[tuple[Block, ...], Batch | None]]:
-        """Work off blocks in pieces, each of which shares echo and noise of one trial of a scene.
-
-        Yields pieces, each with its batch, or with None if workers died in it.
-        """
-        pieces = deque(tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
-        while pieces or self._running:
-            n_tasks = TASKS_A_THREAD * max(self._n_threads(), 1)
-            while pieces and len(self._running) < n_tasks:
-                piece = take_piece(pieces, n_tasks - len(self._running))
+    def work(self, pieces: Sequence[Piece]) -> Iterator[tuple[Piece, list[Row] | None]]:
+        """Work off pieces, a task each; yields them with their rows, or with None if workers died in it."""
+        waiting = deque(pieces)
+        while waiting or self._running:
+            n_tasks = self.n_tasks()
+            while waiting and len(self._running) < n_tasks:
+                piece = waiting.popleft()
                 future = self._client.submit(work, self._order, piece, pure=False, key=None)
                 self._running[future] = piece
                 future.add_done_callback(self._done.put)
-            try:
+            with suppress(Empty):
                 future = self._done.get(timeout=POLL_S)
-            except Empty:
-                continue
-            piece, batch = self._running.pop(future), self._batch(future)
-            if batch is not None and batch.rest:
-                pieces.appendleft(batch.rest)
-            yield piece, batch
+                yield self._running.pop(future), self._rows_of(future)
+
+    def n_tasks(self) -> int:
+        """Tasks that workers have at a time."""
+        return TASKS_A_THREAD * max(self._n_threads(), 1)
 
     def leave(self) -> None:
         """Cancel running tasks and clear what workers keep; a lost cluster needs neither."""
@@ -261,20 +225,20 @@ class _Cluster:
                 self._client.run(stop, self._order.token, on_error="ignore")
         self._client.close(timeout=CLOSE_S)
 
-    def _batch(self, future: Future[Batch]) -> Batch | None:
-        """Result of a task; None if more workers died in it than the scheduler allows."""
+    def _rows_of(self, future: Future[list[Row]]) -> list[Row] | None:
+        """Rows of a task; None if more workers died in it than the scheduler allows."""
         from distributed.scheduler import KilledWorker
 
         while future.status not in ("error", "cancelled"):
             try:
-                batch: Batch = future.result(timeout=POLL_S)
+                rows: list[Row] = future.result(timeout=POLL_S)
             except OSError:  # such as TimeoutError: the worker that had the result may have died
                 self._n_threads()
             except Exception:
                 if future.status == "finished":
                     raise
             else:
-                return batch
+                return rows
         if future.status == "cancelled":
             raise self._lost(GONE)
         error = future.exception()
