@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -119,10 +118,6 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
             "`isacbench run` into the folder makes them again"
         )
 
-    @cache
-    def reference_of(name: str, params: str) -> ReferenceEstimator:
-        return _reference(run.label, name, params)
-
     columns, scored = kind_of(run.suite).columns, {}
     for (name, trial), inside in rows_by_trial(rows.iloc[chosen]).items():
         scenario = run.observed(name, trial)
@@ -131,8 +126,8 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
             if pd.isna(row.get(N_STORED, math.nan)):
                 scores = metrics.score(CloudPair.of(scenario, cloud))
             else:  # means over realisations, with their spreads
-                image = image_reference(reference_of(row["estimator"], row["params"]), scenario, metrics)
-                scores = image.columns()
+                reference = _reference(run.label, row["estimator"], row["params"])
+                scores = image_reference(reference, scenario, metrics).columns()
             shot = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
             scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.

@@ -92,10 +92,6 @@ class Workbench:
         }
         return Row(known, environment)
 
-    def is_to_time(self, row: Row) -> bool:
-        """Tell whether an estimate is to be repeated: times count, and it has delivered."""
-        return self._repeats is not None and row.status in SCORED
-
     def image(self, entry: int, first: Row | None = None) -> Row:
         """Let an entry of the scene that was observed last work on the observation, and return its row.
 
@@ -106,13 +102,13 @@ class Workbench:
         row = self.row(entry) if first is None else first
         key = self._scenes[block.scene].name, block.trial, block.snr_db, chosen.name, chosen.params
         seed_generators = partial(seed_global_generators, self.job.suite.seed, *key)
+        work = partial(self._shared.work, chosen.plugin)
+        if first is not None:
+            work = partial(self._time_repeats, chosen.plugin, first, seed_generators)
         start = time.perf_counter()
         with process_state_kept(), one_blas_thread():
-            if first is None:
-                seed_generators()
-                row = run_cell(row, partial(self._shared.work, chosen.plugin))
-            else:
-                row = run_cell(row, partial(self._time_repeats, chosen.plugin, first, seed_generators))
+            seed_generators()
+            row = run_cell(row, work)
         if self._is_unchanged():
             return row
         row = row.failed("error", CHANGED, time.perf_counter() - start)
@@ -123,13 +119,6 @@ class Workbench:
         """Make anew what was observed last, and all that it was made from."""
         self._scenes, self._scene = (), None
         self.observe(self._block)
-
-    def work(self, block: Block) -> Iterator[Row]:
-        """Work off a block, without any guard."""
-        self.observe(block)
-        for entry in block.entries:
-            row = self.image(entry)
-            yield self.image(entry, row) if self.is_to_time(row) else row
 
     def _time_repeats(self, plugin: Any, first: Row, before_each: Callable[[], None]) -> Found:
         """Columns of a row with the times of repeats, or of a failure if they give another result."""
@@ -167,7 +156,10 @@ def work_here(job: Job, blocks: Sequence[Block], repeats: int | None = None) -> 
     """Work off blocks in this process: easy to debug, but a plugin that hangs or dies takes all with it."""
     workbench = Workbench(job, repeats)
     for block in blocks:
-        yield from workbench.work(block)
+        for entry in workbench.observe(block):
+            row = workbench.image(entry)
+            is_to_time = repeats is not None and row.status in SCORED
+            yield workbench.image(entry, row) if is_to_time else row
 
 
 DEFAULT_TIMEOUT_S = 600.0
