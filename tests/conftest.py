@@ -367,7 +367,7 @@ def _records(scenarios, estimators, snr_db, trials):
 def made_run():
     """Return a function that makes up a run: its records and its manifest."""
     from isacbench.bench.kinds.imaging import ImagingKind
-    from isacbench.bench.store.score_columns import describe_scores
+    from isacbench.bench.store.manifest import describe_scores
     from isacbench.plugins.scoring import Metrics
 
     def make(scenarios=("street",), estimators=("fft4d", "music2d"), snr_db=(-20, -5, 10), trials=10):
@@ -425,7 +425,7 @@ def written_run(tmp_path):
     def write(name, records, manifest):
         folder = tmp_path / name
         folder.mkdir()
-        further = [one for one in COLUMNS if one not in records and TYPES[one] == "float"]
+        further = [one for one in COLUMNS if one not in records and TYPES[one] == "float64"]
         records = records.reindex(columns=[*records, *further])
         records.to_parquet(folder / "results.parquet", index=False)
         (folder / "manifest.json").write_text(json.dumps(manifest))

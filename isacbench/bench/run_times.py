@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import TIMING_COLUMNS
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import TIMING_COLUMNS, failed
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.statistics import TIME, median_interval, median_times, trials_and_band

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

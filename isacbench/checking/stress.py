@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isacbench.bench.cells.isolation import seed_global_generators
+from isacbench.bench.cells.cell import seed_global_generators
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking import image_cases, map_cases
 from isacbench.checking.case import Case, Choice, Family, Whole

@@ -102,8 +102,7 @@ def image_command(
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     register(plugin)
     require_names([scenario], [estimator])
-    from isacbench.bench.cells.cell import estimate_cloud
-    from isacbench.bench.cells.scored_images import image_reference
+    from isacbench.bench.cells.cell import estimate_cloud, image_reference
     from isacbench.cores import one_blas_thread
     from isacbench.cubes.frame_observation import observe_cube
     from isacbench.cubes.frame_summary import summarise_frame

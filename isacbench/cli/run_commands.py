@@ -70,7 +70,7 @@ def run_command(
     find_suite(suite)
     require_names(scenario or (), estimator or (), metrics=metric or ())
     if dask is None:
-        from isacbench.bench.workers.process_server import start_process_server
+        from isacbench.bench.workers.guarded_process import start_process_server
 
         start_process_server()  # it imports what workers need while this process imports the rest
     from isacbench.bench.kinds.population import PopulationSuite
@@ -101,8 +101,8 @@ def run_command(
         getattr(wanted, "detectors", ()),
         kind_of(wanted).metric_specs(wanted),
     )
-    from isacbench.bench.cells.statuses import failed
-    from isacbench.bench.cells.timing import repeats_wanted
+    from isacbench.bench.cells.cell import repeats_wanted
+    from isacbench.bench.cells.record import failed
     from isacbench.bench.compare.worst_scenes import command_to_show
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard

@@ -62,7 +62,7 @@ def stress_command(
     """
     register(plugin)
     require_names(estimators=estimator or (), detectors=detector or ())
-    from isacbench.bench.workers.process_server import start_process_server
+    from isacbench.bench.workers.guarded_process import start_process_server
 
     start_process_server()
     from isacbench.bench.store.run_folder import default_folder

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.bench.cells.record import CLOUD_KEYS
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import CLOUD_KEYS, failed
 from isacbench.bench.kinds.imaging import SCORE_AXES, score_charts
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import scene_cells

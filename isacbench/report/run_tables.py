@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.kinds.scores import MANY_SCENARIOS
 from isacbench.bench.plan.labels import estimator_labels

@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.record import Cell, Outcome, Record
+from isacbench.bench.cells.record import Row
 from isacbench.bench.run import runner
-from isacbench.bench.store.provenance import Made, environment_id, environment_of
+from isacbench.bench.store.provenance import environment_id, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
 from isacbench.report.run_report import draw_run
@@ -45,25 +45,27 @@ class Estimates:
                 one = scene.entries[index]
                 environment = environments.setdefault(one.name, environment_of(one.plugin))
                 name = environment_id(environment)
-                key = Cell(
-                    job.suite.name,
-                    scene.name,
-                    one.name,
-                    one.params,
-                    block.snr_db,
-                    block.trial,
-                    0,
-                    scene.content,
-                )
+                known = {
+                    "suite": job.suite.name,
+                    "scenario": scene.name,
+                    "estimator": one.name,
+                    "params": one.params,
+                    "snr_db": block.snr_db,
+                    "trial": block.trial,
+                    "seed": 0,
+                    "scenario_content": scene.content,
+                    "n_true": 466,
+                    "timing": False,
+                    "environment": name,
+                }
                 scores = dict(zip(SCORES, random.random(len(SCORES)).tolist(), strict=True))
                 status, n_points = "ok", N_POINTS
                 if scores["recall"] < 0.02:
                     scores, status, n_points = {}, "timeout", 0
-                counts = {"n_true": 466, "n_estimated": n_points}
-                record = Record(**vars(key), status=status, reason="", **counts, **scores, environment=name)
+                found = {"status": status, "reason": "", "n_estimated": n_points, **scores}
                 # Random, because no file of real points is as small as one of equal ones.
                 cloud = PointCloud.from_array(random.random((n_points, 5)))
-                made = Made(Outcome(record, cloud), environment)
+                made = Row(known, environment, found, cloud)
                 self.time_s += time.perf_counter() - tick
                 yield made
                 tick = time.perf_counter()

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.workers.local_workers import work_guarded, work_here
+from isacbench.bench.workers.guarded_cells import work_guarded, work_here
 from isacbench.cli.termination import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -171,7 +171,7 @@ def terminated():
     ("options", "working"),
     [
         ((), "isacbench.bench.run.runner.work_guarded"),
-        (("--timing",), "isacbench.bench.run.runner.work_alone"),
+        (("--timing",), "isacbench.bench.run.runner.work_guarded"),
         (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.workers.cluster.work_on_cluster"),
     ],
 )
@@ -463,7 +463,7 @@ def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp
 
 
 def test_a_mistaken_parameter_is_told_in_one_line_before_anything_is_computed(cli, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.workers.process_server.start_process_server", lambda: None)
+    monkeypatch.setattr("isacbench.bench.workers.guarded_process.start_process_server", lambda: None)
     monkeypatch.setattr("isacbench.bench.run.runner.run_suite", lambda *_, **__: pytest.fail("computed"))
     (tmp_path / "s.toml").write_text(DETECTION.replace('["ca"]', '["ca[pfaa=1]"]'))
     for words in (

@@ -1,3 +1,3 @@
 """One cell of a run: an estimate that is timed, scored and recorded."""
 
-__all__ = ["cell", "isolation", "record", "scored_images", "statuses", "timing"]
+__all__ = ["cell", "record"]

@@ -1,29 +1,222 @@
-"""Cell of a run: an estimator images an observation; the image is timed and scored."""
+"""Cell of a run: an estimator, detector or receiver works on an observation; the answer is scored and timed.
+
+The clouds of a reference follow from the scenario alone. They are scored once for all SNRs and trials of a
+scenario in a process. Each cell has random numbers of its own, and changed data are noticed.
+
+An estimate is timed without echo and scores, on an observation that no estimator has read before. The cell
+has been imaged once, so that code, caches and memory are warm, and nothing else runs in the process. Garbage
+collection is off, as in `timeit`. All repeats must give the same result, bit by bit.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import gc
+import hashlib
+import math
+import random
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import tracemalloc
+import zlib
+from collections.abc import Callable, Hashable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.cells.record import COLUMNS, N_STORED, Cell, Outcome, Record
-from isacbench.bench.cells.scored_images import PAPER_ALONE, ScoredImage, image_reference
+import numpy as np
+
+from isacbench.bench.cells.record import Row
+from isacbench.errors import InputError
+from isacbench.instrument.stages import STAGES, StageClock
 from isacbench.metrics.geometry import CloudPair
+from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.contracts import TruthEstimator, is_reference
+from isacbench.plugins.contracts import TruthEstimator
 from isacbench.plugins.discovery import error_place
+from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.scoring import Metrics
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.record import CellStatus
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Estimator
-    from isacbench.plugins.scoring import Metrics
+    from isacbench.plugins.contracts import Estimator, ReferenceEstimator
+
+
+def seed_global_generators(*key: object) -> None:
+    """Seed the global random generators by a key: a plugin that uses them gives the same everywhere."""
+    seed = zlib.crc32(repr(key).encode())
+    random.seed(seed)
+    np.random.seed(seed)  # noqa: NPY002, a plugin may use the global one
+
+
+def array_digest(array: NDArray[Any]) -> str:
+    """Digest of an array that shows whether the array has changed; not of an empty one.
+
+    It consists of the sums of columns over the first and the second half of the rows, which are read as
+    words of 8 bytes. A changed bit changes it, and so do changed signs and a reversed order; rows that
+    change places within a half do not. It takes a tenth of the time of a checksum.
+    """
+    words = np.ascontiguousarray(array).view(np.uint64)
+    table = words.reshape(len(words), -1)
+    total = hashlib.sha256(repr((array.shape, array.dtype.str)).encode())
+    # A half of odd length: sign changes of an even number of rows can cancel.
+    cut = len(table) // 2 | 1
+    for half in (table[:cut], table[cut:]):
+        total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
+    return total.hexdigest()
+
+
+PAPER_ALONE = Metrics()
+
+KEPT = 32
+"""Scored images of references that a process keeps."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredImage:
+    """Realisation whose deviation is nearest to the mean, with the scores of all and the times of both.
+
+    Attributes
+    ----------
+    scores : mapping of str to Any
+        Columns of the metrics, means over the realisations.
+    spreads : mapping of str to float
+        Standard deviations over the realisations, by score.
+    time_estimate_s, time_score_s : float
+        Of all realisations when they were made.
+    """
+
+    cloud: PointCloud
+    scores: Mapping[str, Any]
+    spreads: Mapping[str, float]
+    time_estimate_s: float
+    time_score_s: float
+
+    def columns(self) -> dict[str, Any]:
+        """Columns of a row with the means and their spreads."""
+        return {**self.scores, **{SPREAD_COLUMNS[name]: one for name, one in self.spreads.items()}}
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Reference and scenario, equal to others of the same content."""
+
+    content: tuple[Hashable, ...]
+    reference: ReferenceEstimator = field(compare=False)
+    scenario: Scenario = field(compare=False)
+    metrics: Metrics
+
+
+def image_reference(
+    reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics = PAPER_ALONE
+) -> ScoredImage:
+    """Score the realisations of a reference against the scenario that they are made from.
+
+    What is returned is remembered for an equal reference and an equal scenario. TypeError if a realisation is
+    no `PointCloud`.
+    """
+    parts: tuple[Any, ...] = (scenario.system, scenario.array, scenario.frame, scenario.region)
+    content = (
+        type(reference),
+        canonical_params(reference),
+        *((type(part), *dataclasses.astuple(part)) for part in parts),
+        scenario.radius_m,
+        scenario.base_station_m.tobytes(),
+        scenario.truth.to_array().tobytes(),
+        scenario.scatterers.objects,
+    )
+    return _imaged(_Task(content, reference, scenario, metrics))
+
+
+@lru_cache(maxsize=KEPT)
+def _imaged(task: _Task) -> ScoredImage:
+    start, scenario = time.process_time(), task.scenario
+    clouds = list(task.reference.realisations(scenario, scenario.truth))
+    for cloud in clouds:
+        if not isinstance(cloud, PointCloud):
+            raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
+    time_s, imaged = time.process_time() - start, time.perf_counter()
+    pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
+    scores = score_realisations(pairs, PAPER_ALONE.score, task.metrics.score)
+    time_score_s = time.perf_counter() - imaged
+    return ScoredImage(clouds[scores.nearest], scores.means, scores.spreads, time_s, time_score_s)
+
+
+DEFAULT_REPEATS = 5
+"""The median of five repeats ignores two disturbed ones."""
+
+MIB = 2**20
+
+
+def repeats_wanted(timing: bool, repeats: int | None) -> int | None:
+    """Number of repeats of a run: None if it is not timed, 5 if no number is wanted."""
+    if repeats is not None and not timing:
+        raise InputError(f"repeats = {repeats} needs timing; without it each cell is estimated once")
+    if not timing:
+        return None
+    return DEFAULT_REPEATS if repeats is None else repeats
+
+
+def repeat(
+    prepare: Callable[[], Any], call: Callable[[Any], Any], n: int
+) -> tuple[list[Any], dict[str, float]]:
+    """Time a call that has run before `n` times, and watch its memory in one more repeat.
+
+    `prepare` makes the input of each repeat and is not timed. Returned are the results of all repeats, and
+    columns: the median processor time, and `isacbench.bench.cells.record.TIMING_COLUMNS`, the median of each
+    stage, 0 if it did not occur; half the distance between the quartiles of all times, NaN for one repeat;
+    and the most memory that Python and NumPy had allocated at any time. Stages need not sum to the whole:
+    some time belongs to no stage, and medians do not add.
+    """
+    results, clocks = [], []
+    with _no_garbage_collection():
+        for _ in range(n):
+            prepared = prepare()
+            with StageClock() as clock:
+                result = call(prepared)
+            results.append(result)
+            clocks.append(clock)
+        prepared = prepare()
+        tracemalloc.start()
+        try:
+            results.append(call(prepared))
+            _, peak_bytes = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+    lower_s, median_s, upper_s = np.quantile([clock.total_s for clock in clocks], [0.25, 0.5, 0.75])
+    stages_s = {name: [clock.seconds.get(name, 0.0) for clock in clocks] for name in STAGES}
+    return results, {
+        "time_estimate_s": float(median_s),
+        **{f"time_{name}_s": float(np.median(times_s)) for name, times_s in stages_s.items()},
+        "time_spread_s": float(upper_s - lower_s) / 2 if n > 1 else math.nan,
+        "peak_memory_mib": peak_bytes / MIB,
+    }
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Collect garbage now, and turn collection off until the end."""
+    was_enabled = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
 
 MAX_MESSAGE = 1000
 """Characters of an exception's message that a row keeps."""
+
+Found = tuple[Mapping[str, Any], PointCloud]
+"""Columns that come out of a cell, and its cloud, empty where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,90 +246,25 @@ Measure = Callable[[MeasuredImage], Mapping[str, Any]]
 """Function of a study that derives further columns of the row from an image."""
 
 
-def run_cell(
-    cell: Cell,
-    scenario: Scenario,
-    observation: Observation,
-    estimator: Estimator,
-    measure: Measure | None = None,
-    metrics: Metrics = PAPER_ALONE,
-) -> Outcome:
-    """Estimate, time and score one cell. An exception of the estimator becomes the reason of the record.
-
-    Parameters
-    ----------
-    cell : Cell
-        Key of the row.
-    scenario : Scenario
-        Has the truth of the scores.
-    measure : callable, optional
-        Derives further columns.
-    metrics : Metrics
-        Score the image.
-    """
+def run_cell(row: Row, work: Callable[[], Found]) -> Row:
+    """Fill the row of a cell with what its work yields. An exception becomes the reason of a failure."""
     start = time.perf_counter()
     try:
-        image = _imaged(estimator, scenario, observation, metrics)
-        scored = time.perf_counter()
-        shot = MeasuredImage(scenario, observation, estimator, cell.snr_db, image.cloud)
-        extras = {} if measure is None else measure(shot)
+        found, cloud = work()
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        return failed_by(error, cell, len(scenario.truth), time.perf_counter() - start)
-    further = {name: value for name, value in image.scores.items() if name not in COLUMNS}
-    record = Record(
-        **vars(cell),
-        status="ok" if len(image.cloud) else "no_detection",
-        reason="",
-        **{name: image.scores[name] for name in image.scores.keys() - further.keys()},
-        time_estimate_s=image.time_estimate_s,
-        time_score_s=image.time_score_s + time.perf_counter() - scored,
-    )
-    stored = {N_STORED: float(len(image.cloud))} if image.spreads else {}
-    return Outcome(record, image.cloud, {**further, **image.spread_columns(), **stored, **extras})
+        return failed_by(error, row, time.perf_counter() - start)
+    return replace(row, found={"reason": "", **found}, cloud=cloud)
 
 
-def _imaged(
-    estimator: Estimator, scenario: Scenario, observation: Observation, metrics: Metrics
-) -> ScoredImage:
-    """Image of an observation with its scores; of a reference, of the scenario."""
-    if is_reference(estimator):
-        return image_reference(estimator, scenario, metrics)
-    start = time.process_time()
-    cloud = estimate_cloud(estimator, observation, scenario.truth)
-    time_s, estimated = time.process_time() - start, time.perf_counter()
-    scores = metrics.score(CloudPair.of(scenario, cloud))
-    return ScoredImage(cloud, scores, time_s, time.perf_counter() - estimated)
-
-
-def failed_by(error: BaseException, cell: Cell, n_true: int, time_s: float) -> Outcome:
-    """Row of a cell that ended in an exception.
-
-    Parameters
-    ----------
-    n_true : int
-        Points of the truth.
-    time_s : float
-        Time until then.
-
-    Returns
-    -------
-    Outcome
-        Of the status ``killed`` if memory ran out, else ``error``.
-    """
-    status: CellStatus = "killed" if isinstance(error, MemoryError) else "error"
-    return failure(cell, status, describe_error(error), n_true, time_s)
+def failed_by(error: BaseException, row: Row, time_s: float) -> Row:
+    """Row of a cell that ended in an exception: ``killed`` if memory ran out, else ``error``."""
+    return row.failed("killed" if isinstance(error, MemoryError) else "error", describe_error(error), time_s)
 
 
 def describe_error(error: BaseException) -> str:
-    """Type and message of an exception in one line, with the place in a plugin that it comes from.
-
-    Returns
-    -------
-    str
-        Text that can be encoded as UTF-8.
-    """
+    """Type and message of an exception in one line of UTF-8, with the place in a plugin that raised it."""
     try:
         message = str(error)
     except Exception as another:
@@ -144,47 +272,16 @@ def describe_error(error: BaseException) -> str:
     message = " ".join(message[:MAX_MESSAGE].split()) + ("..." if len(message) > MAX_MESSAGE else "")
     # A file name that is not UTF-8 contains surrogates, which no table can hold.
     message = message.replace("\0", "").encode(errors="backslashreplace").decode()
-    told = f"{type(error).__name__}: {message}" if message else type(error).__name__
+    text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     place = error_place(error)
-    return f"{told} ({place})" if place else told
-
-
-def failure(cell: Cell, status: CellStatus, reason: str, n_true: int, time_s: float) -> Outcome:
-    """Row of a cell that failed.
-
-    Parameters
-    ----------
-    status : {"error", "timeout", "killed", "skipped"}
-    n_true : int
-        Points of the truth.
-    time_s : float
-        Time until then.
-
-    Returns
-    -------
-    Outcome
-        With an empty cloud.
-    """
-    record = Record(
-        **vars(cell), status=status, reason=reason, n_true=n_true, n_estimated=0, time_estimate_s=time_s
-    )
-    return Outcome(record, PointCloud.empty())
+    return f"{text} ({place})" if place else text
 
 
 def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
     """Image an observation, and check the shapes and values of the cloud.
 
-    Parameters
-    ----------
-    truth : PointCloud
-        Passed on only to an estimator with `needs_truth`.
-
-    Raises
-    ------
-    TypeError
-        If the estimator returns anything but a `PointCloud`.
-    ValueError
-        If the cloud has wrong shapes, NaN or infinities.
+    `truth` is passed on only to an estimator with `needs_truth`. TypeError if the estimator returns anything
+    but a `PointCloud`; ValueError if the cloud has wrong shapes, NaN or infinities.
     """
     cloud = raw_cloud(estimator, observation, truth)
     # The constructor checks shapes and values, also of a cloud that a plugin has changed.
@@ -192,20 +289,7 @@ def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointC
 
 
 def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation, without further checks of the cloud.
-
-    Parameters
-    ----------
-    truth : PointCloud
-        Passed on only to an estimator with `needs_truth`.
-
-    Raises
-    ------
-    TypeError
-        If the estimator returns anything but a `PointCloud`.
-    ValueError
-        If velocities are unknown.
-    """
+    """Image an observation as `estimate_cloud` does, without further checks than its type and velocities."""
     with plugin_output():
         if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
             cloud = estimator.estimate(observation, truth)

@@ -1,13 +1,11 @@
-"""Records of a run, one for each cell, and the columns of their table."""
+"""Rows of a run, one for each cell, and the columns of their table."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
-
-import pandas as pd
 
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
@@ -16,93 +14,43 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import pandas as pd
+
+    from isacbench.bench.store.provenance import Environment
 
 CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 
 CLOUD_KEYS = ["scenario", "estimator", "params", "snr_db", "trial"]
 DRAW_COLUMNS = ["scenario", "trial", *POINT_COLUMNS, "phase_rad"]
 
+TYPES = {
+    **dict.fromkeys(["suite", "scenario", "estimator", "params"], "str"),
+    "snr_db": "float64",
+    **dict.fromkeys(["trial", "seed"], "int64"),
+    **dict.fromkeys(["status", "reason"], "str"),
+    **dict.fromkeys(["n_true", "n_estimated"], "int64"),
+    **dict.fromkeys(["hausdorff_xy_m", "hausdorff_xz_m", "hausdorff_yz_m"], "float64"),
+    **dict.fromkeys(["density", "velocity_nmse", "deviation", "chamfer_m", "gospa_m"], "float64"),
+    **dict.fromkeys(["time_estimate_s", "precision", "recall", "time_score_s"], "float64"),
+    "hausdorff_sum_m": "float64",
+    "timing": "bool",
+    **dict.fromkeys(["scenario_content", "environment"], "str"),
+}
+"""Columns of every table of results, with their types; a kind of suite appends its own.
 
-@dataclass(frozen=True)
-class Cell:
-    """Key of a row: identifies one image of a run.
+``params`` are the parameters as canonical JSON, ``seed`` is that of the suite. ``status`` is ``ok``,
+``no_detection`` (an empty cloud), or the kind of failure, whose ``reason`` is ``Type: message``. Of a failure
+no points are estimated, and the scores of the metric ``paper`` are NaN. ``n_estimated`` of a reference is the
+rounded mean over its realisations. ``time_estimate_s`` is the processor time of the estimate: of a failure
+the wall time until then, of a timed row the median over its repeats, of a reference that of all its
+realisations. ``time_score_s`` is wall time. ``timing`` tells whether the row was timed: alone, one cell after
+the other, on one thread, warm. ``scenario_content`` is the digest of the content of the scene, and
+``environment`` the name of the environment (machine and versions), which the manifest describes.
+"""
 
-    Attributes
-    ----------
-    suite, scenario, estimator : str
-        Bare names.
-    params : str
-        The estimator's parameters as canonical JSON.
-    scenario_content : str
-        Digest of the content of the scene, part of the cell's identity.
-    """
+COLUMNS = list(TYPES)
 
-    suite: str
-    scenario: str
-    estimator: str
-    params: str
-    snr_db: float
-    trial: int
-    seed: int
-    scenario_content: str
-
-
-@dataclass(frozen=True)
-class Record(Cell):
-    """One row of the results; `COLUMNS` has the order of the columns.
-
-    Attributes
-    ----------
-    status : str
-        ``ok``, ``no_detection`` (an empty cloud), or the kind of failure.
-    reason : str
-        ``Type: message`` of a failure, else empty.
-    n_true, n_estimated : int
-        Points of the truth and of the estimate; 0 estimated for a failure. Of a
-        reference the rounded mean over its realisations.
-    hausdorff_xy_m, ..., recall, hausdorff_sum_m : float
-        Scores of the metric ``paper``, NaN for a failure.
-    time_estimate_s : float
-        Processor time of the estimate, of a failure the wall time until then; of a
-        timed row the median over its repeats; of a reference that of all its realisations.
-    time_score_s : float
-        Wall time of the scoring, NaN for a failure.
-    timing : bool
-        True if the row was timed: alone, one cell after the other, on one
-        thread, warm.
-    environment : str
-        Name of the environment (machine and versions) that made the row; the
-        manifest describes it.
-    """
-
-    status: CellStatus
-    reason: str
-    n_true: int
-    n_estimated: int
-    hausdorff_xy_m: float = math.nan
-    hausdorff_xz_m: float = math.nan
-    hausdorff_yz_m: float = math.nan
-    density: float = math.nan
-    velocity_nmse: float = math.nan
-    deviation: float = math.nan
-    chamfer_m: float = math.nan
-    gospa_m: float = math.nan
-    time_estimate_s: float = math.nan
-    precision: float = math.nan
-    recall: float = math.nan
-    time_score_s: float = math.nan
-    timing: bool = False
-    environment: str = ""
-    hausdorff_sum_m: float = math.nan
-
-
-PROVENANCE = ["timing", "scenario_content", "environment"]
-COLUMNS = [field.name for field in dataclasses.fields(Record) if field.name not in PROVENANCE] + PROVENANCE
-"""Columns of every table of results; a study appends its own."""
-
-TYPES = {field.name: str(field.type) for field in dataclasses.fields(Record)}
-KINDS = {"str": "str", "CellStatus": "str", "int": "int64", "float": "float64", "bool": "bool"}
+PANDAS_TYPES = {str: "str", int: "int64", float: "float64", bool: "bool"}
 
 TIMING_COLUMNS: dict[str, float] = dict.fromkeys(
     [*(f"time_{name}_s" for name in STAGES), "time_spread_s", "peak_memory_mib"], math.nan
@@ -120,69 +68,104 @@ TIMES = ["time_estimate_s", "time_score_s"]
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """Record of a cell, with the cloud that was scored and the columns of the study.
+class Row:
+    """Row of a cell with its cloud, before and after the cell was worked on.
 
     Attributes
     ----------
+    known : mapping of str to Any
+        Columns that are known beforehand: its key, and what every row of the observation has.
+    environment : Environment
+        Description of what made it.
+    found : mapping of str to Any
+        Columns that came out of the cell.
     cloud : PointCloud
         Empty for a failure.
-    extras : mapping of str to Any
-        Values of further columns.
     """
 
-    record: Record
-    cloud: PointCloud
-    extras: Mapping[str, Any] = field(default_factory=dict)
+    known: Mapping[str, Any]
+    environment: Environment
+    found: Mapping[str, Any] = field(default_factory=dict)
+    cloud: PointCloud = field(default_factory=PointCloud.empty)
 
-    def labelled(self, labels: Mapping[str, Any]) -> Outcome:
-        """Add columns that the outcome does not have yet."""
-        return dataclasses.replace(self, extras={**labels, **self.extras})
+    @property
+    def values(self) -> dict[str, Any]:
+        """All its columns that are no default."""
+        return {**self.known, **self.found}
 
-    def made_by(self, environment: str, timing: bool = False) -> Outcome:
-        """Add the environment of the row.
+    @property
+    def status(self) -> CellStatus:
+        """Status of the cell."""
+        status: CellStatus = self.found["status"]
+        return status
 
-        Parameters
-        ----------
-        environment : str
-            Name of the environment.
-        timing : bool
-            True if the row was timed.
-        """
-        record = dataclasses.replace(self.record, environment=environment, timing=timing)
-        return dataclasses.replace(self, record=record)
+    def failed(self, status: CellStatus, reason: str, time_s: float) -> Row:
+        """Row of the same cell if it fails after some time."""
+        found = {"status": status, "reason": reason, "time_estimate_s": time_s}
+        return replace(self, found=found, cloud=PointCloud.empty())
 
 
-def typed(records: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
+def status_of(n_found: int) -> CellStatus:
+    """Status of a cell that found so many things."""
+    return "ok" if n_found else "no_detection"
+
+
+def typed(rows: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
     """Put the columns of a table into their order and their types.
 
     `columns` are those of the study, each with its value for rows without it. The order is that of `COLUMNS`,
-    then those of the study, and then those of `TIMING_COLUMNS` and `REFERENCE_COLUMNS` that the records have.
+    then those of the study, and then those of `TIMING_COLUMNS` and `REFERENCE_COLUMNS` that the rows have.
     """
-    kinds = {name: KINDS[TYPES[name]] for name in COLUMNS}
     optional = {**TIMING_COLUMNS, **REFERENCE_COLUMNS}
-    present = {name: default for name, default in optional.items() if name in records}
-    kinds |= {name: KINDS[type(default).__name__] for name, default in {**columns, **present}.items()}
-    missing = {name: value for name, value in columns.items() if name not in records}
-    table = records.reindex(columns=list(kinds)).assign(**missing)
-    return table.astype(kinds).copy()  # in one piece
+    present = {name: default for name, default in optional.items() if name in rows}
+    further = {name: PANDAS_TYPES[type(default)] for name, default in {**columns, **present}.items()}
+    missing = {name: value for name, value in columns.items() if name not in rows}
+    table = rows.reindex(columns=[*(TYPES | further)]).assign(**missing)
+    return table.astype(TYPES | further).copy()  # in one piece
 
 
-def stored_points(records: pd.DataFrame) -> pd.Series[Any]:
+def stored_points(rows: pd.DataFrame) -> pd.Series[Any]:
     """Number of points of the cloud that is stored for each row; of references ``n_stored``."""
-    if N_STORED not in records:
-        return records["n_estimated"]
-    return records[N_STORED].fillna(records["n_estimated"])
+    if N_STORED not in rows:
+        return rows["n_estimated"]
+    return rows[N_STORED].fillna(rows["n_estimated"])
 
 
-def require_sound_records(records: pd.DataFrame) -> None:
-    """Refuse records whose columns have other types, or a status that this isacbench does not know.
+def require_sound_records(rows: pd.DataFrame) -> None:
+    """Refuse rows whose columns have other types, or a status that this isacbench does not know.
 
     ValueError names the column; any of the columns `COLUMNS` may be missing.
     """
-    records.astype({name: KINDS[TYPES[name]] for name in COLUMNS if name in records})
-    if "status" in records:
+    rows.astype({name: kind for name, kind in TYPES.items() if name in rows})
+    if "status" in rows:
         statuses = get_args(CellStatus)
-        unknown = set(records["status"].unique()) - set(statuses)
+        unknown = set(rows["status"].unique()) - set(statuses)
         if unknown:
             raise ValueError(f"column status: {quoted(unknown.pop())}; allowed are {', '.join(statuses)}")
+
+
+SCORED: tuple[str, ...] = ("ok", "no_detection")
+"""Statuses of cells that have a score. An empty image has a score, too."""
+
+
+def failed(records: pd.DataFrame) -> pd.Series[bool]:
+    """Mark cells that failed.
+
+    Parameters
+    ----------
+    records : DataFrame
+        Rows of a run, with the column ``status``.
+
+    Returns
+    -------
+    Series of bool
+        True if a cell has no score: it raised, ran out of time, was killed,
+        or was skipped. Has the index of the rows.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> failed(pd.DataFrame({"status": ["ok", "no_detection", "timeout"]})).tolist()
+    [False, False, True]
+    """
+    return ~records["status"].isin(SCORED)

@@ -40,8 +40,8 @@ from isacbench.bench.compare.verdicts import (
 )
 from isacbench.bench.compare.worst_scenes import most_changed
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.score_columns import stored_columns
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:

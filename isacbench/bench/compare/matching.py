@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CLOUD_KEYS
-from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.cells.record import CLOUD_KEYS, SCORED
+from isacbench.bench.store.manifest import spell_metric, stored_metrics
 from isacbench.bench.store.resume import differing_versions
-from isacbench.bench.store.score_columns import spell_metric, stored_metrics
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:

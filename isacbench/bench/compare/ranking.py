@@ -32,8 +32,8 @@ from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import without_rounding
 from isacbench.bench.compare.worst_scenes import worst_scenes
 from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.score_columns import stored_columns
 from isacbench.charts import variants_in
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted

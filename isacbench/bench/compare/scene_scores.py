@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.compare.estimator_pairs import spell_apart
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
 from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios

@@ -21,9 +21,8 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, Field
 
-from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.statuses import failed
-from isacbench.bench.cells.timing import Trial
+from isacbench.bench.cells.cell import array_digest
+from isacbench.bench.cells.record import failed, status_of
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind
 from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
 from isacbench.bench.kinds.scenes import (
@@ -62,6 +61,7 @@ from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
 from isacbench.files.file_names import file_stems
 from isacbench.instrument.stages import stage
+from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.radio_coordinates import gain_db
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser
@@ -71,8 +71,8 @@ from isacbench.specifications import spec_variants
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.bench.cells.cell import MeasuredImage
-    from isacbench.bench.cells.record import Cell, Outcome
+    from isacbench.bench.cells.cell import Found, MeasuredImage
+    from isacbench.bench.cells.record import Row
     from isacbench.bench.kinds.scenes import Entry
     from isacbench.charts import Line, Variant
     from isacbench.metrics.descriptions import Direction
@@ -358,29 +358,10 @@ class SharedMap(SharedObservation):
         """Digest of the map."""
         return array_digest(self.power)
 
-    def _outcome(self, cell: Cell, plugin: Detector) -> Outcome:
-        return self._counted_outcome(
-            cell, partial(self._mask, plugin), lambda mask: (int(mask.sum()), self._counts(mask))
-        )
-
-    def _trial(
-        self, plugin: Detector, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        masks: list[Mask] = []
-
-        def detect(_: None) -> Mask:
-            with stage("detection"):
-                return self._mask(plugin)
-
-        def is_same(mask: Mask) -> bool:
-            masks.append(mask)
-            return np.array_equal(mask, masks[0]) and self._counts(mask).items() <= met.extras.items()
-
-        return Trial(before_each, detect), is_same
-
-    def _mask(self, detector: Detector) -> Mask:
+    def call(self, plugin: Detector) -> Mask:
         """Mask of the cells that a detector detects, held to the contract."""
-        detection = detector.detect(self.power)
+        with stage("detection"):
+            detection = plugin.detect(self.power)
         if not isinstance(detection, Detection):
             raise TypeError(f"detect() must return a Detection, not {type(detection).__name__}")
         mask, shape = np.asarray(detection.mask), self.power.shape
@@ -390,8 +371,20 @@ class SharedMap(SharedObservation):
             )
         return mask
 
-    def _counts(self, mask: Mask) -> dict[str, int]:
-        return _counts(mask, self.drawn.targets, self.drawn.clear)
+    def score(self, plugin: Detector, answer: Mask) -> Found:
+        """Count hits and false alarms."""
+        n_found = int(answer.sum())
+        counts = _counts(answer, self.drawn.targets, self.drawn.clear)
+        return {"status": status_of(n_found), "n_estimated": n_found, **counts}, PointCloud.empty()
+
+    def n_differing(self, answers: Sequence[Mask], row: Row) -> int:
+        """Count the masks that differ from the first one, or have other counts than a row."""
+
+        def is_same(mask: Mask) -> bool:
+            counts = _counts(mask, self.drawn.targets, self.drawn.clear)
+            return np.array_equal(mask, answers[0]) and counts.items() <= row.found.items()
+
+        return sum(not is_same(mask) for mask in answers)
 
 
 class MapScene(Scene):
@@ -421,7 +414,7 @@ class MapScene(Scene):
         drawn, target_snr_db = self._drawn_once(trial), gained_snr_db(snr_db, MAP_GAIN_DB)
         power = drawn.power(target_snr_db)
         power.setflags(write=False)
-        return SharedMap(self._cell(snr_db, trial), {"snr_gain_db": target_snr_db}, drawn, power)
+        return SharedMap(self._key(snr_db, trial), {"snr_gain_db": target_snr_db}, drawn, power)
 
 
 def count_cells(shot: MeasuredImage) -> dict[str, int]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds.kind import (
     NO_SCENARIOS,
     SNR_GAIN,

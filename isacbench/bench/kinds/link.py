@@ -19,7 +19,7 @@ import pandas as pd
 from pydantic import AfterValidator
 from scipy.special import bdtr, bdtrc
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, number_tables, title_stems
 from isacbench.bench.kinds.link_users import user_scenes

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.timing import Trial
+from isacbench.bench.cells.cell import array_digest
+from isacbench.bench.cells.record import status_of
 from isacbench.bench.kinds.scenes import Scene, SharedObservation, distinct_entries, entry_of
 from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.errors import InputError, unknown_name
@@ -19,13 +19,15 @@ from isacbench.link.reception.channel_estimation import require_estimable
 from isacbench.link.reception.receiver import Knowledge, expected_ber, receive
 from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
+from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import construct
 from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.record import Cell, Outcome
+    from isacbench.bench.cells.cell import Found
+    from isacbench.bench.cells.record import Row
     from isacbench.bench.kinds.scenes import Entry
     from isacbench.bench.suites.suite import Suite
     from isacbench.choices import Modulation
@@ -73,42 +75,35 @@ class Arrival(SharedObservation):
         """Digest of the frame."""
         return digest([array_digest(self.grid.symbols), array_digest(self.grid.bits)])
 
-    def _outcome(self, cell: Cell, plugin: OneTap) -> Outcome:
-        return self._counted_outcome(cell, partial(self._receive, plugin), partial(self._count, plugin))
+    def call(self, plugin: OneTap) -> Reception:
+        """Receive the frame."""
+        return receive(self.grid, self.system, self.channel, self.key["snr_db"], **self._given(plugin))
 
-    def _trial(
-        self, plugin: OneTap, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        def receive_again(_: None) -> Reception:
-            return self._receive(plugin)
+    def score(self, plugin: OneTap, answer: Reception) -> Found:
+        """Count bits that came out right and wrong, and derive rates and errors."""
+        modulation, n_right = self.grid.modulation, answer.n_bits - answer.n_bit_errors
+        rates = frame_rates(self.system, modulation)
+        ber_expected = expected_ber(
+            modulation, self.system, self.channel, self.key["snr_db"], **self._given(plugin)
+        )
+        return {
+            "status": status_of(n_right),
+            "n_estimated": n_right,
+            "n_bits": answer.n_bits,
+            "n_bit_errors": answer.n_bit_errors,
+            "ber_expected": ber_expected,
+            "rate_bps": float(rates.achievable_rate_bps(min(answer.ber, 0.5))),
+            "evm_db": answer.evm_db,
+            "channel_error_db": answer.channel_error_db,
+        }, PointCloud.empty()
 
-        def is_same(reception: Reception) -> bool:
-            return bool(reception.n_bit_errors == met.extras["n_bit_errors"])
-
-        return Trial(before_each, receive_again), is_same
-
-    def _receive(self, receiver: OneTap) -> Reception:
-        return receive(self.grid, self.system, self.channel, self.cell.snr_db, **self._given(receiver))
+    def n_differing(self, answers: Sequence[Reception], row: Row) -> int:
+        """Count the receptions with other bit errors than a row."""
+        return sum(answer.n_bit_errors != row.found["n_bit_errors"] for answer in answers)
 
     def _given(self, receiver: OneTap) -> dict[str, Any]:
         """Conditions of a reception besides frame, channel and SNR."""
-        return {**dataclasses.asdict(receiver), "trial": self.cell.trial, "seed": self.cell.seed}
-
-    def _count(self, receiver: OneTap, reception: Reception) -> tuple[int, dict[str, Any]]:
-        """Number of bits that came out right, and the columns of a reception."""
-        modulation = self.grid.modulation
-        rates = frame_rates(self.system, modulation)
-        ber_expected = expected_ber(
-            modulation, self.system, self.channel, self.cell.snr_db, **self._given(receiver)
-        )
-        return reception.n_bits - reception.n_bit_errors, {
-            "n_bits": reception.n_bits,
-            "n_bit_errors": reception.n_bit_errors,
-            "ber_expected": ber_expected,
-            "rate_bps": float(rates.achievable_rate_bps(min(reception.ber, 0.5))),
-            "evm_db": reception.evm_db,
-            "channel_error_db": reception.channel_error_db,
-        }
+        return {**dataclasses.asdict(receiver), "trial": self.key["trial"], "seed": self.key["seed"]}
 
 
 class UserScene(Scene):
@@ -147,7 +142,7 @@ class UserScene(Scene):
     def observe(self, snr_db: float, trial: int) -> Arrival:
         """Send a frame, for all receivers."""
         grid = self._drawn_once(trial)
-        return Arrival(self._cell(snr_db, trial), self._labels, grid, self._system, self._channel)
+        return Arrival(self._key(snr_db, trial), self._labels, grid, self._system, self._channel)
 
 
 def user_scenes(

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, labels_of, lines_of, number_tables
 from isacbench.bench.kinds.lone_targets import measure_lone_scatterers
 from isacbench.bench.kinds.objects import object_tables, over_snrs

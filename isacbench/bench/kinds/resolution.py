@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
 import numpy as np
 from pydantic import Field
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds.efficiency import DIMENSION_TITLES
 from isacbench.bench.kinds.kind import (
     NO_SCENARIOS,

@@ -13,30 +13,34 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import estimate_cloud, failed_by, failure, run_cell
-from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.record import DRAW_COLUMNS, Cell, Outcome, Record
-from isacbench.bench.cells.scored_images import PAPER_ALONE
-from isacbench.bench.cells.timing import Trial, timed
+from isacbench.bench.cells.cell import (
+    PAPER_ALONE,
+    MeasuredImage,
+    array_digest,
+    estimate_cloud,
+    image_reference,
+)
+from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, status_of
 from isacbench.bench.plan.labels import variant_label
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.errors import InputError
-from isacbench.model.cloud import PointCloud
+from isacbench.metrics.geometry import CloudPair
 from isacbench.model.echo import Simulator
 from isacbench.model.radio_coordinates import gain_db
-from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.cell import Measure
-    from isacbench.bench.cells.record import CellStatus
+    from isacbench.bench.cells.cell import Found, Measure
+    from isacbench.bench.cells.record import Row
     from isacbench.bench.suites.suite import Suite
+    from isacbench.model.cloud import PointCloud
     from isacbench.model.observation import Observation
     from isacbench.model.scene import Scenario
     from isacbench.plugins.scoring import Metrics
@@ -66,30 +70,20 @@ class Entry(Generic[Plugin]):
     plugin: Plugin
     labels: Mapping[str, Any] = field(default_factory=dict)
 
-    def cell(self, of: Cell) -> Cell:
-        """Key of its row.
-
-        Parameters
-        ----------
-        of : Cell
-            Key that it shares with the other entries.
-        """
-        return dataclasses.replace(of, estimator=self.name, params=self.params)
-
 
 @dataclass(frozen=True, eq=False)
 class SharedObservation(ABC):
-    """Observation that every entry of a scene meets.
+    """Observation that every entry of a scene works on.
 
     Attributes
     ----------
-    cell : Cell
+    key : mapping of str to Any
         Key of its rows, without an entry.
     labels : mapping of str to Any
         Further columns of every row.
     """
 
-    cell: Cell
+    key: Mapping[str, Any]
     labels: Mapping[str, Any]
 
     @property
@@ -102,83 +96,28 @@ class SharedObservation(ABC):
         """Digest of the observation: another one as soon as an entry has changed it."""
 
     @abstractmethod
-    def _outcome(self, cell: Cell, plugin: Any) -> Outcome:
-        """Row of a plugin that meets the observation; an exception becomes its reason."""
+    def call(self, plugin: Any) -> Any:
+        """Let a plugin work on the observation: what is timed."""
 
     @abstractmethod
-    def _trial(
-        self, plugin: Any, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        """Trial to time, and a function that tells whether its result is the one that `met` tells of."""
+    def score(self, plugin: Any, answer: Any) -> Found:
+        """Score the answer of a call."""
 
-    def meet(self, entry: Entry[Any]) -> Outcome:
-        """Let an entry work on the observation.
+    @abstractmethod
+    def n_differing(self, answers: Sequence[Any], row: Row) -> int:
+        """Count the answers of repeated calls that are not the one of a row."""
 
-        Returns
-        -------
-        Outcome
-            A failure with its reason where the entry raises.
-        """
-        return self._labelled(entry, self._outcome(entry.cell(self.cell), entry.plugin))
+    def unread(self) -> Self:
+        """Return an observation of which no entry has read anything."""
+        return self
 
-    def time_repeats(
-        self, entry: Entry[Any], met: Outcome, n: int, before_each: Callable[[], None]
-    ) -> Outcome:
-        """Time repeats of what an entry has made of the observation.
-
-        Parameters
-        ----------
-        met : Outcome
-            Of the entry when it met the observation.
-        n : int
-            Repeats.
-        before_each : callable
-            Called before each repeat.
-
-        Returns
-        -------
-        Outcome
-            With the times of the repeats.
-        """
-        trial, is_same = self._trial(entry.plugin, met, before_each)
-        return self._labelled(entry, timed(met, entry.cell(self.cell), trial, n, is_same))
-
-    def failure_row(self, entry: Entry[Any], status: CellStatus, reason: str, time_s: float) -> Outcome:
-        """Row of an entry that left no other trace.
-
-        Parameters
-        ----------
-        time_s : float
-            Until it failed.
-        """
-        return self._labelled(entry, failure(entry.cell(self.cell), status, reason, self.n_true, time_s))
-
-    def _labelled(self, entry: Entry[Any], outcome: Outcome) -> Outcome:
-        return outcome.labelled({**self.labels, **entry.labels})
-
-    def _counted_outcome(
-        self, cell: Cell, work: Callable[[], Any], count: Callable[[Any], tuple[int, Mapping[str, Any]]]
-    ) -> Outcome:
-        """Row of an entry without a cloud: its work timed, the number that it found, and further columns."""
-        start = time.perf_counter()
-        try:
-            started_s = time.process_time()
-            result = work()
-            time_s = time.process_time() - started_s
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            return failed_by(error, cell, self.n_true, time.perf_counter() - start)
-        n_found, extras = count(result)
-        record = Record(
-            **vars(cell),
-            status="ok" if n_found else "no_detection",
-            reason="",
-            n_true=self.n_true,
-            n_estimated=n_found,
-            time_estimate_s=time_s,
-        )
-        return Outcome(record, PointCloud.empty(), extras)
+    def work(self, plugin: Any) -> Found:
+        """Let a plugin work on the observation, and time and score it."""
+        start = time.process_time()
+        answer = self.call(plugin)
+        time_s = time.process_time() - start
+        columns, cloud = self.score(plugin, answer)
+        return {"time_estimate_s": time_s, **columns}, cloud
 
 
 class Scene(ABC):
@@ -236,10 +175,16 @@ class Scene(ABC):
         """
         return pd.DataFrame(columns=DRAW_COLUMNS)
 
-    def _cell(self, snr_db: float, trial: int) -> Cell:
+    def _key(self, snr_db: float, trial: int) -> dict[str, Any]:
         """Key of the rows of an observation, without an entry."""
-        suite = self._suite
-        return Cell(suite.name, self.name, "", "", snr_db, trial, suite.seed, self.content)
+        return {
+            "suite": self._suite.name,
+            "scenario": self.name,
+            "snr_db": snr_db,
+            "trial": trial,
+            "seed": self._suite.seed,
+            "scenario_content": self.content,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,23 +219,45 @@ class SharedImage(SharedObservation):
         known = *map(_values, (shown.system, shown.array, shown.frame, shown.region)), shown.sensing
         return digest([repr((bounds, known)), *map(array_digest, arrays)])
 
-    def _outcome(self, cell: Cell, plugin: Estimator) -> Outcome:
-        return run_cell(cell, self.scenario, self.observation, plugin, self.measure, self.metrics)
+    def call(self, plugin: Estimator) -> PointCloud:
+        """Image of the observation."""
+        return estimate_cloud(plugin, self.observation, self.scenario.truth)
 
-    def _trial(
-        self, plugin: Estimator, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        def prepare() -> Observation:
-            before_each()
-            return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
+    def score(self, plugin: Estimator, answer: PointCloud) -> Found:
+        """Score an image."""
+        start = time.perf_counter()
+        scores = self.metrics.score(CloudPair.of(self.scenario, answer))
+        columns = {**scores, **self._measured(plugin, answer)}
+        return {**columns, "time_score_s": time.perf_counter() - start}, answer
 
-        def estimate(observation: Observation) -> PointCloud:
-            return estimate_cloud(plugin, observation, self.scenario.truth)
+    def n_differing(self, answers: Sequence[PointCloud], row: Row) -> int:
+        """Count the images that are not that of a row."""
+        cloud = row.cloud.to_array()
+        return sum(not np.array_equal(answer.to_array(), cloud) for answer in answers)
 
-        def is_same(cloud: PointCloud) -> bool:
-            return np.array_equal(cloud.to_array(), met.cloud.to_array())
+    def unread(self) -> Self:
+        """Return the observation without what it remembers."""
+        return dataclasses.replace(self, observation=dataclasses.replace(self.observation))
 
-        return Trial(prepare, estimate), is_same
+    def work(self, plugin: Estimator) -> Found:
+        """Image and score the observation; of a reference, score the realisations of the scenario."""
+        if not is_reference(plugin):
+            return super().work(plugin)
+        image = image_reference(plugin, self.scenario, self.metrics)
+        start = time.perf_counter()
+        measured = self._measured(plugin, image.cloud)
+        return {
+            **image.columns(),
+            N_STORED: float(len(image.cloud)),
+            **measured,
+            "time_estimate_s": image.time_estimate_s,
+            "time_score_s": image.time_score_s + time.perf_counter() - start,
+        }, image.cloud
+
+    def _measured(self, plugin: Estimator, cloud: PointCloud) -> dict[str, Any]:
+        """Status of an image, and further columns."""
+        shot = MeasuredImage(self.scenario, self.observation, plugin, self.key["snr_db"], cloud)
+        return {"status": status_of(len(cloud)), **(self.measure(shot) if self.measure else {})}
 
 
 def _values(part: object) -> tuple[str, object]:
@@ -361,7 +328,7 @@ class ImagedScene(Scene):
         """Observe once, for all estimators."""
         simulator = self._drawn_once(trial if self.is_drawn else 0)
         return SharedImage(
-            self._cell(snr_db, trial),
+            self._key(snr_db, trial),
             {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))},
             simulator.scenario,
             simulator.observe(snr_db, trial, self._suite.seed),

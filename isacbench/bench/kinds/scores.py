@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS, failed
 from isacbench.bench.kinds.kind import SNR_GAIN
 from isacbench.bench.statistics import median_times, student_band
 from isacbench.metrics.paper import PROJECTIONS

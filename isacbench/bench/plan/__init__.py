@@ -1,3 +1,3 @@
 """The plan of a run: cells, blocks, and the job that other processes work on."""
 
-__all__ = ["job", "labels", "run_plan"]
+__all__ = ["labels", "run_plan"]

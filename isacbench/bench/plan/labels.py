@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 Params = Mapping[str, Any]
 
-_NONE = object()
-
 
 def find_limits(records: pd.DataFrame) -> set[str]:
     """Find the estimators of a run that see the truth.
@@ -109,7 +107,7 @@ def _unlike_defaults(defaults: Params | None, own: Params) -> dict[str, Any] | N
     """Parameters that differ from their defaults, None where the defaults are unknown."""
     if defaults is None:
         return None
-    return {key: value for key, value in own.items() if value != defaults.get(key, _NONE)}
+    return {key: value for key, value in own.items() if key not in defaults or value != defaults[key]}
 
 
 def _told(value: Any) -> Any:

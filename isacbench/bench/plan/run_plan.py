@@ -1,12 +1,12 @@
-"""The plan of a run: its cells in the order of the table, and the blocks in which they are worked off.
+"""The plan of a run, and the job: everything that another process needs to work on it, by content.
 
-A cell's position follows from its key alone, so that rows that come from a
+A cell's position in the table follows from its key alone, so that rows that come from a
 file, from another process or in another order find their place.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,12 +17,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.cells.record import DRAW_COLUMNS
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
+from isacbench.model.scenes.scenario import load_scenario
+from isacbench.model.scenes.scene_families import scenario_variants
+from isacbench.plugins.class_code import foreign_classes
+from isacbench.plugins.discovery import local_plugins, register_plugin
+from isacbench.plugins.registry import build_variants
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from isacbench.bench.kinds.scenes import Entry, Scene
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scene import Scenario
+    from isacbench.plugins.discovery import PluginFile, PluginKind
 
 
 class Block(NamedTuple):
@@ -170,17 +182,122 @@ class BlockQueue:
     def blocks(self) -> Iterator[Block]:
         """Blocks for one worker, until no block is left."""
         mine: deque[Block] = deque()
-        while (block := self._next(mine)) is not None:
+        while True:
+            with self._lock:
+                if not mine and self._waiting:
+                    mine = self._waiting.popleft()
+                    self._taken.append(mine)
+                # If no trial is untouched: the last block of the longest queue.
+                fullest = max(self._taken, key=len, default=mine)
+                if not fullest:
+                    return
+                block = mine.popleft() if mine else fullest.pop()
             yield block
 
-    def _next(self, mine: deque[Block]) -> Block | None:
-        with self._lock:
-            if not mine and self._waiting:
-                mine.extend(self._waiting.popleft())
-                if not any(mine is other for other in self._taken):
-                    self._taken.append(mine)
-            if mine:
-                return mine.popleft()
-            # No trial is untouched: take the last block of the longest queue.
-            fullest = max(self._taken, key=len, default=mine)
-            return fullest.pop() if fullest else None
+
+class EntryKey(NamedTuple):
+    """Key of an entry of a scene.
+
+    Attributes
+    ----------
+    owner : tuple of str
+        Its classes that are not of isacbench: they have a process of their own.
+    """
+
+    name: str
+    params: str
+    owner: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A suite with its scenarios and the plugins that come from files.
+
+    Attributes
+    ----------
+    scenarios : mapping of str to Scenario
+        By name.
+    """
+
+    suite: Suite
+    scenarios: Mapping[str, Scenario]
+    plugins: tuple[PluginFile, ...] = ()
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Scenes that the suite's study makes of the scenarios, and their cells.
+
+        Raises
+        ------
+        InputError
+            If the suite cannot be run on them, or names an unknown plugin.
+        """
+        for plugin in self.plugins:
+            register_plugin(plugin)
+        scenes = kind_of(self.suite).scenes(self.suite, self.scenarios)
+        for name, n in Counter(scene.name for scene in scenes).items():
+            if n > 1:
+                raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")
+        return Plan(scenes, self.suite.trials)
+
+    @cached_property
+    def keys(self) -> list[list[EntryKey]]:
+        """Keys of the entries of each scene, which another process knows without making the plan."""
+        return [
+            [EntryKey(one.name, one.params, foreign_classes(one.plugin)) for one in scene.entries]
+            for scene in self.plan.scenes
+        ]
+
+    @cached_property
+    def parts(self) -> dict[tuple[str, ...], Job]:
+        """Jobs by the owner of entries: each has at least these, and imports no code of others for them."""
+        owners = dict.fromkeys(key.owner for keys in self.keys for key in keys)
+        return {owner: self._of_owner(owner) for owner in owners}
+
+    def _of_owner(self, owner: tuple[str, ...]) -> Job:
+        kinds: tuple[tuple[str, PluginKind], ...] = ("estimators", "estimator"), ("detectors", "detector")
+        changes = {key: self._texts_of(owner, key, kind) for key, kind in kinds if hasattr(self.suite, key)}
+        metrics = kind_of(self.suite).metrics_of(self.suite).further
+        needed = {*owner}.union(*map(foreign_classes, metrics))
+        files = [
+            one for one in self.plugins if any(name.startswith(f"{one.module_name}.") for name in needed)
+        ]
+        part = Job(self.suite.replace(**changes), self.scenarios, tuple(files))
+        vars(part)["keys"] = self.keys
+        return part
+
+    def _texts_of(self, owner: tuple[str, ...], key: str, kind: PluginKind) -> list[str]:
+        """Spell the plugins of the suite that have no classes but the owner's; all if there are none."""
+        built: list[tuple[str, Any]] = []
+        for text in getattr(self.suite, key):
+            own = self.suite.instances.get(text)
+            built += build_variants(kind, text) if own is None else [(text, own)]
+        return [text for text, plugin in built if {*owner} >= {*foreign_classes(plugin)}] or [
+            text for text, _ in built
+        ]
+
+    def draws(self) -> pd.DataFrame:
+        """Scatterers that the scenes drew."""
+        tables = [table for scene in self.plan.scenes if len(table := scene.draws(self.suite.trials))]
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=DRAW_COLUMNS)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave the plan behind: another process makes its own, with its own plugins."""
+        return {key: value for key, value in vars(self).items() if key != "plan"}
+
+
+def load_job(suite: Suite) -> Job:
+    """Load the scenarios of a suite, and take the plugins from files that are registered.
+
+    Raises
+    ------
+    InputError
+        If a scenario is unknown, wrong, or one of two with the same name.
+    """
+    loaded: dict[str, Scenario] = {}
+    for name_or_path in (name for listed in suite.scenarios for name in scenario_variants(listed)):
+        scenario = load_scenario(name_or_path)
+        if scenario.name in loaded:
+            raise InputError(f"scenarios: {name_or_path!r} repeats the name {scenario.name!r}")
+        loaded[scenario.name] = scenario
+    return Job(suite, loaded, local_plugins())

@@ -16,14 +16,15 @@ from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, typed
 from isacbench.bench.store.manifest import (
     ENTRIES,
     RUN_KEYS,
+    SCORES,
     build_manifest,
     describe_session,
     restore_plan,
+    row_columns,
 )
 from isacbench.bench.store.resume import differing_versions
 from isacbench.bench.store.run import Run, Scenes
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
-from isacbench.bench.store.score_columns import SCORES, row_columns
 from isacbench.bench.suites.scenario_digest import canonical_json
 from isacbench.bench.suites.suite_kinds import restore_suite
 from isacbench.errors import InputError

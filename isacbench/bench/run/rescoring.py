@@ -10,20 +10,22 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.cells.record import N_STORED
-from isacbench.bench.cells.scored_images import image_reference
-from isacbench.bench.cells.statuses import failed
-from isacbench.bench.store.manifest import describe_session, read_manifest
+from isacbench.bench.cells.cell import MeasuredImage, image_reference
+from isacbench.bench.cells.record import N_STORED, failed
+from isacbench.bench.store.manifest import (
+    SCORES,
+    describe_scores,
+    describe_session,
+    metrics_of,
+    read_manifest,
+)
 from isacbench.bench.store.run import Run, rows_by_trial
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
@@ -116,10 +118,6 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
             "`isacbench run` into the folder makes them again"
         )
 
-    @cache
-    def reference_of(name: str, params: str) -> ReferenceEstimator:
-        return _reference(run.label, name, params)
-
     columns, scored = kind_of(run.suite).columns, {}
     for (name, trial), inside in rows_by_trial(rows.iloc[chosen]).items():
         scenario = run.observed(name, trial)
@@ -128,8 +126,8 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
             if pd.isna(row.get(N_STORED, math.nan)):
                 scores = metrics.score(CloudPair.of(scenario, cloud))
             else:  # means over realisations, with their spreads
-                image = image_reference(reference_of(row["estimator"], row["params"]), scenario, metrics)
-                scores = {**image.scores, **image.spread_columns()}
+                reference = _reference(run.label, row["estimator"], row["params"])
+                scores = image_reference(reference, scenario, metrics).columns()
             shot = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
             scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Generator, Iterable, Sequence
+from collections.abc import Collection, Generator, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -13,37 +13,37 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from isacbench.bench.cells.cell import repeats_wanted
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, typed
-from isacbench.bench.cells.timing import repeats_wanted
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.run_plan import Shard
+from isacbench.bench.plan.run_plan import Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.manifest import (
+    SCORES,
     build_manifest,
     describe_run,
     describe_session,
+    metrics_of,
+    require_same_scores,
+    row_columns,
     with_sessions,
     write_manifest,
 )
 from isacbench.bench.store.resume import Rerun, parse_reruns, rows_to_keep
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
-from isacbench.bench.store.score_columns import describe_scores, metrics_of, require_same_scores, row_columns
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
-from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard
-from isacbench.bench.workers.local_workers import work_alone, work_guarded, work_here
+from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
-    from isacbench.bench.plan.job import Job
-    from isacbench.bench.plan.run_plan import Block, Plan
-    from isacbench.bench.store.provenance import Made
+    from isacbench.bench.cells.record import Row
+    from isacbench.bench.plan.run_plan import Block, Job
     from isacbench.plugins.contracts import Estimator
 
 
@@ -258,26 +258,42 @@ def run_suite(
     job = load_job(suite)
     started, tick = datetime.now().astimezone(), time.perf_counter()
     options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
-    columns, plan = _columns(job), job.plan
+    plan = job.plan
+    wanted = np.ones(plan.n_cells, dtype=np.bool_) if execution.shard is None else plan.shard(execution.shard)
     with open_folder(out) as folder:
         stored = Run.recover(folder)
-        kept = _kept(stored, job, execution)
-        blocks, n_kept = _blocks_left(plan, kept, execution.shard)
-        earlier = stored.manifest.get("sessions", [])
-        with closing(_made(job, blocks, execution)) as outcomes:
+        kept = _kept(stored, job, execution, wanted)
+        todo = wanted.copy()
+        todo[plan.positions(kept.rows)] = False
+        earlier, described = stored.manifest.get("sessions", []), describe_run(job)
+        columns = row_columns(suite, described[SCORES]["columns"])
+        with closing(_work(job, plan.blocks(todo), execution)) as rows:
             sessions = [*earlier, describe_session(started, 0.0, True, options)]
-            manifest = build_manifest(describe_run(job), kept.environments, sessions)
-            _begin(folder, job, kept.changed(manifest=manifest), is_less=len(kept.rows) < len(stored.rows))
+            manifest = build_manifest(described, kept.environments, sessions)
+            # The rows of an earlier call are in the tables before its journal is removed, so that a kill at
+            # any moment loses none.
+            path = folder / JOURNAL
+            if len(kept.rows) < len(stored.rows) or (path.exists() and len(kept.rows)):
+                kept.changed(rows=typed(kept.rows, columns)).save_rows(folder)
+            write_truth(folder, job.scenarios)
+            write_manifest(folder, manifest)
+            path.unlink(missing_ok=True)
             has_reference = any(is_reference(one.plugin) for one in plan.entries)
             further = {
                 **columns,
                 **(TIMING_COLUMNS if execution.is_timing else {}),
                 **(REFERENCE_COLUMNS if has_reference else {}),
             }
-            with closing(Journal(folder / JOURNAL, further)) as journal:
-                n_cells = n_kept + sum(len(block.entries) for block in blocks)
-                interrupted = _work(outcomes, journal, n_kept, n_cells, progress)
-        found = Run.joined([kept, Run.of_journal(folder / JOURNAL)])
+            interrupted, n_done = False, int(np.sum(wanted & ~todo))
+            with closing(Journal(path, further)) as journal:
+                try:
+                    for n, row in enumerate(rows, start=n_done + 1):
+                        journal.append(row)
+                        if progress is not None:
+                            progress(n, int(wanted.sum()))
+                except KeyboardInterrupt:
+                    interrupted = True
+        found = Run.joined([kept, Run.of_journal(path)])
         found = found.take(np.argsort(plan.positions(found.rows), kind="stable"))
         clouds, wall_time_s = found.lent_clouds(), time.perf_counter() - tick
         sessions = [*earlier, describe_session(started, wall_time_s, interrupted, options)]
@@ -295,67 +311,23 @@ def run_suite(
     return run
 
 
-def _columns(job: Job) -> dict[str, Any]:
-    """Columns of the rows of a job besides those of every run."""
-    scores = describe_scores(metrics_of(job.suite), job.scenarios.values())
-    return row_columns(job.suite, scores["columns"])
-
-
-def _kept(stored: Run, job: Job, execution: Execution) -> Run:
+def _kept(stored: Run, job: Job, execution: Execution, wanted: NDArray[np.bool_]) -> Run:
     """Stored rows that the run goes on with."""
-    part = None if execution.shard is None else job.plan.shard(execution.shard)
     rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
     try:
         if len(stored.rows):
             require_same_scores(stored.manifest, metrics_of(job.suite))
-        return rows_to_keep(stored, job.plan, job.suite, rerun, mix_versions, part, timing)
+        return rows_to_keep(stored, job.plan, job.suite, rerun, mix_versions, wanted, timing)
     except InputError as error:
         raise InputError(f"{stored.label}: {error}") from error
 
 
-def _blocks_left(plan: Plan, kept: Run, shard: Shard | None) -> tuple[list[Block], int]:
-    """Blocks that are still to be run, and the number of cells that are done."""
-    wanted = np.ones(plan.n_cells, dtype=np.bool_) if shard is None else plan.shard(shard)
-    todo = wanted.copy()
-    todo[plan.positions(kept.rows)] = False
-    return plan.blocks(todo), int(np.sum(wanted & ~todo))
-
-
-def _begin(folder: Path, job: Job, kept: Run, is_less: bool) -> None:
-    """Write the kept rows, the scenarios and the manifest, and then remove the journal of an earlier call.
-
-    Its rows are in the tables by then, so that a kill at any moment loses none.
-    """
-    journal = folder / JOURNAL
-    if is_less or (journal.exists() and len(kept.rows)):
-        kept.changed(rows=typed(kept.rows, _columns(job))).save_rows(folder)
-    write_truth(folder, job.scenarios)
-    write_manifest(folder, kept.manifest)
-    journal.unlink(missing_ok=True)
-
-
-def _work(
-    outcomes: Iterable[Made], journal: Journal, n_kept: int, n_cells: int, progress: Progress | None
-) -> bool:
-    """Write every outcome into the journal as soon as it is made; True if an interrupt ended it early."""
-    try:
-        for n_done, made in enumerate(outcomes, start=n_kept + 1):
-            journal.append(made)
-            if progress is not None:
-                progress(n_done, n_cells)
-    except KeyboardInterrupt:
-        return True
-    return False
-
-
-def _made(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Made, None, None]:
-    """Outcomes of blocks from this process, from workers or from a cluster, which is connected at once."""
+def _work(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Row, None, None]:
+    """Rows of blocks from this process, from workers or from a cluster, which is connected at once."""
     if execution.dask is not None:
         from isacbench.bench.workers.cluster import work_on_cluster  # an optional dependency
 
         return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
     if execution.n_jobs is None:
         return work_here(job, blocks, execution.repeats)
-    if execution.repeats is not None:
-        return work_alone(job, blocks, execution.guard, execution.repeats)
-    return work_guarded(job, blocks, execution.guard, execution.n_jobs)
+    return work_guarded(job, blocks, execution.guard, execution.n_jobs, execution.repeats)

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import zlib
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.run_folder import cannot_be_written
+from isacbench.bench.store.tables import CloudArray
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from isacbench.bench.store.provenance import Environment, Made
+    from isacbench.bench.cells.record import Row
+    from isacbench.bench.store.provenance import Environment
 
 MOST_ROWS = 10_000
 """Rows that are read before they become a table, which takes less memory."""
@@ -35,12 +36,12 @@ MOST_ROWS = 10_000
 class Journal:
     """Journal that is open for writing into a new file.
 
-    `columns` are those of the study, each with its value where an outcome has none. What cannot be written is
+    `columns` are those of the study, each with its value where a row has none. What cannot be written is
     an `InputError`.
     """
 
     def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
-        self._columns = columns
+        self._columns = {**dict.fromkeys(COLUMNS, math.nan), **columns}
         self._environments: set[str] = set()
         self._path = path
         try:
@@ -48,21 +49,20 @@ class Journal:
             self._file = path.open("xb", buffering=0)
         except OSError as error:
             raise cannot_be_written(path, error) from error
-        self._write({"columns": [*COLUMNS, *columns]})
+        self._write({"columns": [*self._columns]})
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
-    def append(self, made: Made) -> None:
+    def append(self, row: Row) -> None:
         """Write a row and its cloud."""
-        record, cloud, extras = made.outcome.record, made.outcome.cloud, made.outcome.extras
-        if record.environment not in self._environments:
-            self._environments.add(record.environment)
-            self._write({"environment": record.environment, "is": made.environment})
-        values = [*attrgetter(*COLUMNS)(record), *(extras.get(name, x) for name, x in self._columns.items())]
-        points = base64.b64encode(cloud.to_array().astype("<f8").tobytes()).decode("ascii")
-        self._write({"row": values, "cloud": points})
+        values = row.values
+        if (name := values["environment"]) not in self._environments:
+            self._environments.add(name)
+            self._write({"environment": name, "is": row.environment})
+        points = base64.b64encode(row.cloud.to_array().astype("<f8").tobytes()).decode("ascii")
+        self._write({"row": [values.get(*one) for one in self._columns.items()], "cloud": points})
 
     def _write(self, entry: Mapping[str, Any]) -> None:
         text = json.dumps(entry, separators=(",", ":"), default=np.generic.item).encode()

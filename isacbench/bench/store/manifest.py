@@ -1,15 +1,18 @@
-"""The manifest of a run: what was run, by which calls, in which environments, and its plan."""
+"""The manifest of a run: what was run and scored, by which calls, in which environments, and its plan."""
 
 from __future__ import annotations
 
 import json
+import math
 import platform
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import isacbench
+from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Plan
 from isacbench.bench.store.provenance import (
@@ -20,19 +23,88 @@ from isacbench.bench.store.provenance import (
     plugin_version,
 )
 from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
-from isacbench.bench.store.score_columns import SCORES, describe_scores, metrics_of
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
+from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_inside, require_utf8
 from isacbench.files.escaping import visible
+from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.model.scenes.scene_families import spelled_scenarios
+from isacbench.plugins.scoring import Metrics, object_kinds
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from datetime import datetime
 
-    from isacbench.bench.plan.job import Job
+    from isacbench.bench.plan.run_plan import Job
     from isacbench.bench.store.provenance import Environment
+    from isacbench.bench.suites.suite import Suite
+    from isacbench.model.scene import Scenario
+
+SCORES = "scores"
+"""Key of a manifest with the metrics and their columns."""
+
+
+def metrics_of(suite: Suite) -> Metrics:
+    """Metrics that images of a suite are scored by."""
+    return kind_of(suite).metrics_of(suite)
+
+
+def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:
+    """Describe metrics and their columns for a manifest; scenarios have the kinds of objects."""
+    kinds = sorted({kind for scenario in scenarios for kind in object_kinds(scenario)})
+    columns = {name: asdict(column) for name, column in metrics.columns(kinds).items()}
+    for column in columns.values():
+        if column["empty"] is not None and math.isnan(column["empty"]):
+            column["empty"] = "none"  # JSON has no NaN
+    return {"metrics": metrics.described(), "columns": columns}
+
+
+def stored_columns(manifest: Mapping[str, Any]) -> dict[str, ScoreColumn]:
+    """Columns of the scores of a run by their names in rows, as its manifest describes them."""
+    return {
+        name: ScoreColumn(**{**column, "empty": math.nan if column["empty"] == "none" else column["empty"]})
+        for name, column in manifest[SCORES]["columns"].items()
+    }
+
+
+def row_columns(suite: Suite, described: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns that the rows of a run have besides `COLUMNS`, each with its value for rows without it.
+
+    `described` are its scores, as `describe_scores` or `stored_columns` have them, by the names of columns.
+    """
+    further = [name for name in described if name not in COLUMNS]
+    return {"label": "", **kind_of(suite).columns, **dict.fromkeys(further, math.nan)}
+
+
+def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
+    """Refuse a run whose cells were scored by other metrics, or other versions of them, naming the metric."""
+    if SCORES not in manifest:  # damaged
+        return
+    wanted, stored = metrics.described(), stored_metrics(manifest)
+    for name in wanted | stored:
+        if wanted.get(name) != stored.get(name):
+            found, now = (
+                spell_metric(each[name]) if name in each else "not at all" for each in (stored, wanted)
+            )
+            raise InputError(
+                f"its cells were scored by the metric {name}: {found}, wanted: {now}; "
+                + ("rescore it first (isacbench rescore)" if name in wanted else f"add --metric {name}")
+                + ", or use a new folder"
+            )
+
+
+def stored_metrics(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Version and parameters of the metrics of a run, by name."""
+    found: dict[str, dict[str, Any]] = manifest[SCORES]["metrics"]
+    return found
+
+
+def spell_metric(metric: Mapping[str, Any]) -> str:
+    """Spell version and parameters of a metric."""
+    params = "".join(f", {key} = {value}" for key, value in metric["params"].items())
+    return f"version {metric['version']}{params}"
+
 
 RUN_KEYS = ("seed", "suite", SCORES, "estimators", "scenarios", "scenes")
 """Keys of a manifest that describe the content of the run, not the calls that worked on it."""

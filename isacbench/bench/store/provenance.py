@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_info
 
@@ -29,7 +29,6 @@ from isacbench.plugins.code_files import (
 from isacbench.plugins.discovery import GROUPS, entries, local_plugins
 
 if TYPE_CHECKING:
-    from isacbench.bench.cells.record import Outcome
     from isacbench.plugins.contracts import Detector, Estimator
 
 Environment = dict[str, Any]
@@ -186,10 +185,3 @@ def _processor() -> str:
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.processor() or platform.machine())
-
-
-class Made(NamedTuple):
-    """Outcome with the description of its environment; the record has the environment's name."""
-
-    outcome: Outcome
-    environment: Environment

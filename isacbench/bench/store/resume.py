@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.statuses import failed
+from isacbench.bench.cells.record import failed
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.store.provenance import environment_id, environment_of
 from isacbench.errors import InputError, unknown_name

@@ -16,19 +16,23 @@ from isacbench.bench.cells.record import (
     CLOUD_KEYS,
     COLUMNS,
     DRAW_COLUMNS,
+    SCORED,
     require_sound_records,
     stored_points,
     typed,
 )
-from isacbench.bench.cells.statuses import SCORED
 from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store import run_folder as files
-from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.journal import read_journal
-from isacbench.bench.store.manifest import read_manifest, write_manifest
+from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
 from isacbench.bench.store.run_folder import DAMAGE, damage_text, damage_told, replacing
-from isacbench.bench.store.score_columns import SCORES, row_columns, stored_columns
-from isacbench.bench.store.tables import read_table, without_formulas, write_csv_table, write_table
+from isacbench.bench.store.tables import (
+    CloudArray,
+    read_table,
+    without_formulas,
+    write_csv_table,
+    write_table,
+)
 from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.display import Description, Displayed, span

@@ -1,36 +1,41 @@
-"""Blocks processed on a Dask cluster: the same guarded cells, on the workers of other machines.
+"""Blocks worked off on a Dask cluster: the same guarded cells, on the workers of other machines.
 
-A task is a few cells of one trial of a scene. After a while it returns the rows
-that it has made and the cells that are left. So rows arrive as they are made, the
-loss of a worker costs seconds, and tasks take the same time whatever a cell costs.
-At the end, cells of tasks in which workers died run again one at a time, to find
-those that kill workers.
+A task is the blocks of one trial of a scene, which share its echo, or one block where trials are few. It has
+guarded processes of its own: the Dask worker itself never imports a plugin, and an order arrives by content.
+At the end, cells of tasks in which workers died run again one at a time, to find those that kill workers.
 """
 
 from __future__ import annotations
 
+import asyncio
 import logging
-import math
+import multiprocessing
+import os
+import pickle
 import time
-from collections import deque
+import uuid
+import zlib
+from collections import defaultdict, deque
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from itertools import groupby
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from isacbench.bench.workers.cluster_worker import Batch, WorkOrder, check_worker, stop, work
-from isacbench.bench.workers.workbench import Workbench
+from isacbench.bench.store.resume import differing_versions, versions_now
+from isacbench.bench.workers.guarded_cells import Lane, Workbench
 from isacbench.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
+    from collections.abc import Generator, Iterator, Mapping, Sequence
 
     from distributed import Client, Future
 
-    from isacbench.bench.plan.job import Job
-    from isacbench.bench.plan.run_plan import Block
-    from isacbench.bench.store.provenance import Made
+    from isacbench.bench.cells.record import Row
+    from isacbench.bench.plan.run_plan import Block, Job
     from isacbench.bench.workers.guarded_cells import Guard
+
+    Piece = tuple[Block, ...]
 
 WAIT_S = 30.0
 """Longest time in s that a run waits for an answer of the scheduler, or for a worker."""
@@ -43,92 +48,134 @@ TASKS_A_THREAD = 2
 NOISY = ("distributed", "tornado", "asyncio")
 """Loggers that print what this module already reports as an error."""
 
+GONE = "the scheduler is gone"
+
+
+@dataclass(frozen=True)
+class WorkOrder:
+    """Request of a run to every worker, small enough for each task to carry it.
+
+    Attributes
+    ----------
+    token : str
+        Name by which workers know the run again.
+    versions : mapping of (str, str) to Any
+        Versions that rows must have, by name and parameters of the entry; unless they may be mixed.
+    """
+
+    token: str
+    packed_job: bytes
+    guard: Guard
+    versions: Mapping[tuple[str, str], Any]
+    mix_versions: bool = False
+
+    @classmethod
+    def of_job(cls, job: Job, guard: Guard, mix_versions: bool = False) -> WorkOrder:
+        """Make the order for a job, with the versions of this process."""
+        job.parts  # noqa: B018  which the worker itself cannot make, for it imports no plugin
+        packed = zlib.compress(pickle.dumps(job))
+        return cls(uuid.uuid4().hex, packed, guard, versions_now(job.plan), mix_versions)
+
+    @contextmanager
+    def lane(self) -> Iterator[Lane]:
+        """Start processes for the cells of the order, which end with the context.
+
+        InputError if one lacks a plugin of the order, or has other versions.
+        """
+        # A nanny has made the worker a daemon, which may not have children. And memory that goes back to
+        # the system at once makes an estimator take more than twice as long.
+        multiprocessing.current_process().daemon = False
+        os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
+        with Lane(pickle.loads(zlib.decompress(self.packed_job)), self.guard) as lane:
+            _busy[self.token].add(lane)
+            try:
+                self._require_fit(lane)
+                yield lane
+            finally:
+                _busy[self.token].discard(lane)
+
+    def _require_fit(self, lane: Lane) -> None:
+        """Refuse processes that would make other rows than the run's."""
+        try:
+            found = lane.versions()
+            for (name, params), wanted in self.versions.items():
+                if (name, params) not in found:
+                    there = " or ".join(params for other, params in found if other == name) or "none"
+                    raise InputError(f"{name} has the parameters {there} instead of {params}")
+                if found[name, params] != wanted and not self.mix_versions:
+                    raise InputError(f"{name}: {', '.join(differing_versions(found[name, params], wanted))}")
+        except InputError as error:
+            raise InputError(
+                f"{error}; install the same isacbench and plugins on all workers before starting them"
+            ) from error
+
+
+# The functions below run in the Dask worker.
+
+_busy: defaultdict[str, set[Lane]] = defaultdict(set)
+"""Processes at work, by the token of their order."""
+
+
+def work(order: WorkOrder, blocks: Sequence[Block]) -> list[Row]:
+    """Work off blocks: the Dask task."""
+    with order.lane() as lane:
+        return list(lane.work(blocks))
+
+
+async def check_worker(order: WorkOrder) -> None:
+    """Find out whether `work` can start its processes, at the same time as the worker's tasks."""
+    await asyncio.to_thread(work, order, ())
+
+
+async def stop(token: str) -> None:
+    """End all processes of an order, at the same time as the worker's tasks."""
+    for lane in _busy.pop(token, set()):
+        await asyncio.to_thread(lane.stop)
+
+
+# The functions below run in the process of the run.
+
 
 def work_on_cluster(
     job: Job, blocks: Sequence[Block], guard: Guard, address: str, mix_versions: bool = False
-) -> Generator[Made, None, None]:
-    """Process blocks on the workers of a Dask scheduler.
+) -> Generator[Row, None, None]:
+    """Work off blocks on the workers of a Dask scheduler; rows come in the order in which they are done.
 
-    Scheduler and workers are checked before this returns.
-
-    Parameters
-    ----------
-    job : Job
-        Sent to the workers with all its content.
-    guard : Guard
-        Limits of every cell.
-    address : str
-        Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
-    mix_versions : bool
-        Whether workers may have other versions than this process.
-
-    Returns
-    -------
-    generator of Made
-        In the order in which cells are done. A cell that several workers in a
-        row die of is ``killed``.
-
-    Raises
-    ------
-    InputError
-        If the package `distributed` is missing, there is no scheduler or no
-        worker, or a worker lacks a plugin or has another version of it; from
-        the generator also if the cluster is lost meanwhile.
+    Scheduler and workers are checked before this returns. A cell that several workers in a row die of is
+    ``killed``. InputError if the package `distributed` is missing, there is no scheduler or no worker, or a
+    worker lacks a plugin or has another version of it; also later, if the cluster is lost.
     """
     if not blocks:
-        nothing: tuple[Made, ...] = ()
-        return (made for made in nothing)
-    order = WorkOrder.of_job(job, guard, mix_versions)
+        nothing: tuple[Row, ...] = ()
+        return (row for row in nothing)
     with ExitStack() as stack:
         stack.enter_context(_quiet())
+        order = WorkOrder.of_job(job, guard, mix_versions)
         cluster = stack.enter_context(_connected(address, order))
         cluster.check()
-        return _work(cluster, job, blocks, stack.pop_all())
+        return _rows(cluster, job, blocks, stack.pop_all())
 
 
-def _work(
+def _rows(
     cluster: _Cluster, job: Job, blocks: Sequence[Block], stack: ExitStack
-) -> Generator[Made, None, None]:
-    suspects: list[Block] = []
+) -> Generator[Row, None, None]:
     with stack:
-        for piece, batch in cluster.work(blocks):
-            if batch is None:
+        trials = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
+        pieces = trials if len(trials) >= cluster.n_tasks() else [(block,) for block in blocks]
+        suspects: list[Block] = []
+        for piece, rows in cluster.work(pieces):
+            if rows is None:
                 suspects += [block._replace(entries=(entry,)) for block in piece for entry in block.entries]
             else:
-                yield from batch.made
+                yield from rows
         # Any cell of a task may have killed the worker; one cell alone shows whether it does.
         for suspect in suspects:
-            for (block,), batch in cluster.work([suspect]):
-                yield from _killed(job, block) if batch is None else batch.made
-
-
-def _killed(job: Job, block: Block) -> Iterator[Made]:
-    """Rows of cells that killed their workers; the scene is observed here, because a row needs it."""
-    workbench = Workbench(job)
-    workbench.observe(block)
-    for entry in block.entries:
-        yield workbench.failure_row(entry, "killed", "several Dask workers died in this cell", 0.0)
-
-
-def take_piece(pieces: deque[tuple[Block, ...]], n_wanted: int) -> tuple[Block, ...]:
-    """Take the first piece of the work, or a part of it if there are fewer pieces than wanted.
-
-    Parameters
-    ----------
-    pieces : deque of tuple of Block
-        Not empty; what is taken is removed from it.
-
-    Examples
-    --------
-    >>> pieces = deque([(1, 2, 3)])
-    >>> take_piece(pieces, 2), take_piece(pieces, 1)
-    ((1, 2), (3,))
-    """
-    piece = pieces.popleft()
-    size = math.ceil(len(piece) / max(n_wanted - len(pieces), 1))
-    if size < len(piece):
-        pieces.appendleft(piece[size:])
-    return piece[:size]
+            for _, rows in cluster.work([(suspect,)]):
+                if rows is not None:
+                    yield from rows
+                else:  # the scene is observed here, because a row needs it
+                    (row,) = Workbench(job).observe(suspect).values()
+                    yield row.failed("killed", "several Dask workers died in this cell", 0.0)
 
 
 class _Cluster:
@@ -136,43 +183,39 @@ class _Cluster:
 
     def __init__(self, client: Client, address: str, order: WorkOrder) -> None:
         self._client, self._address, self._order = client, address, order
-        self._done: SimpleQueue[Future[Batch]] = SimpleQueue()
-        self._running: dict[Future[Batch], tuple[Block, ...]] = {}
+        self._done: SimpleQueue[Future[list[Row]]] = SimpleQueue()
+        self._running: dict[Future[list[Row]], Piece] = {}
         self._last_alive_s = time.monotonic()
         self._is_lost = False
 
     def check(self) -> None:
-        """Wait for a worker, and check on every worker that it can do the work.
-
-        Raises
-        ------
-        InputError
-            If there is no worker, or one cannot do the work, with the reason.
-        """
+        """Wait for a worker; InputError if there is none, or one cannot do the work, with the reason."""
         try:
             self._client.wait_for_workers(1, timeout=WAIT_S)
         except TimeoutError as error:
-            raise InputError(f"dask {self._address}: {self._no_worker()}") from error
+            raise self._error(self._no_worker()) from error
         answers = self._client.run(check_worker, self._order, on_error="return")
         for worker, fault in answers.items():
             if fault is not None:
                 raise self._refused(f"worker {worker}", fault)
 
-    def work(self, blocks: Sequence[Block]) -> Iterator[tuple[tuple[Block, ...], Batch | None]]:
-        """Process blocks in pieces; the blocks of a piece share echo and noise of one trial of a scene.
+    def work(self, pieces: Sequence[Piece]) -> Iterator[tuple[Piece, list[Row] | None]]:
+        """Work off pieces, a task each; yields them with their rows, or with None if workers died in it."""
+        waiting = deque(pieces)
+        while waiting or self._running:
+            n_tasks = self.n_tasks()
+            while waiting and len(self._running) < n_tasks:
+                piece = waiting.popleft()
+                future = self._client.submit(work, self._order, piece, pure=False, key=None)
+                self._running[future] = piece
+                future.add_done_callback(self._done.put)
+            with suppress(Empty):
+                future = self._done.get(timeout=POLL_S)
+                yield self._running.pop(future), self._rows_of(future)
 
-        Yields pieces, each with its batch, or with None if workers died in it.
-        """
-        pieces = deque(tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
-        while pieces or self._running:
-            n_tasks = TASKS_A_THREAD * max(self._n_threads(), 1)
-            while pieces and len(self._running) < n_tasks:
-                self._submit(take_piece(pieces, n_tasks - len(self._running)))
-            future = self._next_done()
-            piece, batch = self._running.pop(future), self._batch(future)
-            if batch is not None and batch.rest:
-                pieces.appendleft(batch.rest)
-            yield piece, batch
+    def n_tasks(self) -> int:
+        """Tasks that workers have at a time."""
+        return TASKS_A_THREAD * max(self._n_threads(), 1)
 
     def leave(self) -> None:
         """Cancel running tasks and clear what workers keep; a lost cluster needs neither."""
@@ -182,34 +225,22 @@ class _Cluster:
                 self._client.run(stop, self._order.token, on_error="ignore")
         self._client.close(timeout=CLOSE_S)
 
-    def _submit(self, piece: tuple[Block, ...]) -> None:
-        future = self._client.submit(work, self._order, piece, pure=False, key=None)
-        self._running[future] = piece
-        future.add_done_callback(self._done.put)
-
-    def _next_done(self) -> Future[Batch]:
-        while True:
-            try:
-                return self._done.get(timeout=POLL_S)
-            except Empty:
-                self._n_threads()
-
-    def _batch(self, future: Future[Batch]) -> Batch | None:
-        """Result of a task; None if more workers died in it than the scheduler allows."""
+    def _rows_of(self, future: Future[list[Row]]) -> list[Row] | None:
+        """Rows of a task; None if more workers died in it than the scheduler allows."""
         from distributed.scheduler import KilledWorker
 
         while future.status not in ("error", "cancelled"):
             try:
-                batch = future.result(timeout=POLL_S)
+                rows: list[Row] = future.result(timeout=POLL_S)
             except OSError:  # such as TimeoutError: the worker that had the result may have died
                 self._n_threads()
             except Exception:
                 if future.status == "finished":
                     raise
             else:
-                return batch
+                return rows
         if future.status == "cancelled":
-            raise self._lost("the scheduler is gone")
+            raise self._lost(GONE)
         error = future.exception()
         assert error is not None
         if isinstance(error, KilledWorker):
@@ -225,7 +256,7 @@ class _Cluster:
                 raise OSError
             n_threads = int(sum(self._client.nthreads().values()))
         except OSError as error:
-            raise self._lost("the scheduler is gone") from error
+            raise self._lost(GONE) from error
         now_s = time.monotonic()
         if n_threads:
             self._last_alive_s = now_s
@@ -238,19 +269,21 @@ class _Cluster:
 
     def _lost(self, what: str) -> InputError:
         self._is_lost = True
-        return InputError(
-            f"dask {self._address}: {what}; the rows so far are kept in the run's folder, "
-            "and the same command resumes the run"
+        return self._error(
+            f"{what}; the rows so far are kept in the run's folder, and the same command resumes the run"
         )
 
     def _refused(self, worker: str, error: BaseException) -> InputError:
         """Error for a worker that cannot work; one that cannot even read the order has another isacbench."""
         if isinstance(error, InputError):
-            return InputError(f"dask {self._address}: {worker}: {error}")
-        return InputError(
-            f"dask {self._address}: {worker} has no usable isacbench "
-            f"({type(error).__name__}: {error}); install the isacbench of this process there"
+            return self._error(f"{worker}: {error}")
+        return self._error(
+            f"{worker} has no usable isacbench ({type(error).__name__}: {error}); "
+            "install the isacbench of this process there"
         )
+
+    def _error(self, text: str) -> InputError:
+        return InputError(f"dask {self._address}: {text}")
 
 
 @contextmanager

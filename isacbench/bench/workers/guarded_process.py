@@ -1,4 +1,7 @@
-"""Guarded process: runs functions that may hang, exhaust memory or crash, and reports its loss."""
+"""Guarded process: runs functions that may hang, exhaust memory or crash, and reports its loss.
+
+The server of these processes has imported what they need, and nothing else.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +9,142 @@ import fcntl
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from concurrent.futures import CancelledError
-from contextlib import suppress
-from multiprocessing import connection, current_process, parent_process
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib.metadata import entry_points
+from multiprocessing import (
+    connection,
+    current_process,
+    forkserver,
+    get_all_start_methods,
+    parent_process,
+    resource_tracker,
+    spawn,
+)
+from multiprocessing.context import ForkServerContext, ForkServerProcess
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
 
-from isacbench.bench.workers.process_server import start_process_server
+from isacbench.bench.suites.suite_kinds import PLANNERS
 from isacbench.streams import lent_streams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
+
+PRELOADED = ["isacbench.bench.workers.guarded_cells", *PLANNERS]
+"""Modules that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
+
+_server = forkserver.ForkServer()
+"""Beside the one of the standard library, which processes of the caller may come from."""
+
+_launching = Lock()
+
+
+class _Process(ForkServerProcess):
+    """Process that does not import the caller's script: what it needs of it travels by its code."""
+
+    def start(self) -> None:
+        """Start the process, also from a process of a pool, which may have no children or its own ways."""
+        caller, connect = current_process(), forkserver.connect_to_new_process
+        is_daemon, method = caller.daemon, vars(spawn)["get_start_method"]
+        with _launching, _script_hidden():
+            try:
+                caller.daemon, forkserver.connect_to_new_process = False, _server.connect_to_new_process
+                if method() not in get_all_start_methods():
+                    vars(spawn)["get_start_method"] = lambda: "forkserver"
+                super().start()
+            finally:
+                caller.daemon, forkserver.connect_to_new_process = is_daemon, connect
+                vars(spawn)["get_start_method"] = method
+
+
+class _Context(ForkServerContext):
+    Process = _Process
+
+
+@contextmanager
+def _script_hidden() -> Iterator[None]:
+    """Let ``__main__`` look like that of a console, which multiprocessing does not import in processes.
+
+    A script then needs no ``if __name__ == "__main__":``, and one that is read
+    from a pipe, of which there is no file to import, has workers as well.
+    """
+    main: dict[str, object] = vars(sys.modules["__main__"])
+    hidden: dict[str, object] = {name: main.pop(name) for name in ("__spec__", "__file__") if name in main}
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.update(hidden)
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let Python processes that are started import nothing from the working folder.
+
+    It may hold another ``isacbench``: a checkout. Workers have the caller's path all the same.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
+@cache
+def _preloaded() -> list[str]:
+    """Modules that the server imports: what workers need."""
+    built_in = {
+        point.module
+        for group in ("isacbench.estimators", "isacbench.detectors")
+        for point in entry_points(group=group)
+        if point.dist is not None and point.dist.name == "isacbench"
+    }
+    return [*PRELOADED, *sorted(built_in)]
+
+
+def _after_fork() -> None:
+    """Leave the server to the process that has started it: a fork of that one starts its own."""
+    global _server, _launching
+    with suppress(OSError, TypeError):
+        os.close(getattr(_server, "_forkserver_alive_fd", None))  # type: ignore[arg-type]
+    _server, _launching = forkserver.ForkServer(), Lock()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def start_process_server() -> ForkServerContext:
+    """Start the server unless it runs, and do not wait for what it imports.
+
+    Returns
+    -------
+    ForkServerContext
+        Context of processes that inherit neither threads nor locks, and that
+        start in milliseconds.
+    """
+    _server.set_forkserver_preload(_preloaded())
+    # The tracker unblocks these signals when it starts, and the server starts it where nothing has.
+    resource_tracker.ensure_running()
+    # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
+    # from it. What sends them to all processes would else leave nothing to make the report with.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        with _safe_path():
+            _server.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return _Context()
+
 
 GRACE_S = 2.0
 """Longest time in s from a broken connection to the end of its process."""
@@ -76,38 +202,13 @@ class GuardedProcess:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def start(self) -> None:
-        """Start the process now instead of at the first call, unless it runs already.
-
-        Raises
-        ------
-        CancelledError
-            If the process was stopped meanwhile.
-        """
-        with self._changing:
-            self._refuse_if_stopped()
-            if not self._is_there:
-                context = start_process_server()
-                self._connection, theirs = context.Pipe()
-                # A daemon ends with this process, even where it is not stopped.
-                self._process = context.Process(target=_serve, args=(theirs, *self._begin), daemon=True)
-                self._process.start()
-                theirs.close()
-                self._is_there, self._has_begun = True, False
-
     def stop(self) -> None:
         """End the process for good, also in the middle of a call; may be called from any thread."""
         self._stopped.set()
         self._end()
 
     def renew(self) -> None:
-        """End the process; the next call starts a fresh one.
-
-        Raises
-        ------
-        CancelledError
-            If the process was stopped meanwhile.
-        """
+        """End the process; the next call starts a fresh one. CancelledError if it was stopped meanwhile."""
         self._end()
         self._is_there = False
         self._refuse_if_stopped()
@@ -131,36 +232,32 @@ class GuardedProcess:
                     os.killpg(self._process.pid, number)
 
     def call(self, function: Callable[..., T], *args: object, timeout_s: float | None = None) -> T:
-        """Call a function in the process and wait for its answer.
+        """Call a function in the process and return its answer, or raise whatever it raises.
 
-        Parameters
-        ----------
-        timeout_s : float or None
-            Longest time in s, counted once the process is ready.
-
-        Returns
-        -------
-        object
-            The function's result.
-
-        Raises
-        ------
-        ProcessLostError
-            If there is no answer; the next call starts a fresh process.
-        CancelledError
-            If the process was stopped meanwhile.
-        Exception
-            Whatever the function raises.
+        `timeout_s` is the longest time, counted once the process is ready. ProcessLostError if there is no
+        answer; the next call starts a fresh process. CancelledError if the process was stopped meanwhile.
         """
-        self.start()
-        with suppress(BrokenPipeError, ConnectionResetError):  # `_receive` reports a process that has ended
-            self._connection.send((function, args))
+        with self._changing:
+            self._refuse_if_stopped()
+            if not self._is_there:
+                context = start_process_server()
+                self._connection, theirs = context.Pipe()
+                # A daemon ends with this process, even where it is not stopped.
+                self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+                self._process.start()
+                theirs.close()
+                self._is_there, self._has_begun = True, False
         if not self._has_begun:
-            self._receive(None)
+            self._ask(None, *self._begin)
             self._has_begun = True
+        return cast("T", self._ask(timeout_s, function, *args))
+
+    def _ask(self, timeout_s: float | None, *call: object) -> Any:
+        with suppress(BrokenPipeError, ConnectionResetError):  # `_receive` reports a process that has ended
+            self._connection.send(call)
         is_result, answer = self._receive(timeout_s)
         if is_result:
-            return cast("T", answer)
+            return answer
         raise answer
 
     def _receive(self, timeout_s: float | None) -> Any:
@@ -207,7 +304,7 @@ def _cause(code: int | None) -> str:
 # The functions below run in the guarded process.
 
 
-def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> None:
+def _serve(calls: Connection) -> None:
     """Set up the process, and work in it."""
     os.setsid()  # a group of its own, so that what plugins start ends with it
     with suppress(OSError):
@@ -217,18 +314,16 @@ def _serve(answers: Connection, begin: Callable[..., None], *args: object) -> No
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _die_with_parent()
-    _answer(answers, begin, *args)
+    _answer(calls)
 
 
 @lent_streams()  # a lost terminal or a full disk fails no code that prints
-def _answer(answers: Connection, begin: Callable[..., None], *args: object) -> None:
+def _answer(calls: Connection) -> None:
     """Call functions as they come, and answer with their results or exceptions."""
     process_id = os.getpid()
-    begin(*args)
-    answers.send(None)
     while True:
         try:
-            function, arguments = answers.recv()
+            function, *arguments = calls.recv()
         except EOFError:  # the caller has ended
             return
         answer: tuple[bool, Any]
@@ -239,9 +334,9 @@ def _answer(answers: Connection, begin: Callable[..., None], *args: object) -> N
         if os.getpid() != process_id:
             os._exit(1)  # a plugin has forked, and this is its child
         try:
-            answers.send(answer)
+            calls.send(answer)
         except Exception as error:  # an answer that cannot be sent
-            answers.send((False, error))
+            calls.send((False, error))
 
 
 def _die_with_parent() -> None:

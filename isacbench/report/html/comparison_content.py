@@ -10,7 +10,7 @@ import pandas as pd
 from isacbench.bench.compare.scene_scores import compared_scenes
 from isacbench.bench.compare.tolerance import direction
 from isacbench.bench.compare.verdicts import VERDICTS
-from isacbench.bench.store.score_columns import stored_columns
+from isacbench.bench.store.manifest import stored_columns
 from isacbench.report.comparisons.comparison_tables import (
     changed_cells,
     comparison_lines,

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.cells.record import SCORED
 from isacbench.bench.compare.matching import code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
@@ -17,8 +17,7 @@ from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
-from isacbench.bench.store.manifest import scenario_texts
-from isacbench.bench.store.score_columns import stored_columns
+from isacbench.bench.store.manifest import scenario_texts, stored_columns
 from isacbench.charts import ROLES, assign_lines
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted

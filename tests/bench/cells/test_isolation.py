@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from isacbench.bench.cells.isolation import array_digest, seed_global_generators
+from isacbench.bench.cells.cell import array_digest, seed_global_generators
 from isacbench.bench.kinds.scenes import SharedImage
 from isacbench.cores import one_blas_thread
 from isacbench.model.echo import observe_echo

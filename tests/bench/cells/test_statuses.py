@@ -2,8 +2,7 @@ from typing import get_args
 
 import pandas as pd
 
-from isacbench.bench.cells.record import CellStatus
-from isacbench.bench.cells.statuses import SCORED, failed
+from isacbench.bench.cells.record import SCORED, CellStatus, failed
 
 FAILURES = ["error", "timeout", "killed", "skipped"]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.cells.cell import repeat
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
-from isacbench.bench.cells.timing import Trial, repeat
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.tolerance import parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
@@ -148,7 +148,7 @@ def quick_collections():
 
 @pytest.fixture
 def hand(clock, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.cells.timing.StageClock", partial(StageClock, clock))
+    monkeypatch.setattr("isacbench.bench.cells.cell.StageClock", partial(StageClock, clock))
     return clock
 
 
@@ -158,10 +158,10 @@ def test_the_time_is_the_median_of_repeats_and_the_spread_half_of_the_quartiles_
     def call(duration):
         hand.time_s += duration
 
-    found = repeat(Trial(lambda: next(durations), call), 5)
-    assert found.time_s == 3
-    assert found.columns["time_spread_s"] == (4 - 2) / 2
-    assert len(found.results) == 6
+    results, columns = repeat(lambda: next(durations), call, 5)
+    assert columns["time_estimate_s"] == 3
+    assert columns["time_spread_s"] == (4 - 2) / 2
+    assert len(results) == 6
 
 
 def test_each_stage_has_the_median_of_its_exclusive_times_and_0_where_it_does_not_occur(hand):
@@ -173,10 +173,10 @@ def test_each_stage_has_the_median_of_its_exclusive_times_and_0_where_it_does_no
             with stage("spectrum"):
                 hand.time_s += 10 * duration
 
-    found = repeat(Trial(lambda: next(durations), call), 3)
+    _, columns = repeat(lambda: next(durations), call, 3)
     expected = dict.fromkeys(STAGE_COLUMNS, 0) | {"time_peaks_s": 2, "time_spectrum_s": 20}
-    assert {name: found.columns[name] for name in STAGE_COLUMNS} == expected
-    assert found.columns.keys() == TIMING_COLUMNS.keys()
+    assert {name: columns[name] for name in STAGE_COLUMNS} == expected
+    assert columns.keys() == {"time_estimate_s", *TIMING_COLUMNS}
 
 
 def test_what_a_trial_needs_is_made_before_each_repeat_and_not_timed(hand):
@@ -186,13 +186,13 @@ def test_what_a_trial_needs_is_made_before_each_repeat_and_not_timed(hand):
         hand.time_s += 50
         return next(made)
 
-    found = repeat(Trial(prepare, lambda number: number), 3)
-    assert found.results == [0, 1, 2, 3]
-    assert found.time_s == 0
+    results, columns = repeat(prepare, lambda number: number, 3)
+    assert results == [0, 1, 2, 3]
+    assert columns["time_estimate_s"] == 0
 
 
 def test_one_repeat_has_no_spread():
-    assert np.isnan(repeat(Trial(lambda: None, lambda _: None), 1).columns["time_spread_s"])
+    assert np.isnan(repeat(lambda: None, lambda _: None, 1)[1]["time_spread_s"])
 
 
 def test_garbage_is_collected_before_and_not_while_it_is_timed():
@@ -209,18 +209,18 @@ def test_garbage_is_collected_before_and_not_while_it_is_timed():
 
     Knot()
     seen = []
-    repeat(Trial(lambda: None, lambda _: seen.append((gc.isenabled(), Knot.freed))), 2)
+    repeat(lambda: None, lambda _: seen.append((gc.isenabled(), Knot.freed)), 2)
     assert seen == [(False, 1)] * 3
     assert gc.isenabled()
 
 
 def test_the_collector_works_again_after_a_failure_and_stays_off_where_it_was_off():
     with pytest.raises(ZeroDivisionError):
-        repeat(Trial(lambda: None, lambda _: 1 / 0), 2)
+        repeat(lambda: None, lambda _: 1 / 0, 2)
     assert gc.isenabled()
     gc.disable()
     try:
-        repeat(Trial(lambda: None, lambda _: None), 1)
+        repeat(lambda: None, lambda _: None, 1)
         assert not gc.isenabled()
     finally:
         gc.enable()
@@ -234,7 +234,7 @@ def test_the_peak_memory_is_what_is_allocated_at_once_beyond_what_was_there():
         del first
         return np.ones(2**17).sum() + held[0][0]
 
-    assert 3 <= repeat(Trial(lambda: None, call), 2).columns["peak_memory_mib"] < 3.1
+    assert 3 <= repeat(lambda: None, call, 2)[1]["peak_memory_mib"] < 3.1
 
 
 def test_rows_of_a_timed_run_say_so_and_have_stages_and_memory_beside_the_same_scores(moody_suite):

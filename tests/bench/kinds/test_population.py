@@ -107,7 +107,7 @@ def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_
     def load(name):
         return dataclasses.replace(load_scenario(tiny), name=name, family="sparse", family_version=1)
 
-    monkeypatch.setattr("isacbench.bench.plan.job.load_scenario", load)
+    monkeypatch.setattr("isacbench.bench.plan.run_plan.load_scenario", load)
     suite = PopulationSuite(
         name="p",
         version=1,

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import CLOUD_KEYS
-from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.run import Run
+from isacbench.bench.store.tables import CloudArray
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 sizes = st.lists(st.integers(0, 3), max_size=6)

@@ -3,15 +3,15 @@
 import math
 import struct
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.record import COLUMNS, Outcome, Record
+from isacbench.bench.cells.record import COLUMNS, Row
 from isacbench.bench.store.journal import Journal, read_journal
-from isacbench.bench.store.provenance import Made
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("journals")
 
 
-def record(**changes):
+def made(cloud=(), extras=None, environment=None, **changes):
     values = {
         "suite": "suite",
         "scenario": "tiny",
@@ -43,14 +43,11 @@ def record(**changes):
         "reason": "",
         "n_true": 3,
         "n_estimated": 0,
+        "timing": False,
         "environment": "here",
     }
-    return Record(**{**values, **changes})
-
-
-def made(cloud=(), extras=None, environment=None, **changes):
     cloud = PointCloud.from_array(np.reshape(np.array(cloud, dtype=np.float64), (-1, 5)))
-    return Made(Outcome(record(**changes), cloud, extras or {}), environment or {"versions": {}})
+    return Row({**values, **changes}, environment or {"versions": {}}, extras or {}, cloud)
 
 
 def written(path, *rows, columns=COLUMNS_OF_STUDY):
@@ -98,7 +95,7 @@ def test_environments_are_kept_once_by_name(folder):
     path = written(
         folder / "environments",
         *(made(environment=here, trial=n) for n in range(3)),
-        made(environment=there, trial=3).__class__(made(trial=3).outcome.made_by("there"), there),
+        replace(made(environment=there, trial=3), found={"environment": "there"}),
     )
     assert path.read_bytes().count(b'"environment":"here","is"') == 1
     assert read_journal(path).environments == {"here": here, "there": there}

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from isacbench import load_run
-from isacbench.bench.cells.statuses import SCORED
+from isacbench.bench.cells.record import SCORED
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import CellKey, Run
 from isacbench.bench.suites.suite import Suite

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from concurrent.futures import CancelledError
 from contextlib import closing
 from types import SimpleNamespace
@@ -16,17 +15,13 @@ import pandas as pd
 import psutil
 import pytest
 from distributed import Client, LocalCluster
-from hypothesis import given
-from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.run_plan import Block
+from isacbench.bench.plan.run_plan import Block, load_job
 from isacbench.bench.run.runner import Execution, run, run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers.cluster import take_piece
-from isacbench.bench.workers.cluster_worker import WorkOrder, stop
+from isacbench.bench.workers.cluster import WorkOrder, stop
 from isacbench.bench.workers.guarded_cells import Guard
 from isacbench.cli import app
 from isacbench.errors import InputError
@@ -362,16 +357,6 @@ def test_a_later_worker_with_another_plugin_is_told(slow, plugin_folder, tmp_pat
             run_suite(slow.replace(trials=200), progress=start, execution=Execution(dask=found.address))
 
 
-@given(st.integers(1, 20), st.integers(1, 30))
-def test_every_hand_gets_a_piece_as_long_as_there_are_blocks_each_of_which_is_taken_once(n_blocks, n_hands):
-    blocks = [Block(0, 0, float(snr_db), (0, 1)) for snr_db in range(n_blocks)]
-    pieces, taken = deque([tuple(blocks)]), []
-    while pieces:
-        taken.append(take_piece(pieces, n_hands - len(taken)))
-    assert len(taken) == min(n_blocks, n_hands)
-    assert [block for piece in taken for block in piece] == blocks
-
-
 def wait_for_end(process_id):
     """Wait for the end of a process, which nobody here is the parent of."""
     deadline = time.monotonic() + 30
@@ -384,11 +369,11 @@ def test_a_process_ends_with_the_task_that_it_was_started_for_or_with_its_run(su
     order, block = WorkOrder.of_job(load_job(suite), Guard()), Block(0, 0, 0.0, (0, 1))
     with order.lane() as lane:
         assert len(list(lane.work([block]))) == 2
-        process_id = lane._at_work._process.call(os.getpid)
+        process_id = lane._at_work.call(os.getpid)
     wait_for_end(process_id)
     with order.lane() as lane:
         list(lane.work([block]))
-        process_id = lane._at_work._process.call(os.getpid)
+        process_id = lane._at_work.call(os.getpid)
         asyncio.run(stop(order.token))
         wait_for_end(process_id)
         with pytest.raises(CancelledError):

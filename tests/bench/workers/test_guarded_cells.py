@@ -1,5 +1,6 @@
 """Whatever a plugin does costs its own cells a row, and nobody else anything."""
 
+import gc
 import os
 import time
 import warnings
@@ -15,13 +16,11 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.job import load_job
-from isacbench.bench.plan.run_plan import Block
+from isacbench.bench.plan.run_plan import Block, load_job
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.workers import guarded_cells
-from isacbench.bench.workers.guarded_cells import Guard, Lane
-from isacbench.bench.workers.local_workers import work_guarded
+from isacbench.bench.workers.guarded_cells import Guard, Lane, work_guarded
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.discovery import load_plugin_file, local_plugins
 
@@ -338,8 +337,8 @@ def test_limits_without_a_worker_to_hold_them_are_refused():
 
 
 def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):
-    for name in ("_job", "_repeats"):
-        monkeypatch.setattr(guarded_cells, name, None)
+    monkeypatch.setattr(guarded_cells, "_workbench", None, raising=False)
+    monkeypatch.setattr(gc, "freeze", lambda: None)
     with warnings.catch_warnings():
         guarded_cells._start_worker(None, None)
         warnings.warn("a scatterer is far away", InputWarning, stacklevel=1)

@@ -11,8 +11,8 @@ from isacbench.bench.kinds import imaging
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import PopulationSuite
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.store.clouds import CloudArray
 from isacbench.bench.store.run import Run
+from isacbench.bench.store.tables import CloudArray
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
 from isacbench.metrics.one_to_one import Curve
@@ -90,7 +90,7 @@ def test_of_a_population_the_worst_scene_of_each_estimator_is_drawn(
         family, _, _ = name.partition("[")
         return dataclasses.replace(load_scenario(tiny), name=name, family=family, family_version=1)
 
-    monkeypatch.setattr("isacbench.bench.plan.job.load_scenario", load)
+    monkeypatch.setattr("isacbench.bench.plan.run_plan.load_scenario", load)
     keys = {"scenarios": ["town[seed=1]", "town[seed=2,frame=paper]", "sparse[seed=3]"], "trials": 1}
     suite = PopulationSuite(name="p", version=1, estimators=["blob", "oracle"], snr_db=[0, 10], **keys)
     draw_run(run_suite(suite, tmp_path / "run"))
