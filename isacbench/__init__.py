@@ -18,7 +18,7 @@ from isacbench.checkout import keep_to_checkout
 
 if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison, compare
-    from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.compare.pairs import NotComparableError
     from isacbench.bench.compare.ranking import Ranking, rank
     from isacbench.bench.run.runner import run
     from isacbench.bench.store.run import load_run
@@ -64,7 +64,7 @@ __all__ = [
 _HOMES = {
     "Comparison": "isacbench.bench.compare.comparison",
     "InputError": "isacbench.errors",
-    "NotComparableError": "isacbench.bench.compare.matching",
+    "NotComparableError": "isacbench.bench.compare.pairs",
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
     "Ranking": "isacbench.bench.compare.ranking",

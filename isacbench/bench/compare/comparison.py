@@ -2,52 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.estimator_pairs import (
-    find_pairs,
-    find_variant,
-    pair_variants,
-    restrict,
-    spell_apart,
-    variants_of,
-)
-from isacbench.bench.compare.matching import (
+from isacbench.bench.compare.pairs import (
     CellChanges,
     NotComparableError,
     code_version,
+    find_pairs,
+    find_variant,
     incomparable,
+    is_of,
     pair_cells,
+    pair_variants,
+    spell_apart,
     timed_alike,
     version_differences,
     with_partners,
 )
-from isacbench.bench.compare.scene_scores import compared_scenes, with_ratios
-from isacbench.bench.compare.tolerance import Tolerance, direction, merge_tolerances, parse_tolerance
+from isacbench.bench.compare.scenes import compared_scenes, most_changed, with_ratios
 from isacbench.bench.compare.verdicts import (
     VERDICTS,
+    Tolerance,
     curve_scores,
+    direction,
     judge,
     measure,
-    measure_wins,
+    merge_tolerances,
+    parse_tolerance,
     point_scores,
 )
-from isacbench.bench.compare.worst_scenes import most_changed
-from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.score_columns import stored_columns
+from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from isacbench.charts import Variant
 
 DEFAULT_ALPHA = 0.01
 
@@ -109,7 +103,7 @@ class Comparison:
         better on an unseen scene, ties counting half, and its 95 % interval.
     scenes : DataFrame
         Scenes that changed most, as
-        `isacbench.bench.compare.worst_scenes.most_changed` lists them; empty if
+        `isacbench.bench.compare.scenes.most_changed` lists them; empty if
         the unit is the trial.
     """
 
@@ -163,14 +157,7 @@ class Comparison:
 
 
 def verdict_counts(table: pd.DataFrame, name: Callable[[str], str] = str) -> str:
-    """Count the verdicts of curves or points, the worst first.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the column ``verdict``.
-    name : callable
-        Gives the name of a verdict.
+    """Count the verdicts of curves or points by the names that `name` gives them, the worst first.
 
     Examples
     --------
@@ -298,15 +285,15 @@ def compare_tables(
             run.changed(rows=run.rows.assign(ratio=with_ratios(run)["ratio"])) for run in (base, new)
         )
     better = _directions(base, new, asked)
-    variants = tuple(dict.fromkeys([*variants_of(base), *variants_of(new)]))
+    variants = tuple(dict.fromkeys([*variants_in(base.rows), *variants_in(new.rows)]))
     between, sides = None, ("the base", "the new run")
     if is_between:
         (between,), sides = partners.items(), ("A", "B")
-        base, new = restrict(base, between[0]), restrict(new, between[1])
+        base, new = (run.take(is_of(run, [one])) for run, one in zip((base, new), between, strict=True))
     base, new, left_out = pair_variants(base, new, partners)
     pairs, cells = pair_cells(base, new, partners)
     notes = version_differences(base, new, partners) + left_out + _other_parameters(cells)
-    groups, labels = compared_scenes(base.manifest, pairs["scenario"]), estimator_labels(variants)
+    groups = compared_scenes(base.manifest, pairs["scenario"])
     points: list[pd.DataFrame] = []
     curves: list[pd.DataFrame] = []
     scenes: list[pd.DataFrame] = []
@@ -320,11 +307,9 @@ def compare_tables(
         scores, told = point_scores(chosen, metric, sides, groups)
         notes += told if len(chosen) or not len(pairs) else []
         for found, paired in ((points, scores), (curves, curve_scores(scores))):
-            found.append(measure(paired, tolerance, better[metric]))
-            if groups:
-                found[-1] = found[-1].join(measure_wins(paired, better[metric]))
+            found.append(measure(paired, tolerance, better[metric], bool(groups)))
         if groups:
-            scenes.append(most_changed(chosen, metric, new.manifest, partners, labels))
+            scenes.append(most_changed(chosen, metric, new.manifest))
     curve_table, point_table = judge(_joined(curves), _joined(points), alpha)
     return Comparison(
         base=base.label,
@@ -366,10 +351,7 @@ def _directions(base: Run, new: Run, asked: Sequence[Tolerance]) -> dict[str, st
 
 def _other_parameters(cells: CellChanges) -> list[str]:
     """Say which estimators are unpaired because they ran with other parameters."""
-    gone, come = (
-        set(table[["estimator", "params"]].itertuples(index=False, name=None))
-        for table in (cells.missing, cells.added)
-    )
+    gone, come = (set(variants_in(table)) for table in (cells.missing, cells.added))
     return [
         f"{name} ran with other parameters: its cells are missing under the old ones and added under the "
         "new; --map pairs them"

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
+from isacbench.bench.compare.pairs import find_variant, parse_map
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.plugins.parameters import canonical_params

@@ -8,7 +8,7 @@ import isacbench
 from isacbench.bench.cells import scored_images
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
 from isacbench.bench.cells.scored_images import image_reference
-from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
