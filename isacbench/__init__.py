@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from isacbench.bench.run.runner import run
     from isacbench.bench.store.run import load_run
     from isacbench.checking.plugin_check import check
-    from isacbench.cubes.frame_observation import observe_cube
+    from isacbench.cubes.frame import observe_cube
     from isacbench.errors import InputError
     from isacbench.link.sensing.observing import observe
     from isacbench.model.cloud import PointCloud
@@ -77,7 +77,7 @@ _HOMES = {
     "load_run": "isacbench.bench.store.run",
     "load_scenario": "isacbench.model.scenes.scenario",
     "observe": "isacbench.link.sensing.observing",
-    "observe_cube": "isacbench.cubes.frame_observation",
+    "observe_cube": "isacbench.cubes.frame",
     "plot_clouds": "isacbench.report.clouds",
     "rank": "isacbench.bench.compare.ranking",
     "run": "isacbench.bench.run.runner",

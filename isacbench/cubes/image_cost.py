@@ -79,11 +79,8 @@ class Cost(NamedTuple):
     @property
     def total(self) -> Step:
         """Work of all steps, and that of the full chain."""
-        columns = [
-            zip(*(getattr(step, part) for step in self.steps), strict=True) for part in Step._fields[2:]
-        ]
-        computed, full = (tuple(map(sum, column)) for column in columns)
-        return Step("total", "", computed, full)
+        computed, full = np.sum([(step.computed, step.full) for step in self.steps], axis=0).tolist()
+        return Step("total", "", tuple(computed), tuple(full))
 
     def rows(self) -> list[list[str]]:
         """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""

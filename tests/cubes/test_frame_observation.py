@@ -9,7 +9,7 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.oracle import Oracle
 
 from isacbench import observe_cube
-from isacbench.cubes import frame_observation, transform
+from isacbench.cubes import frame, transform
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing.division import Signal
@@ -73,7 +73,7 @@ def test_cells_do_not_depend_on_the_number_of_threads(small_street, noisy_cube):
 
 
 def test_nothing_is_transformed_before_an_estimator_reads_it(small_street, noisy_cube, monkeypatch):
-    monkeypatch.setattr(frame_observation.GateTransform, "cells", lambda *_: pytest.fail("transformed"))
+    monkeypatch.setattr(frame, "gate_cells", lambda *_: pytest.fail("transformed"))
     observation = observe_cube(noisy_cube, small_street)
     assert len(Oracle().estimate(observation, small_street.truth)) > 20
 

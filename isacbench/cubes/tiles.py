@@ -1,29 +1,32 @@
-"""Recorded cubes as a sum of tiles, loaded one at a time."""
+"""Recorded cubes as a sum of tiles, loaded one at a time: where to cut, and how to take elements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import permutations
+from itertools import permutations, product
 from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import unmasked_array
-from isacbench.cubes.tiling import Extent, chunked_extents, pick, strided_extents
 from isacbench.errors import InputError
 from isacbench.files.checked_files import GRID_BYTES, binary_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from isacbench.files.arrays import StoredArray
     from isacbench.model.array import VirtualArray
     from isacbench.model.numerology import System
 
 ComplexArray: TypeAlias = NDArray[np.complexfloating[Any, Any]]
+
+Lengths: TypeAlias = tuple[int, ...]
+Indices: TypeAlias = NDArray[np.intp]
+Extent: TypeAlias = tuple[slice, slice, Indices]
+"""Part of a cube that a tile covers: subcarriers, symbols, and indices into the list of elements."""
 
 TILE_BYTES = 32 * 2**20
 """Memory that a tile touches, unless told otherwise: 64 subcarriers at the paper's size in complex64."""
@@ -32,6 +35,12 @@ CUBE_NAME, GRID_NAME = "cube", "transmitted"
 """Names of a cube and of a transmitted grid in files of several arrays."""
 
 AXES = "(subcarriers, symbols, P, Q)"
+
+SUBCARRIERS, SYMBOLS, ELEMENTS = range(3)
+"""Axes along which a cube is cut."""
+
+SUBCARRIER_MULTIPLE = 16
+"""Tiles cut along subcarriers have a multiple of this number of them: matrix products are then faster."""
 
 
 class Tile(NamedTuple):
@@ -130,22 +139,21 @@ class Cube:
         if outside.any():
             p, q = elements[outside.argmax()].tolist()
             raise InputError(f"{self.name}: has no element ({p}, {q}); its array is {self.shape[2:]}")
-        if len(elements):
-            for extent in self._extents(elements):
-                yield Tile(*extent, partial(self._load, extent, elements[extent.elements]))
+        if not len(elements):
+            return
+        chunks = getattr(self._array, "chunks", None)
+        cut, lengths = (chunked_extents, chunks) if chunks else (strided_extents, self._array.strides)
+        assert lengths is not None
+        for subcarriers, symbols, chosen in cut(self.shape, lengths, elements, self._tile_cells):
+            load = partial(self._load, subcarriers, symbols, elements[chosen])
+            yield Tile(subcarriers, symbols, chosen, load)
 
-    def _extents(self, elements: NDArray[np.intp]) -> Iterator[Extent]:
-        if chunks := getattr(self._array, "chunks", None):
-            return chunked_extents(self.shape, chunks, elements, self._tile_cells)
-        assert self._array.strides is not None
-        return strided_extents(self.shape, self._array.strides, elements, self._tile_cells)
-
-    def _load(self, extent: Extent, elements: NDArray[np.intp]) -> ComplexArray:
-        """Read the smallest box around the elements (e, 2) of an extent, and take them from it."""
+    def _load(self, subcarriers: slice, symbols: slice, elements: Indices) -> ComplexArray:
+        """Read the smallest box around elements (e, 2), and take them from it."""
         first, last = elements.min(axis=0), elements.max(axis=0)
         around = (slice(p, q + 1) for p, q in zip(first.tolist(), last.tolist(), strict=True))
         try:
-            values = self._array[extent.subcarriers, extent.symbols, *around]
+            values = self._array[subcarriers, symbols, *around]
         except Exception as error:  # Damaged chunks surface as anything that a library of codecs can raise.
             raise InputError(f"{self.name}: is damaged: {error}") from error
         return pick(values, elements - first).astype(self.dtype, copy=False)
@@ -198,15 +206,125 @@ def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     """Refuse a cube that does not fit the radio of a scenario, saying so when the axes look permuted."""
     wanted = (system.n_subcarriers, system.n_symbols, *array.shape)
     if cube.shape != wanted:
+        orders = permutations(range(4))
+        fitting = [str(axes) for axes in orders if tuple(cube.shape[axis] for axis in axes) == wanted]
+        hint = f"numpy.transpose with axes {' or '.join(fitting)} would fit"
         raise InputError(
             f"{cube.name}: has shape {cube.shape}; the scenario takes {wanted}: {AXES}"
-            f"{_permuted(cube.shape, wanted)}"
+            + (f". The axes look permuted: {hint}" if fitting else "")
         )
 
 
-def _permuted(shape: tuple[int, ...], wanted: tuple[int, ...]) -> str:
-    """Say how the axes of a shape have to be permuted to give another; nothing where they cannot."""
-    fitting = [axes for axes in permutations(range(4)) if tuple(shape[axis] for axis in axes) == wanted]
-    if not fitting:
-        return ""
-    return f". The axes look permuted: numpy.transpose with axes {' or '.join(map(str, fitting))} would fit"
+def strided_extents(shape: Lengths, strides: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
+    """Cut an array in memory or in a mapped file into extents of at most so many cells.
+
+    It is cut along the axis of its largest stride: a C-ordered array along
+    subcarriers, where tiles of all elements are views and those of a few are
+    gathered. An array whose elements are outermost, such as one in Fortran
+    order, is cut along elements: all tiles are views.
+    """
+    address = elements @ np.array(strides[2:], dtype=np.intp)
+    by_address = np.argsort(address, kind="stable")
+    # An axis of length one has no stride.
+    lengths = [abs(stride) if n > 1 else 0 for stride, n in zip(strides, shape, strict=True)]
+    by_axis = {SUBCARRIERS: lengths[0], SYMBOLS: lengths[1], ELEMENTS: max(lengths[2:])}
+    nesting = sorted(by_axis, key=by_axis.__getitem__, reverse=True)
+    n_elements, groups = shape[2] * shape[3], [by_address]
+    if nesting[-1] != ELEMENTS:
+        # Elements that are not requested are not touched, and equidistant ones need no copy.
+        n_elements = len(elements)
+        groups = [by_address[run] for run in progressions(address[by_address])]
+    return extents(shape[:2], groups, box_lengths((*shape[:2], n_elements), nesting, cells), nesting)
+
+
+def chunked_extents(shape: Lengths, chunks: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
+    """Cut an array that a file keeps in chunks into extents of about so many cells.
+
+    An extent is made of whole chunks that are one behind the other along
+    subcarriers and symbols and hold the same elements.
+    """
+    n_subcarriers, n_symbols, n_p, n_q = map(min, chunks, shape)
+    n_chunks = (-(-shape[0] // n_subcarriers), -(-shape[1] // n_symbols))
+    room = cells // (n_subcarriers * n_symbols * n_p * n_q)
+    counts = box_lengths(n_chunks, (SUBCARRIERS, SYMBOLS), room)
+    in_order = np.lexsort((elements[:, 1], elements[:, 0]))  # in which they lie in a chunk
+    _, chunk_of = np.unique(elements[in_order] // chunks[2:], axis=0, return_inverse=True)
+    groups = [in_order[chunk_of.ravel() == chunk] for chunk in range(chunk_of.max() + 1)]
+    box = counts[SUBCARRIERS] * n_subcarriers, counts[SYMBOLS] * n_symbols, len(elements)
+    return extents(shape[:2], groups, box, (SUBCARRIERS, SYMBOLS, ELEMENTS))
+
+
+def extents(
+    lengths: Sequence[int], groups: Sequence[Indices], box: Sequence[int], nesting: Sequence[int]
+) -> Iterator[Extent]:
+    """Cut subcarriers, symbols and groups of elements into boxes of a largest size.
+
+    The innermost axis of the nesting, which begins with the largest stride, changes fastest.
+    """
+    steps: tuple[list[Any], ...] = (
+        _sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
+        _sliced(lengths[SYMBOLS], box[SYMBOLS]),
+        [group[part] for group in groups for part in _sliced(len(group), box[ELEMENTS])],
+    )
+    for choice in product(*(steps[axis] for axis in nesting)):
+        by_axis = dict(zip(nesting, choice, strict=True))
+        yield by_axis[SUBCARRIERS], by_axis[SYMBOLS], by_axis[ELEMENTS]
+
+
+def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> Lengths:
+    """Lengths of a box of limited size, cut along as few of the outermost axes as possible.
+
+    If the subcarriers, the first axis, are cut, their number is a multiple of
+    16 where more than 16 fit. A box has at least one cell.
+
+    Examples
+    --------
+    >>> box_lengths((2048, 224, 256), (0, 1, 2), 2**22)
+    (64, 224, 256)
+    >>> box_lengths((2048, 224, 256), (2, 1, 0), 2**18)
+    (2048, 128, 1)
+    """
+    box = list(lengths)
+    for axis in nesting:
+        inner = prod(box) // box[axis]
+        box[axis] = min(box[axis], max(1, cells // inner))
+    if SUBCARRIER_MULTIPLE < box[SUBCARRIERS] < lengths[SUBCARRIERS]:
+        box[SUBCARRIERS] -= box[SUBCARRIERS] % SUBCARRIER_MULTIPLE
+    return tuple(box)
+
+
+def progressions(values: Indices) -> list[slice]:
+    """Cut a sequence of integers into arithmetic progressions, each as long as possible.
+
+    Examples
+    --------
+    >>> progressions(np.array([0, 4, 8, 1, 2, 3]))
+    [slice(0, 3, None), slice(3, 6, None)]
+    """
+    numbers = values.tolist()
+    runs, start = [], 0
+    for k in range(1, len(numbers)):
+        if numbers[k] - numbers[k - 1] != numbers[start + 1] - numbers[start]:
+            runs.append(slice(start, k))
+            start = k
+    return [*runs, slice(start, len(numbers))]
+
+
+def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
+    """Take elements (e, 2), one at least, of an array (n, m, P, Q).
+
+    A read-only view where the elements are equidistant in memory, such as all
+    of them in order, one row or one column; otherwise a copy.
+    """
+    p, q = elements.T
+    steps = np.diff(elements @ np.array(block.strides[2:], dtype=np.intp))
+    if (steps != steps[:1]).any():
+        return block[:, :, p, q]
+    first = block[:, :, p[0], q[0]]
+    step = int(steps[0]) if len(steps) else block.itemsize
+    return as_strided(first, (*first.shape, len(elements)), (*first.strides, step), writeable=False)
+
+
+def _sliced(length: int, size: int) -> list[slice]:
+    """Cut an axis into slices of a size, the last one shorter."""
+    return [slice(start, min(start + size, length)) for start in range(0, length, size)]
