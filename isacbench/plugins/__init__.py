@@ -1,8 +1,7 @@
 """Estimators, detectors and metrics as plugins: contracts, where they are found, and their versions."""
 
 __all__ = [
-    "class_code",
-    "code_files",
+    "code_digests",
     "contracts",
     "discovery",
     "instances",

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cloudpickle
 
 from isacbench.errors import InputError
-from isacbench.plugins.class_code import known_codes, own_codes
-from isacbench.plugins.code_files import is_importable
+from isacbench.plugins.code_digests import is_importable, known_codes, own_codes
 from isacbench.plugins.parameters import (
     canonical_params,
     field_defaults,
