@@ -283,6 +283,12 @@ def pair_cells(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tupl
     return cells[in_base & in_new], changes
 
 
+def scored_pairs(pairs: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Take the scores ``base`` and ``new`` of all pairs, with curve, SNR and trial."""
+    sides = {end: pairs[f"{metric}_{end}"].astype(float) for end in ("base", "new")}
+    return pairs[CELL].assign(**sides)
+
+
 def with_partners(table: pd.DataFrame, partners: Mapping[Variant, Variant]) -> pd.DataFrame:
     """Append the columns ``new_estimator`` and ``new_params``, which differ where a variant has a partner."""
     variants = zip(table["estimator"], table["params"], strict=True)

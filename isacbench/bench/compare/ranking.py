@@ -10,25 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+from isacbench.bench.compare import scenes, significance
 from isacbench.bench.compare.pairs import VARIANT, code_version, find_variant
-from isacbench.bench.compare.scenes import (
-    SCENE_KINDS,
-    average_alone,
-    average_scenes,
-    scene_families,
-    scene_groups,
-    with_ratios,
-    worst_scenes,
-)
-from isacbench.bench.compare.significance import (
-    CHANGES,
-    MIN_INTERVAL_TRIALS,
-    RankSets,
-    bootstrap_changes,
-    rank_sets,
-    win_shares,
-    without_rounding,
-)
 from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.run import Run
@@ -40,6 +23,9 @@ from isacbench.files.escaping import counted
 BESIDE = ("f_score", "velocity_error_mps", "objects_f_score")
 """Columns that stand beside every rank. Of the cheating estimators that were tried, none is better by the
 ratio, and none is as good by ratio, F-score and velocity error together (the tests of games)."""
+
+CHANGE = significance.CHANGES[:3]
+"""Change of a mean in units of the score, and its interval."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,12 +162,12 @@ def default_metric(records: pd.DataFrame) -> str:
 
 def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
     """Rank the estimators of a run that was read, as `rank` does."""
-    if run.kind not in SCENE_KINDS:
+    if run.kind not in scenes.SCENE_KINDS:
         raise InputError(
             f"{run.label}: the scenarios of a suite of kind {run.kind!r} are no scenes to rank over; allowed "
-            f"are runs of the kinds {', '.join(SCENE_KINDS)}"
+            f"are runs of the kinds {', '.join(scenes.SCENE_KINDS)}"
         )
-    records = with_ratios(run)
+    records = scenes.with_ratios(run)
     if metric is None:
         metric = default_metric(records)
     numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
@@ -200,25 +186,25 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
             f"{'the run has' if estimators is None else 'chosen:'} "
             f"{', '.join(name for name, _ in ranked) or 'none'}"
         )
-    scored = average_scenes(records, metric, better, ranked)
+    scored = scenes.average_scenes(records, metric, better, ranked)
     if scored.scenes.empty:
         left_out = "".join(f"; {note}" for note in scored.notes)
         raise InputError(f"{run.label}: in no scene do all estimators have a {metric}{left_out}")
     # Failed cells have none of these scores: they are means over the images that there are.
     beside = {
         name: pd.DataFrame(
-            {one: average_alone(records, name, one, scored.cells) for one in (*ranked, *references)}
+            {one: scenes.average_alone(records, name, one, scored.cells) for one in (*ranked, *references)}
         ).rename_axis(columns=VARIANT)
         for name in (metric, *BESIDE)
         if name in records
     }
     labels = estimator_labels(variants)
-    is_descriptive = len(scored.scenes) < MIN_INTERVAL_TRIALS
+    is_descriptive = len(scored.scenes) < significance.MIN_INTERVAL_TRIALS
     ranks, wins, critical = [], [], []
-    for group, scenes in scene_groups(scored.scenes.index, scene_families(run.manifest)).items():
-        table = scored.scenes.loc[scenes]
+    for group, names in scenes.scene_groups(scored.scenes.index, scenes.scene_families(run.manifest)).items():
+        table = scored.scenes.loc[names]
         wins.append(_win_rows(group, table, better))
-        means = pd.DataFrame({name: own.reindex(scenes).mean() for name, own in beside.items()})
+        means = pd.DataFrame({name: own.reindex(names).mean() for name, own in beside.items()})
         rows = _rank_rows(table, better, wins[-1], means.rename(columns={metric: "mean"}))
         places = pd.DataFrame(index=table.columns, columns=["rank_low", "rank_high"])
         if not is_descriptive:
@@ -227,7 +213,7 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
             critical.append(_told_critical(group, sets, [labels[one] for one in ranked]))
         ranks.append(rows.join(places.astype("Int64")).reset_index())
         ranks[-1].insert(0, "group", group)
-        ranks[-1].insert(1, "n_scenes", len(scenes))
+        ranks[-1].insert(1, "n_scenes", len(names))
     return Ranking(
         run=run.label,
         version=code_version(run.manifest),
@@ -237,7 +223,7 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
         scores=scored.scenes,
         ranks=pd.concat(ranks, ignore_index=True),
         wins=pd.concat(wins, ignore_index=True),
-        worst=worst_scenes(records, run.manifest, scored, better),
+        worst=scenes.worst_scenes(records, run.manifest, scored, better),
         notes=(*scored.notes, *critical),
         is_descriptive=is_descriptive,
     )
@@ -247,13 +233,14 @@ def _win_rows(group: str, table: pd.DataFrame, better: str) -> pd.DataFrame:
     """Win probability and mean difference of every ordered pair of columns."""
     pairs = list(permutations(range(table.shape[1]), 2))
     first, second = (table.to_numpy()[:, list(side)] for side in zip(*pairs, strict=True))
-    first = without_rounding(second, first)
+    first = significance.without_rounding(second, first)
     names: list[Any] = list(table.columns)
     rows = pd.DataFrame(
         [(group, len(table), *names[one], *names[other]) for one, other in pairs],
         columns=["group", "n_scenes", *VARIANT, "other", "other_params"],
     )
-    return rows.join(win_shares(second, first, better)).join(bootstrap_changes(second, first)[CHANGES[:3]])
+    changes = significance.bootstrap_changes(second, first)[CHANGE]
+    return rows.join(significance.win_shares(second, first, better)).join(changes)
 
 
 def _rank_rows(table: pd.DataFrame, better: str, wins: pd.DataFrame, means: pd.DataFrame) -> pd.DataFrame:
@@ -264,21 +251,21 @@ def _rank_rows(table: pd.DataFrame, better: str, wins: pd.DataFrame, means: pd.D
     rows = means.loc[[*own.index, *means.index.difference(own.index, sort=False)]]
     rows.insert(0, "is_reference", ~rows.index.isin(own.index))
     rows["mean"] = own.reindex(rows.index).fillna(rows["mean"])
-    rows = rows.join(from_best.set_index(VARIANT)[CHANGES[:3]])
-    rows.loc[[best], CHANGES[:3]] = 0.0
+    rows = rows.join(from_best.set_index(VARIANT)[CHANGE])
+    rows.loc[[best], CHANGE] = 0.0
     return rows
 
 
-def _rank_sets(table: pd.DataFrame, better: str) -> RankSets:
+def _rank_sets(table: pd.DataFrame, better: str) -> significance.RankSets:
     """Find the rank set of every column."""
     # Differences by rounding alone are made exact zeros: those of all columns from the first of equal ones.
     columns = table.to_numpy(copy=True).T
     for earlier, later in combinations(columns, 2):
-        later[:] = without_rounding(earlier, later)
-    return rank_sets(columns.T if better == "lower" else -columns.T)
+        later[:] = significance.without_rounding(earlier, later)
+    return significance.rank_sets(columns.T if better == "lower" else -columns.T)
 
 
-def _told_critical(group: str, sets: RankSets, labels: Sequence[str]) -> str:
+def _told_critical(group: str, sets: significance.RankSets, labels: Sequence[str]) -> str:
     """Say which pair decides how wide the sets are."""
     worse, other = (labels[place] for place in sets.critical)
     return (

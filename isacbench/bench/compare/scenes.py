@@ -191,17 +191,14 @@ def worst_scenes(
     return table[[*VARIANT, "scenario", "family", "score", "snr_db", "trial", "cell_score", "status"]]
 
 
-def most_changed(pairs: pd.DataFrame, metric: str, manifest: Mapping[str, Any]) -> pd.DataFrame:
+def most_changed(rows: pd.DataFrame, metric: str, manifest: Mapping[str, Any]) -> pd.DataFrame:
     """List the scenes in which a score changed most, the largest mean change of a scene first.
 
-    `pairs` are those of `isacbench.bench.compare.pairs.pair_cells`, the manifest is that of the new run. Of
+    `rows` are those of `isacbench.bench.compare.pairs.scored_pairs`, the manifest is that of the new run. Of
     at most five rows the columns are ``metric``, ``scenario``, ``family``, ``estimator``, ``params``, the
     means ``base`` and ``new``, ``change``; of the cell that changed most ``snr_db`` and ``trial``.
     """
-    rows = pairs[[*CURVE, "snr_db", "trial"]].assign(
-        base=pairs[f"{metric}_base"].astype(float), new=pairs[f"{metric}_new"].astype(float)
-    )
-    rows["change"] = rows["new"] - rows["base"]
+    rows = rows.assign(change=rows["new"] - rows["base"])
     rows = rows[np.isfinite(rows["change"])]
     means = rows.groupby(CURVE, sort=False)[["base", "new", "change"]].mean().reset_index()
     means = means[means["change"].abs() > ROUNDING * (means["base"].abs() + means["new"].abs())]

@@ -5,24 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import REFERENCE_COLUMNS
+from isacbench.bench.compare import significance
 from isacbench.bench.compare.pairs import CURVE
 from isacbench.bench.compare.scenes import pool_scenes
-from isacbench.bench.compare.significance import (
-    bootstrap_changes,
-    holm,
-    signed_rank_test,
-    smallest_effect,
-    trials_needed,
-    win_shares,
-    without_rounding,
-)
 from isacbench.bench.statistics import student_band
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
@@ -158,31 +149,15 @@ class PairedScores(NamedTuple):
 
 
 def point_scores(
-    pairs: pd.DataFrame,
-    metric: str,
-    sides: tuple[str, str] = ("the base", "the new run"),
-    groups: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    rows: pd.DataFrame, metric: str, sides: tuple[str, str], groups: Mapping[str, Sequence[str]]
 ) -> tuple[PairedScores, list[str]]:
     """Collect the scores of every point, sorted by curve and SNR, without points that have none.
 
-    Parameters
-    ----------
-    pairs : DataFrame
-        As `isacbench.bench.compare.pairs.pair_cells` returns it.
-    sides : (str, str)
-        Words for both sides in notes.
-    groups : mapping of str to sequence of str
-        Scenes by the name of their group, where scenes are the units: groups then take the place of
-        scenarios and scenes that of trials.
-
-    Returns
-    -------
-    notes : list of str
-        Numbers of cells of which one run alone has a score.
+    `rows` are those of `isacbench.bench.compare.pairs.scored_pairs`, `sides` words for both sides in notes.
+    Where scenes are the units, `groups` have them by the name of their group: groups then take the place of
+    scenarios and scenes that of trials. The notes say of how many cells one side alone has a score.
     """
-    rows = pairs[[*CURVE, "snr_db", "trial"]].assign(
-        base=pairs[f"{metric}_base"].astype(float), new=pairs[f"{metric}_new"].astype(float)
-    )
+    rows = rows.copy()
     in_base, in_new = np.isfinite(rows["base"]), np.isfinite(rows["new"])
     rows.loc[~(in_base & in_new), ["base", "new"]] = np.nan
     rows = rows[in_base | in_new]
@@ -204,7 +179,7 @@ def point_scores(
             f"{metric}: {(in_base & ~in_new).sum()} cells that have one in {sides[0]} alone, and "
             f"{(~in_base & in_new).sum()} that have one in {sides[1]} alone, are left out"
         )
-    return PairedScores(keys, base, without_rounding(base, new)), notes
+    return PairedScores(keys, base, significance.without_rounding(base, new)), notes
 
 
 def curve_scores(points: PairedScores) -> PairedScores:
@@ -215,7 +190,7 @@ def curve_scores(points: PairedScores) -> PairedScores:
         pd.DataFrame(values.T).groupby(curves.ngroup()).mean().to_numpy().T
         for values in (points.base, points.new - points.base)
     )
-    return PairedScores(keys, base, without_rounding(base, base + change))
+    return PairedScores(keys, base, significance.without_rounding(base, base + change))
 
 
 def measure(scores: PairedScores, tolerance: Tolerance, better: str, of_scenes: bool) -> pd.DataFrame:
@@ -232,15 +207,15 @@ def measure(scores: PairedScores, tolerance: Tolerance, better: str, of_scenes: 
     for name, values in (("base", base), ("new", new)):
         table[f"{name}_mean"] = values.mean()
         table[f"{name}_band"] = student_band(values.std(), table["n_pairs"])
-    table = table.join(bootstrap_changes(scores.base, scores.new))
-    tests = [signed_rank_test(column[np.isfinite(column)]) for column in worsening.to_numpy().T]
+    table = table.join(significance.bootstrap_changes(scores.base, scores.new))
+    tests = [significance.signed_rank_test(column[np.isfinite(column)]) for column in worsening.to_numpy().T]
     table[["raw_worse", "raw_better", "attainable"]] = np.reshape(tests, (-1, 3))
     table["worsening"], table["spread"] = worsening.mean(), worsening.std()
     table["limit"] = tolerance.limit * (table["base_mean"].abs() if tolerance.is_relative else 1.0)
     low, high = ("relative_low", "relative_high") if tolerance.is_relative else ("change_low", "change_high")
     table["is_within"] = (table[low] >= -tolerance.limit) & (table[high] <= tolerance.limit)
     if of_scenes:
-        wins = win_shares(scores.base, scores.new, better)
+        wins = significance.win_shares(scores.base, scores.new, better)
         table = table.join(wins[["probability", "low", "high"]].add_prefix("win_"))
     return table
 
@@ -302,14 +277,16 @@ def _correct(table: pd.DataFrame, tested: NDArray[np.bool_], share: float, alpha
     for side in ("worse", "better"):
         p_values = np.ones(len(table))
         if share:
-            p_values[tested] = np.minimum(holm(table[f"raw_{side}"].to_numpy()[tested]) / share, 1.0)
+            p_values[tested] = np.minimum(
+                significance.holm(table[f"raw_{side}"].to_numpy()[tested]) / share, 1.0
+            )
         found[f"p_{side}"] = p_values
     n_tests = max(int(tested.sum()), 1)
-    found["smallest_effect"] = smallest_effect(
+    found["smallest_effect"] = significance.smallest_effect(
         table["spread"], table["n_pairs"], (share or 0.5) * alpha / n_tests
     )
     # More trials may let the other family have its half.
-    found["trials_needed"] = np.full(len(table), trials_needed(0.5 * alpha / n_tests))
+    found["trials_needed"] = np.full(len(table), significance.trials_needed(0.5 * alpha / n_tests))
     return pd.DataFrame(found, index=table.index)
 
 
