@@ -28,7 +28,7 @@ from weakref import WeakKeyDictionary
 
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import local_plugins
-from isacbench.plugins.parameters import parameter_fields
+from isacbench.plugins.registry import parameter_fields
 
 CODE_SUFFIXES = tuple(SOURCE_SUFFIXES + EXTENSION_SUFFIXES)
 

@@ -22,14 +22,14 @@ import cloudpickle
 
 from isacbench.errors import InputError
 from isacbench.plugins.code_digests import is_importable, known_codes, own_codes
-from isacbench.plugins.parameters import (
+from isacbench.plugins.registry import (
     canonical_params,
+    check_parameter,
     field_defaults,
     is_frozen_dataclass,
     parameter_types,
     refuse_init_variables,
 )
-from isacbench.plugins.registry import check_parameter
 from isacbench.specifications import is_word, spell_spec
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from isacbench.model.cloud import PointCloud
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
 from isacbench.plugins.discovery import error_place
-from isacbench.plugins.parameters import canonical_params, python_number
-from isacbench.plugins.registry import build_metric
+from isacbench.plugins.registry import build_metric, canonical_params, python_number
 from isacbench.streams import plugin_output
 
 if TYPE_CHECKING:

@@ -5,10 +5,10 @@ import pytest
 
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detector
-from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import (
     build_estimator,
     build_variants,
+    canonical_params,
     describe_plugin,
     detector_names,
     distribution,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import canonical_params
 from isacbench.plugins.scoring import Metrics
 
 if TYPE_CHECKING:

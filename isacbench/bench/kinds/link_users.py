@@ -20,8 +20,7 @@ from isacbench.link.reception.receiver import Knowledge, expected_ber, receive
 from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.echo import random_stream
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import construct
+from isacbench.plugins.registry import canonical_params, construct
 from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import canonical_params
 from isacbench.plugins.scoring import Metrics, score
 from tests.conftest import hide_estimators
 from tests.score_tables import METRICS
