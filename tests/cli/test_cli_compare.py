@@ -10,13 +10,13 @@ from isacbench.bench.store.run_folder import open_folder
 from isacbench.report.comparisons import comparison_charts
 from isacbench.report.figures import new_figure
 
-DRAW_CHANGES = comparison_charts.comparison_charts
+DRAW_CHARTS = comparison_charts.draw_charts
 
 
 @pytest.fixture
 def cli(command_line, monkeypatch):
     """Run the command in a folder of its own; figures are left empty."""
-    monkeypatch.setattr(comparison_charts, "comparison_charts", lambda *_: new_figure(1, 1))
+    monkeypatch.setattr(comparison_charts, "draw_charts", lambda *_: new_figure(1, 1))
     return partial(command_line, "compare")
 
 
@@ -39,7 +39,7 @@ def everything(folder):
 def test_without_a_regression_the_exit_code_is_0_and_nothing_but_a_figure_and_the_page_is_made(
     cli, folders, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(comparison_charts, "comparison_charts", DRAW_CHANGES)
+    monkeypatch.setattr(comparison_charts, "draw_charts", DRAW_CHARTS)
     before = everything(tmp_path)
     result = cli("base", "same")
     assert result.exit_code == 0, result.output
@@ -142,7 +142,6 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
 
 
 def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path):
-    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     (tmp_path / "plain").touch()
     for words, fragment in (
         ("old", "only one run was given; give two runs"),
@@ -151,15 +150,13 @@ def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned
         ("old new --map nomp4d", "map 'nomp4d': allowed is OLD[param=value,...]=NEW"),
         ("old new --map nomp4d=nomb4d", "new: no estimator fits 'nomb4d': did you mean"),
         ("old new --markdown nowhere/x.md", "x.md: cannot be written: there is no folder nowhere"),
-        ("old new --junit old", "old: cannot be written: is a folder, not a file"),
-        ("old new --junit link", "link: is a symbolic link"),
+        ("old new --junit old", "old: cannot be written: is not a file"),
         ("old new --plot plain/x.png", "plain: cannot be written"),
     ):
         result = cli(*words.split())
         assert result.exit_code == 2, words
         assert fragment in result.stderr
         assert result.stderr.count("\n") == 1, words
-        assert not (tmp_path / "elsewhere").exists()
 
 
 def test_files_for_continuous_integration_are_written_whatever_the_exit_code(cli, folders, tmp_path):
