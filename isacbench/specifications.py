@@ -6,14 +6,12 @@ import itertools
 import json
 import math
 import re
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from isacbench.errors import InputError
 from isacbench.number_text import is_number
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
 
 MAX_VARIANTS = 1000
 """Most variants of a grid; a larger one is most likely a mistake."""

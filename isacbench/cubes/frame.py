@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import compress, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -23,6 +23,7 @@ from scipy.ndimage import maximum_filter
 from scipy.special import gammainccinv, gammaincinv
 
 from isacbench.checked_arrays import checked_array
+from isacbench.choices import Division, Sensing
 from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
 from isacbench.cubes.tiles import Cube, require_shape
 from isacbench.cubes.transform import gate_cells
@@ -32,13 +33,10 @@ from isacbench.files.escaping import counted
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import Gate, build_gate
 from isacbench.model.observation import Observation, cross_elements
+from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import get_detector
 
-if TYPE_CHECKING:
-    from isacbench.choices import Division, Sensing
-    from isacbench.model.scene import Scenario
-
-    Echoes = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]
+Echoes = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]
 
 MOST_MISSED = 10 ** (-33 / 20)
 """Amplitude of false ranges over that of an echo: estimators look as far down."""

@@ -15,19 +15,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from isacbench.dsp.partial_dft import doppler_sums, range_method
 from isacbench.model.gate import build_gate
-from isacbench.plugins.contracts import needs_of
-
-if TYPE_CHECKING:
-    from numpy.typing import DTypeLike
-
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Estimator
+from isacbench.model.scene import Scenario
+from isacbench.plugins.contracts import Estimator, needs_of
 
 ANGLE_OVERSAMPLING = 3
 """Points of an angle FFT an element, as many as `fft4d` takes on the paper's array."""

@@ -14,15 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from isacbench.cubes.tiles import (
-    CUBE_NAME,
-    GRID_NAME,
-    TILE_BYTES,
-    ComplexArray,
-    Cube,
-    require_cube,
-    require_grid,
-)
+from isacbench.cubes import tiles
+from isacbench.cubes.tiles import CUBE_NAME, GRID_NAME, TILE_BYTES, ComplexArray, Cube
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.arrays import (
     FORMATS,
@@ -181,7 +174,7 @@ def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
     """Make a cube of a stored array: read in parts where its format allows it, or else as a whole."""
     n_axes, read = len(stored.shape), stored.read
     ones = (1,) * (4 - n_axes) if stored.drops_ones else ()  # that the program dropped at the end
-    shape = require_cube(name, stored.shape + ones, stored.dtype)
+    shape = tiles.require_cube(name, stored.shape + ones, stored.dtype)
     if stored.chunks and ones:
         chunks, added = stored.chunks + ones, (..., *(None for _ in ones))
         stored = replace(stored, shape=shape, chunks=chunks, read=lambda box: read(box[:n_axes])[added])
@@ -197,7 +190,7 @@ def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
 
 def _read_grid(path: Path, name: str, stored: StoredArray) -> ComplexArray:
     """Read a transmitted grid in C order and native byte order; real numbers become complex128."""
-    require_grid(_called(path, name), stored.shape, stored.dtype)
+    tiles.require_grid(_called(path, name), stored.shape, stored.dtype)
     values = stored.whole()
     dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
     return np.ascontiguousarray(values, dtype=dtype)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import permutations, product
 from math import prod
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from isacbench.checked_arrays import unmasked_array
 from isacbench.errors import InputError
+from isacbench.files.arrays import StoredArray
 from isacbench.files.checked_files import GRID_BYTES, binary_size
-
-if TYPE_CHECKING:
-    from isacbench.files.arrays import StoredArray
-    from isacbench.model.array import VirtualArray
-    from isacbench.model.numerology import System
+from isacbench.model.array import VirtualArray
+from isacbench.model.numerology import System
 
 ComplexArray: TypeAlias = NDArray[np.complexfloating[Any, Any]]
 

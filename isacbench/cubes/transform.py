@@ -6,30 +6,19 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.cores import available_cores, one_blas_thread
+from isacbench.cubes.tiles import Cube, Tile
+from isacbench.dsp import partial_dft
 from isacbench.dsp.null_carriers import NullCarriers
-from isacbench.dsp.partial_dft import (
-    doppler_sums,
-    is_element_major,
-    range_bins_by_fft,
-    range_method,
-    range_rows,
-    transform_block,
-    transform_lines,
-    with_few_elements_outermost,
-)
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted
-
-if TYPE_CHECKING:
-    from isacbench.cubes.tiles import Cube, Tile
-    from isacbench.model.gate import Gate
-    from isacbench.model.numerology import System
+from isacbench.model.gate import Gate
+from isacbench.model.numerology import System
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 Item = TypeVar("Item")
@@ -58,30 +47,32 @@ def gate_cells(
     """
     n_workers = available_cores() if workers is None else workers
     bins, n_subcarriers = gate.range_bins, system.n_subcarriers
-    doppler = doppler_sums(gate.doppler_bins, system.n_symbols)
+    doppler = partial_dft.doppler_sums(gate.doppler_bins, system.n_symbols)
     along_doppler = doppler.rows_in(cube.dtype)
-    has_fast_lines = nulls is None and range_method(bins.size, n_subcarriers, "contiguous") == "fft"
+    has_fast_lines = (
+        nulls is None and partial_dft.range_method(bins.size, n_subcarriers, "contiguous") == "fft"
+    )
     along_range, n_lines = None, n_subcarriers
-    if nulls is not None or range_method(bins.size, n_subcarriers) == "partial":
-        along_range, n_lines = range_rows(bins, n_subcarriers), 0
+    if nulls is not None or partial_dft.range_method(bins.size, n_subcarriers) == "partial":
+        along_range, n_lines = partial_dft.range_rows(bins, n_subcarriers), 0
         along_range = along_range if nulls is None else nulls.interpolated(along_range)
     with np.errstate(all="ignore"):  # numbers that are not finite are looked for once, at the end
         weights = None if factors is None else factors.astype(cube.dtype)
 
     def transform(tile: Tile) -> tuple[NDArray[np.bool_], bool, Complex]:
         """Mask of what an element of a tile holds, whether the tile's share is lines, and the share."""
-        block, rows = with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
+        block, rows = partial_dft.with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
         held = block[:, :, 0] != 0
         with np.errstate(all="ignore"):  # a thread has its own
             if weights is not None:
                 block = block * weights[tile.subcarriers, tile.symbols, None]
             if nulls is not None:  # whatever they held, NaN as well
                 block = np.where(nulls.used[tile.subcarriers, None, None], block, 0)
-            if has_fast_lines and len(block) == n_subcarriers and is_element_major(block):
-                return held, False, transform_lines(block, rows, bins)
+            if has_fast_lines and len(block) == n_subcarriers and partial_dft.is_element_major(block):
+                return held, False, partial_dft.transform_lines(block, rows, bins)
             if along_range is None:
-                return held, True, transform_block(block, rows)
-            return held, False, transform_block(block, rows, along_range[:, tile.subcarriers])
+                return held, True, partial_dft.transform_block(block, rows)
+            return held, False, partial_dft.transform_block(block, rows, along_range[:, tile.subcarriers])
 
     shape = len(along_doppler), len(elements)
     sums = np.zeros((bins.size, *shape), dtype=np.complex128)
@@ -96,7 +87,7 @@ def gate_cells(
             summed[:, :, _consecutive(tile.elements)] += share
         _warn_of_zeros(cube.name, is_held, np.True_ if weights is None else weights != 0)
         if has_lines:
-            sums += range_bins_by_fft(lines, bins, n_workers)
+            sums += partial_dft.range_bins_by_fft(lines, bins, n_workers)
         cells = doppler.bins(sums).astype(np.complex128, copy=False)
     if not np.isfinite(cells).all():
         raise InputError(f"{cube.name}: {_find_fault(cube, elements, nulls)}")

@@ -15,32 +15,21 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from isacbench.checked_arrays import unmasked_array
 from isacbench.cores import available_cores, one_blas_thread
-from isacbench.cubes.tiles import (
-    CUBE_NAME,
-    ELEMENTS,
-    SUBCARRIERS,
-    SYMBOLS,
-    ComplexArray,
-    box_lengths,
-    require_cube,
-)
+from isacbench.cubes import tiles
+from isacbench.cubes.tiles import ComplexArray
 from isacbench.cubes.transform import in_order
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_new
 from isacbench.model.echo import Simulator, random_stream, resource_grid, transmitted_noise, white_gaussian
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, DTypeLike
-
-    from isacbench.model.scene import Scenario
+from isacbench.model.scene import Scenario
 
 Shape: TypeAlias = tuple[int, int, int, int]
 Write: TypeAlias = Callable[[int, ComplexArray], object]
@@ -114,7 +103,7 @@ def write_cube(
     if (suffix := path.suffix.lower()) not in FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise InputError(f"{path}: has {found}; a cube is written as {', '.join(FORMATS)}")
-    checked_shape = require_cube(str(path), shape, dtype)
+    checked_shape = tiles.require_cube(str(path), shape, dtype)
     require_new(path)
     wanted = math.prod(checked_shape) * dtype.itemsize + SPARE_BYTES
     free = shutil.disk_usage(path.parent).free
@@ -147,8 +136,8 @@ def chunk_lengths(shape: Shape, itemsize: int) -> Shape:
     (64, 224, 2, 2)
     """
     n_p, n_q = (min(CHUNK_ELEMENTS, length) for length in shape[2:])
-    nesting = (SUBCARRIERS, SYMBOLS, ELEMENTS)
-    n_subcarriers, n_symbols, _ = box_lengths((*shape[:2], n_p * n_q), nesting, CHUNK_BYTES // itemsize)
+    nesting = (tiles.SUBCARRIERS, tiles.SYMBOLS, tiles.ELEMENTS)
+    n_subcarriers, n_symbols, _ = tiles.box_lengths((*shape[:2], n_p * n_q), nesting, CHUNK_BYTES // itemsize)
     return n_subcarriers, n_symbols, n_p, n_q
 
 
@@ -201,7 +190,7 @@ def _created(path: Path, suffix: str, shape: Shape, dtype: np.dtype[Any]) -> Ite
         return
     zarr: Any = import_extra("zarr", "cubes", str(path))
     array = zarr.open_group(path, mode="w").create_array(
-        CUBE_NAME,
+        tiles.CUBE_NAME,
         shape=shape,
         dtype=dtype,
         chunks=chunk_lengths(shape, dtype.itemsize),

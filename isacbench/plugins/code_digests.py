@@ -216,9 +216,7 @@ def has_a_file(thing: Any) -> bool:
 
 def class_code(plugin_class: type[Any]) -> ClassCode:
     """Find the code of a class without a file, as it is now, equal in every process for equal values."""
-    if plugin_class in known_codes:
-        return known_codes[plugin_class]
-    return _code_of(plugin_class, plugin_class.__qualname__)
+    return known_codes.get(plugin_class) or _code_of(plugin_class, plugin_class.__qualname__)
 
 
 def attributes_digest(plugin: object) -> str | None:

@@ -16,12 +16,13 @@ from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from threading import Lock
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import cloudpickle
 
 from isacbench.errors import InputError
 from isacbench.plugins.code_digests import is_importable, known_codes, own_codes
+from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.registry import (
     canonical_params,
     check_parameter,
@@ -31,9 +32,6 @@ from isacbench.plugins.registry import (
     refuse_init_variables,
 )
 from isacbench.specifications import is_word, spell_spec
-
-if TYPE_CHECKING:
-    from isacbench.plugins.contracts import Estimator
 
 
 def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:

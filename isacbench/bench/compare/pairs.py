@@ -8,9 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import CLOUD_KEYS as CELL
 from isacbench.bench.cells.statuses import SCORED
@@ -22,10 +24,6 @@ from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import shortened
 from isacbench.specifications import Spec, parse_spec, spell_spec
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 VARIANT = ["estimator", "params"]
 CURVE = ["scenario", *VARIANT]

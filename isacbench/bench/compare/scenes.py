@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,11 +13,9 @@ from isacbench.bench.compare.pairs import CURVE, VARIANT, spell_apart
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS, ROUNDING
 from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios
 from isacbench.bench.kinds.scores import LONE_COUNTS
+from isacbench.bench.store.run import Run
 from isacbench.charts import Variant, rows_of, variants_in
 from isacbench.files.escaping import counted
-
-if TYPE_CHECKING:
-    from isacbench.bench.store.run import Run
 
 MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""

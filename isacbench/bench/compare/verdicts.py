@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import REFERENCE_COLUMNS
 from isacbench.bench.compare import significance
@@ -19,10 +20,7 @@ from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.errors import InputError, unknown_name
 from isacbench.metrics.descriptions import Direction, ScoreColumn
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 VERDICTS = ("regression", "improvement", "inconclusive", "same")
 """All verdicts, the worst first."""
