@@ -18,12 +18,12 @@ from isacbench.checkout import keep_to_checkout
 
 if TYPE_CHECKING:
     from isacbench.bench.compare.comparison import Comparison, compare
-    from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.compare.pairs import NotComparableError
     from isacbench.bench.compare.ranking import Ranking, rank
     from isacbench.bench.run.runner import run
     from isacbench.bench.store.run import load_run
     from isacbench.checking.plugin_check import check
-    from isacbench.cubes.frame_observation import observe_cube
+    from isacbench.cubes.frame import observe_cube
     from isacbench.errors import InputError
     from isacbench.link.sensing.observing import observe
     from isacbench.model.cloud import PointCloud
@@ -64,7 +64,7 @@ __all__ = [
 _HOMES = {
     "Comparison": "isacbench.bench.compare.comparison",
     "InputError": "isacbench.errors",
-    "NotComparableError": "isacbench.bench.compare.matching",
+    "NotComparableError": "isacbench.bench.compare.pairs",
     "Observation": "isacbench.model.observation",
     "PointCloud": "isacbench.model.cloud",
     "Ranking": "isacbench.bench.compare.ranking",
@@ -77,7 +77,7 @@ _HOMES = {
     "load_run": "isacbench.bench.store.run",
     "load_scenario": "isacbench.model.scenes.scenario",
     "observe": "isacbench.link.sensing.observing",
-    "observe_cube": "isacbench.cubes.frame_observation",
+    "observe_cube": "isacbench.cubes.frame",
     "plot_clouds": "isacbench.report.clouds",
     "rank": "isacbench.bench.compare.ranking",
     "run": "isacbench.bench.run.runner",

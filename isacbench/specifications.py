@@ -6,14 +6,12 @@ import itertools
 import json
 import math
 import re
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from isacbench.errors import InputError
 from isacbench.number_text import is_number
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
 
 MAX_VARIANTS = 1000
 """Most variants of a grid; a larger one is most likely a mistake."""
@@ -79,7 +77,7 @@ def spec_variants(text: str) -> list[SpelledVariant]:
     >>> [variant.text for variant in spec_variants("a[d=[b,c[n=1]],pfa=[1e-3,1e-4]]")]
     ['a[d=b,pfa=1e-3]', 'a[d=b,pfa=1e-4]', 'a[d=c[n=1],pfa=1e-3]', 'a[d=c[n=1],pfa=1e-4]']
     """
-    return [SpelledVariant(option.text, option.value) for option in _SpecParser(text).parse()]
+    return [SpelledVariant(*option) for option in _SpecParser(text).parse()]
 
 
 def spell_spec(name: str, params: Mapping[str, Any]) -> str:
@@ -129,11 +127,8 @@ def is_word(text: str) -> bool:
     return is_one and parser.scalar(text) == text != "none"
 
 
-class _Option(NamedTuple):
-    """One of the values that a part of a specification stands for, and its spelling."""
-
-    value: Any
-    text: str
+_Option = tuple[str, Any]
+"""Spelling of one of the values that a part of a specification stands for, and the value."""
 
 
 class _SpecParser:
@@ -155,7 +150,7 @@ class _SpecParser:
     def spec(self, name: str) -> list[_Option]:
         """Options of a name whose parameters may follow."""
         if not self.take("["):
-            return [_Option(Spec(name, {}), name)]
+            return [(name, Spec(name, {}))]
         params: dict[str, list[_Option]] = {}
         for _ in self.items("]"):
             key = self.word("a parameter or ']'")
@@ -164,11 +159,9 @@ class _SpecParser:
             self.expect("=")
             params[key] = self.alternatives(key) if self.take("[") else self.single(key)
         options = []
-        for combined in self.combinations(params.values()):
-            of_key = dict(zip(params, combined, strict=True))
-            text = ",".join(f"{key}={option.text}" for key, option in of_key.items())
-            spec = Spec(name, {key: option.value for key, option in of_key.items()})
-            options.append(_Option(spec, f"{name}[{text}]"))
+        for texts, values in self.combinations(params.values()):
+            text = ",".join(f"{key}={text}" for key, text in zip(params, texts, strict=True))
+            options.append((f"{name}[{text}]", Spec(name, dict(zip(params, values, strict=True)))))
         return options
 
     def alternatives(self, key: str) -> list[_Option]:
@@ -177,11 +170,11 @@ class _SpecParser:
         # By what they mean, not by how they are spelled; 1 and 1.0 are not the same everywhere.
         meanings: set[str] = set()
         for _ in self.items("]"):
-            for option in self.single(key):
-                if repr(option.value) in meanings:
-                    raise InputError(f"{self.text!r}: {key!r} lists the alternative {option.text} twice")
-                meanings.add(repr(option.value))
-                options.append(option)
+            for text, value in self.single(key):
+                if repr(value) in meanings:
+                    raise InputError(f"{self.text!r}: {key!r} lists the alternative {text} twice")
+                meanings.add(repr(value))
+                options.append((text, value))
             self.limit(len(options))
         if not options:
             raise InputError(
@@ -195,14 +188,9 @@ class _SpecParser:
             raise self.broken("a value, not alternatives among alternatives (a tuple takes parentheses),")
         if self.take("("):
             items = [self.alternatives(key) if self.take("[") else self.single(key) for _ in self.items(")")]
-            return [
-                _Option(
-                    tuple(item.value for item in combined), f"({','.join(item.text for item in combined)})"
-                )
-                for combined in self.combinations(items)
-            ]
+            return [(f"({','.join(texts)})", values) for texts, values in self.combinations(items)]
         word = self.word("a value", or_text=True)
-        return self.spec(word) if self.tokens[:1] == ["["] else [_Option(self.scalar(word), word)]
+        return self.spec(word) if self.tokens[:1] == ["["] else [(word, self.scalar(word))]
 
     def items(self, closing: str) -> Iterator[None]:
         """Stop before every item of a list whose opening bracket is already taken."""
@@ -211,9 +199,13 @@ class _SpecParser:
             if self.tokens[:1] != [closing]:
                 self.expect(",", f"',' or {closing!r}")
 
-    def combinations(self, parts: Collection[list[_Option]]) -> Iterator[tuple[_Option, ...]]:
+    def combinations(
+        self, parts: Collection[list[_Option]]
+    ) -> Iterator[tuple[tuple[str, ...], tuple[Any, ...]]]:
+        """Texts and values of every choice of an option for each part."""
         self.limit(math.prod(len(options) for options in parts))
-        return itertools.product(*parts)
+        for chosen in itertools.product(*parts):
+            yield tuple(text for text, _ in chosen), tuple(value for _, value in chosen)
 
     def limit(self, n: int) -> None:
         if n > MAX_VARIANTS:

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse
 
 from isacbench.checked_arrays import checked_array, named_columns
-from isacbench.cubes.frame_observation import observe_cube
+from isacbench.cubes.frame import observe_cube
 from isacbench.cubes.opening import open_cube
 from isacbench.dsp.angles.aperture import Plane
 from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum

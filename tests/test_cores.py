@@ -19,7 +19,7 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench import cores
 from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.cores import one_blas_thread
-from isacbench.cubes.frame_observation import observe_cube
+from isacbench.cubes.frame import observe_cube
 from isacbench.link.sensing.observing import observe
 from isacbench.model.echo import resource_grid
 from isacbench.model.observation import Observation

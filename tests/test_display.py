@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.cubes.frame_observation import CubeObservation
+from isacbench.cubes.frame import CubeObservation
 from isacbench.display import brief, span
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import observe_echo

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import METHODS, RegisteredPlugin
-from isacbench.plugins.parameters import (
+from isacbench.plugins.registry import (
     canonical_params,
+    check_parameter,
     is_frozen_dataclass,
     parameter_types,
     required_fields,
 )
-from isacbench.plugins.registry import check_parameter
 from isacbench.specifications import is_word
 
 SLOW_S = 10.0

@@ -18,8 +18,7 @@ from isacbench.checking.checks import Check, Finding, Status, run_check
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_variants
+from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.process_state import process_state_kept
 from isacbench.specifications import parse_spec
 

@@ -104,8 +104,7 @@ def image_command(
     require_names([scenario], [estimator])
     from isacbench.bench.cells.cell import estimate_cloud, image_reference
     from isacbench.cores import one_blas_thread
-    from isacbench.cubes.frame_observation import observe_cube
-    from isacbench.cubes.frame_summary import summarise_frame
+    from isacbench.cubes.frame import observe_cube, summarise_frame
     from isacbench.instrument.remarks import Remarks
     from isacbench.link.sensing.observing import observe
     from isacbench.model.scenes.scenario import load_scenario
@@ -177,7 +176,7 @@ def simulate_command(
     """Write the full frame of a scenario; its image is that of the same SNR, trial and seed."""
     require_names([scenario])
     from isacbench.cubes import write_cube
-    from isacbench.cubes.simulating import FrameSimulator
+    from isacbench.cubes.writing import FrameSimulator
     from isacbench.model.scenes.scenario import load_scenario
 
     dtype = _dtype(precision)

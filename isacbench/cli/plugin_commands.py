@@ -45,7 +45,7 @@ def check_command(
 
     register(plugin)
     plugins = find_plugins(package_or_file)
-    from isacbench.plugins.registry import distribution
+    from isacbench.plugins.discovery import entries
     from isacbench.report.findings import describe_checks, print_counts, print_findings
 
     found = []
@@ -55,7 +55,7 @@ def check_command(
             say(f"isacbench: {of}: still at {running!r}", err=True)
 
         findings = tuple(check_guarded(kind, name, still_at=still_at))
-        found.append(PluginFindings(kind, name, distribution(kind, name), findings))
+        found.append(PluginFindings(kind, name, entries(kind)[name].origin, findings))
         if not as_json:
             print_findings(found[-1])
     report = CheckReport(tuple(found))

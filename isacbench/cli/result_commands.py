@@ -171,7 +171,7 @@ def compare_command(
     Exit code 4 if a curve is worse or cells are lost, 5 if the runs cannot be compared.
     """
     from isacbench.bench.compare.comparison import compare as compare_runs
-    from isacbench.bench.compare.matching import NotComparableError
+    from isacbench.bench.compare.pairs import NotComparableError
     from isacbench.bench.store.run import Run
     from isacbench.report.comparisons.ci_files import (
         comparison_junit,

@@ -103,10 +103,10 @@ def run_command(
     )
     from isacbench.bench.cells.cell import repeats_wanted
     from isacbench.bench.cells.record import failed
-    from isacbench.bench.compare.worst_scenes import command_to_show
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard
     from isacbench.bench.run.runner import Execution
+    from isacbench.bench.store.manifest import command_to_show
     from isacbench.bench.store.resume import parse_reruns
     from isacbench.bench.store.run_folder import default_folder
     from isacbench.bench.workers.guarded_cells import Guard
@@ -135,9 +135,7 @@ def run_command(
     if not lost.empty:
         first = lost.iloc[0]
         label = estimator_labels([(first["estimator"], first["params"])])[first["estimator"], first["params"]]
-        command = command_to_show(
-            run.manifest, first["scenario"], label, first["snr_db"], first["trial"], picture=""
-        )
+        command = command_to_show(run.manifest, first["scenario"], label, first["snr_db"], first["trial"])
         fail(
             f"{len(lost)} of {len(run.rows)} cells failed, the first one {first['estimator']} on "
             f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, "

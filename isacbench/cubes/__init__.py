@@ -1,21 +1,6 @@
 """Recorded cubes: reading them tile by tile from arrays and files, and writing them block by block."""
 
-from isacbench.cubes.cube import TILE_BYTES, Cube, Tile, require_shape
 from isacbench.cubes.opening import open_cube, read_grid
 from isacbench.cubes.writing import write_cube
 
-__all__ = [
-    "TILE_BYTES",
-    "Cube",
-    "Tile",
-    "frame_observation",
-    "frame_summary",
-    "image_cost",
-    "open_cube",
-    "opening",
-    "read_grid",
-    "require_shape",
-    "simulating",
-    "transform",
-    "write_cube",
-]
+__all__ = ["frame", "image_cost", "open_cube", "opening", "read_grid", "tiles", "write_cube", "writing"]

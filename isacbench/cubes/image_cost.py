@@ -15,19 +15,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from isacbench.dsp.partial_dft import doppler_sums, range_method
 from isacbench.model.gate import build_gate
-from isacbench.plugins.contracts import needs_of
-
-if TYPE_CHECKING:
-    from numpy.typing import DTypeLike
-
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Estimator
+from isacbench.model.scene import Scenario
+from isacbench.plugins.contracts import Estimator, needs_of
 
 ANGLE_OVERSAMPLING = 3
 """Points of an angle FFT an element, as many as `fft4d` takes on the paper's array."""
@@ -79,11 +75,8 @@ class Cost(NamedTuple):
     @property
     def total(self) -> Step:
         """Work of all steps, and that of the full chain."""
-        columns = [
-            zip(*(getattr(step, part) for step in self.steps), strict=True) for part in Step._fields[2:]
-        ]
-        computed, full = (tuple(map(sum, column)) for column in columns)
-        return Step("total", "", computed, full)
+        computed, full = np.sum([(step.computed, step.full) for step in self.steps], axis=0).tolist()
+        return Step("total", "", tuple(computed), tuple(full))
 
     def rows(self) -> list[list[str]]:
         """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""

@@ -10,11 +10,13 @@ from contextlib import closing
 from dataclasses import replace
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from isacbench.cubes.cube import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
+from isacbench.checked_arrays import Complex
+from isacbench.cubes import tiles
+from isacbench.cubes.tiles import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.arrays import (
     FORMATS,
@@ -28,9 +30,6 @@ from isacbench.files.arrays import (
     zarr_array,
 )
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
-
-if TYPE_CHECKING:
-    from isacbench.cubes.cube import ComplexArray
 
 READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
 """Formats that can be read in parts."""
@@ -72,11 +71,8 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     ((8, 4, 2, 2), 'complex64')
     """
     cube = reopen_cube(source, tile_bytes)
-    try:
-        _warn(cube.unused)
-    except InputWarning:
-        cube.close()
-        raise
+    if cube.unused:
+        warnings.warn(cube.unused, InputWarning, stacklevel=2)
     return cube
 
 
@@ -99,7 +95,7 @@ def reopen_cube(source: Any, tile_bytes: int = TILE_BYTES) -> Cube:
     )
 
 
-def read_grid(path: str | Path) -> ComplexArray:
+def read_grid(path: str | Path) -> Complex:
     """Read a transmitted grid.
 
     Parameters
@@ -130,7 +126,8 @@ def read_grid(path: str | Path) -> ComplexArray:
         name, stored = _only_array(path, file.arrays, GRID_NAME, _named_grid(file.arrays), 2)
         grid = _read_grid(path, name, stored)
         unused = _unused(path, file.arrays, {name, *_named_cube(file.arrays)}, grid.shape, "grid")
-    _warn(unused)
+    if unused:
+        warnings.warn(unused, InputWarning, stacklevel=2)
     return grid
 
 
@@ -174,17 +171,16 @@ def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...]
     return f"{path}: does not use {listed(unused)}" if unused else ""
 
 
-def _warn(sentence: str) -> None:
-    if sentence:
-        warnings.warn(sentence, InputWarning, stacklevel=3)
-
-
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
     """Make a cube of a stored array: read in parts where its format allows it, or else as a whole."""
-    ones = (1,) * (4 - len(stored.shape)) if stored.drops_ones else ()
-    shape = require_cube(name, stored.shape + ones, stored.dtype)
+    n_axes, read = len(stored.shape), stored.read
+    ones = (1,) * (4 - n_axes) if stored.drops_ones else ()  # that the program dropped at the end
+    shape = tiles.require_cube(name, stored.shape + ones, stored.dtype)
+    if stored.chunks and ones:
+        chunks, added = stored.chunks + ones, (..., *(None for _ in ones))
+        stored = replace(stored, shape=shape, chunks=chunks, read=lambda box: read(box[:n_axes])[added])
     if stored.chunks or stored.strides:
-        return Cube(name, _with_axes(stored, ones), tile_bytes)
+        return Cube(name, stored, tile_bytes)
     if stored.n_bytes > HELD_BYTES:
         raise InputError(
             f"{name}: {stored} takes {binary_size(stored.n_bytes)}; allowed are at most "
@@ -193,21 +189,9 @@ def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
     return Cube(name, stored.whole().reshape(shape), tile_bytes)
 
 
-def _with_axes(stored: StoredArray, ones: tuple[int, ...]) -> StoredArray:
-    """Give an array in chunks back the trailing axes of length one that its program dropped."""
-    if not ones or not stored.chunks:
-        return stored
-    n_axes = len(stored.shape)
-
-    def read(box: tuple[slice, ...]) -> ComplexArray:
-        return stored.read(box[:n_axes])[(..., *(None for _ in ones))]
-
-    return replace(stored, shape=stored.shape + ones, chunks=stored.chunks + ones, read=read)
-
-
-def _read_grid(path: Path, name: str, stored: StoredArray) -> ComplexArray:
+def _read_grid(path: Path, name: str, stored: StoredArray) -> Complex:
     """Read a transmitted grid in C order and native byte order; real numbers become complex128."""
-    require_grid(_called(path, name), stored.shape, stored.dtype)
+    tiles.require_grid(_called(path, name), stored.shape, stored.dtype)
     values = stored.whole()
     dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
     return np.ascontiguousarray(values, dtype=dtype)

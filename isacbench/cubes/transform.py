@@ -4,144 +4,94 @@ from __future__ import annotations
 
 import warnings
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex
 from isacbench.cores import available_cores, one_blas_thread
+from isacbench.cubes.tiles import Cube, Tile
+from isacbench.dsp import partial_dft
 from isacbench.dsp.null_carriers import NullCarriers
-from isacbench.dsp.partial_dft import (
-    DopplerSums,
-    RangeMethod,
-    doppler_sums,
-    is_element_major,
-    range_bins_by_fft,
-    range_method,
-    range_rows,
-    transform_block,
-    transform_lines,
-    with_few_elements_outermost,
-)
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted
+from isacbench.model.gate import Gate
+from isacbench.model.numerology import System
 
-if TYPE_CHECKING:
-    from isacbench.cubes.cube import Cube, Tile
-    from isacbench.model.gate import Gate
-    from isacbench.model.numerology import System
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 TILES_AHEAD = 1
 """Tiles that are read in advance while others are transformed."""
 
 
-@dataclass(frozen=True, eq=False)
-class GateTransform:
-    """Unitary transforms of cubes to the range-Doppler cells of a gate.
+@one_blas_thread()
+def gate_cells(
+    cube: Cube,
+    elements: NDArray[np.intp],
+    gate: Gate,
+    system: System,
+    nulls: NullCarriers | None = None,
+    factors: Complex | None = None,
+    workers: int | None = None,
+) -> NDArray[np.complex128]:
+    """Transform elements (e, 2) of a cube to the range-Doppler cells (n_range, n_doppler, e) of a gate.
 
-    Attributes
-    ----------
-    nulls : NullCarriers, optional
-        Null carriers of the cube; `system` is that of the band between its outermost used carriers.
+    The transforms are unitary. Factors of the resource elements are applied first. Of a cube with null
+    carriers, `system` is that of the band between its outermost used carriers. Sums over the
+    symbols of a block are made in the cube's precision, those over
+    subcarriers in double. What is not finite or too large is refused.
     """
+    n_workers = available_cores() if workers is None else workers
+    bins, n_subcarriers = gate.range_bins, system.n_subcarriers
+    doppler = partial_dft.doppler_sums(gate.doppler_bins, system.n_symbols)
+    along_doppler = doppler.rows_in(cube.dtype)
+    has_fast_lines = (
+        nulls is None and partial_dft.range_method(bins.size, n_subcarriers, "contiguous") == "fft"
+    )
+    along_range, n_lines = None, n_subcarriers
+    if nulls is not None or partial_dft.range_method(bins.size, n_subcarriers) == "partial":
+        along_range, n_lines = partial_dft.range_rows(bins, n_subcarriers), 0
+        along_range = along_range if nulls is None else nulls.interpolated(along_range)
+    with np.errstate(all="ignore"):  # numbers that are not finite are looked for once, at the end
+        weights = None if factors is None else factors.astype(cube.dtype)
 
-    gate: Gate
-    system: System
-    nulls: NullCarriers | None = None
+    def transform(tile: Tile) -> tuple[NDArray[np.bool_], bool, Complex]:
+        """Mask of what an element of a tile holds, whether the tile's share is lines, and the share."""
+        block, rows = partial_dft.with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
+        held = block[:, :, 0] != 0
+        with np.errstate(all="ignore"):  # a thread has its own
+            if weights is not None:
+                block = block * weights[tile.subcarriers, tile.symbols, None]
+            if nulls is not None:  # whatever they held, NaN as well
+                block = np.where(nulls.used[tile.subcarriers, None, None], block, 0)
+            if has_fast_lines and len(block) == n_subcarriers and partial_dft.is_element_major(block):
+                return held, False, partial_dft.transform_lines(block, rows, bins)
+            if along_range is None:
+                return held, True, partial_dft.transform_block(block, rows)
+            return held, False, partial_dft.transform_block(block, rows, along_range[:, tile.subcarriers])
 
-    @property
-    def range_method(self) -> RangeMethod:
-        """Transform to range bins of blocks whose subcarriers are not side by side."""
-        n_bins = self.gate.range_bins.size
-        return "partial" if self.nulls is not None else range_method(n_bins, self.system.n_subcarriers)
-
-    @one_blas_thread()
-    def cells(
-        self,
-        cube: Cube,
-        elements: NDArray[np.intp],
-        factors: NDArray[np.complexfloating[Any, Any]] | None = None,
-        workers: int | None = None,
-    ) -> Complex:
-        """Transform elements (e, 2) of a cube to cells (n_range, n_doppler, e).
-
-        Factors of the resource elements are applied first. Sums over the
-        symbols of a block are made in the cube's precision, those over
-        subcarriers in double. What is not finite or too large is refused.
-        """
-        n_workers = available_cores() if workers is None else workers
-        # Numbers that are not finite are looked for once, at the end.
-        with np.errstate(all="ignore"):
-            weights = None if factors is None else factors.astype(cube.dtype)
-            sums = self._summed(cube, elements, weights, n_workers)
-            cells = self._doppler_sums.bins(sums).astype(np.complex128, copy=False)
-        if not np.isfinite(cells).all():
-            raise InputError(f"{cube.name}: {_find_fault(cube, elements, self.nulls)}")
-        return cells
-
-    @cached_property
-    def _doppler_sums(self) -> DopplerSums:
-        return doppler_sums(self.gate.doppler_bins, self.system.n_symbols)
-
-    @cached_property
-    def _range_rows(self) -> Complex:
-        rows = range_rows(self.gate.range_bins, self.system.n_subcarriers)
-        return rows if self.nulls is None else self.nulls.interpolated(rows)
-
-    def _summed(
-        self, cube: Cube, elements: NDArray[np.intp], weights: Complex | None, n_workers: int
-    ) -> Complex:
-        """Sum what the tiles give: range bins, or lines whose range bins one FFT yields in the end."""
-        along_doppler = self._doppler_sums.rows_in(cube.dtype)
-        n_sums = len(along_doppler)
-        cells = np.zeros((self.gate.range_bins.size, n_sums, len(elements)), dtype=np.complex128)
-        lines = np.zeros(0, dtype=cube.dtype)
-        if self.range_method == "fft":
-            lines = np.zeros((self.system.n_subcarriers, n_sums, len(elements)), dtype=cube.dtype)
-
-        def transform(tile: Tile) -> tuple[NDArray[np.bool_], bool, Complex]:
-            """Mask of what an element of a tile holds, whether the tile's share is lines, and the share."""
-            block, rows = with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
-            held = block[:, :, 0] != 0
-            with np.errstate(all="ignore"):  # a thread has its own
-                if weights is not None:
-                    block = block * weights[tile.subcarriers, tile.symbols, None]
-                if self.nulls is not None:  # whatever they held, NaN as well
-                    block = np.where(self.nulls.used[tile.subcarriers, None, None], block, 0)
-                if self._has_fast_lines(block):
-                    return held, False, transform_lines(block, rows, self.gate.range_bins)
-                if lines.size:
-                    return held, True, transform_block(block, rows)
-                return held, False, transform_block(block, rows, self._range_rows[:, tile.subcarriers])
-
-        is_held = np.zeros(cube.shape[:2], dtype=np.bool_)
-        has_lines = False
-        with ThreadPoolExecutor(n_workers) as threads:
-            done = _in_order(threads, transform, cube.tiles(elements), n_workers + TILES_AHEAD)
-            for tile, (held, is_lines, share) in done:
-                is_held[tile.subcarriers, tile.symbols] |= held
-                if is_lines:
-                    lines[tile.subcarriers, :, _consecutive(tile.elements)] += share
-                    has_lines = True
-                else:
-                    cells[:, :, _consecutive(tile.elements)] += share
+    shape = len(along_doppler), len(elements)
+    sums = np.zeros((bins.size, *shape), dtype=np.complex128)
+    lines = np.zeros((n_lines, *shape), dtype=cube.dtype)  # of which one FFT gives the range bins in the end
+    is_held, has_lines = np.zeros(cube.shape[:2], dtype=np.bool_), False
+    with np.errstate(all="ignore"):
+        done = in_order(transform, cube.tiles(elements), n_workers, n_workers + TILES_AHEAD)
+        for tile, (held, is_lines, share) in done:
+            is_held[tile.subcarriers, tile.symbols] |= held
+            has_lines |= is_lines
+            summed: Complex = lines[tile.subcarriers] if is_lines else sums
+            summed[:, :, _consecutive(tile.elements)] += share
         _warn_of_zeros(cube.name, is_held, np.True_ if weights is None else weights != 0)
         if has_lines:
-            cells += range_bins_by_fft(lines, self.gate.range_bins, n_workers)
-        return cells
-
-    def _has_fast_lines(self, block: Complex) -> bool:
-        """Tell if an FFT yields the range bins of a block fastest."""
-        n_subcarriers = self.system.n_subcarriers
-        if self.nulls is not None:
-            return False
-        method = range_method(self.gate.range_bins.size, n_subcarriers, "contiguous")
-        return len(block) == n_subcarriers and is_element_major(block) and method == "fft"
+            sums += partial_dft.range_bins_by_fft(lines, bins, n_workers)
+        cells = doppler.bins(sums).astype(np.complex128, copy=False)
+    if not np.isfinite(cells).all():
+        raise InputError(f"{cube.name}: {_find_fault(cube, elements, nulls)}")
+    return cells
 
 
 def _consecutive(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
@@ -150,17 +100,19 @@ def _consecutive(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     return slice(first, first + size) if np.array_equal(index, np.arange(first, first + size)) else index
 
 
-def _in_order(threads: ThreadPoolExecutor, work: Any, tiles: Iterator[Tile], n_ahead: int) -> Iterator[Any]:
-    """Tiles and what becomes of them, few at a time: sums of floating point do not depend on the threads."""
-    waiting: deque[tuple[Tile, Future[Any]]] = deque()
-    for tile in tiles:
-        waiting.append((tile, threads.submit(work, tile)))
-        if len(waiting) > n_ahead:
-            first, future = waiting.popleft()
+def in_order(
+    work: Callable[[Item], Result], items: Iterable[Item], n_threads: int, n_ahead: int
+) -> Iterator[tuple[Item, Result]]:
+    """Work on items in threads, few at a time, in their order: sums do not depend on the threads."""
+    waiting: deque[tuple[Item, Future[Result]]] = deque()
+    with ThreadPoolExecutor(n_threads) as threads:
+        for item in items:
+            waiting.append((item, threads.submit(work, item)))
+            if len(waiting) > n_ahead:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        for first, future in waiting:
             yield first, future.result()
-    while waiting:
-        first, future = waiting.popleft()
-        yield first, future.result()
 
 
 def _warn_of_zeros(name: str, is_held: NDArray[np.bool_], is_sensed: NDArray[np.bool_] | np.bool_) -> None:

@@ -1,30 +1,40 @@
-"""Writing a cube to a file block by block, in bounded memory."""
+"""Cubes written to files block by block in bounded memory: those of the caller, and simulated frames.
+
+The noise of a simulated frame is white over the whole frame, and in the cells of the gate it is the
+draw that `isacbench.observe` adds there: to each block of a white frame is
+added what the canonical noise of the gate differs from the transform of that
+frame. The transforms are unitary, so that this changes those cells and no
+others. An image of the cube is then the image of the observation.
+"""
 
 from __future__ import annotations
 
+import math
 import secrets
 import shutil
-from collections.abc import Callable
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
-from isacbench.checked_arrays import unmasked_array
-from isacbench.cubes.cube import CUBE_NAME, ComplexArray, require_cube
-from isacbench.cubes.tiling import ELEMENTS, SUBCARRIERS, SYMBOLS, box_lengths
+from isacbench.checked_arrays import Complex, unmasked_array
+from isacbench.cores import available_cores, one_blas_thread
+from isacbench.cubes import tiles
+from isacbench.cubes.transform import in_order
+from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_new
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from numpy.typing import ArrayLike, DTypeLike
+from isacbench.model.echo import Simulator, random_stream, resource_grid, transmitted_noise, white_gaussian
+from isacbench.model.scene import Scenario
 
 Shape: TypeAlias = tuple[int, int, int, int]
-Write: TypeAlias = Callable[[int, ComplexArray], None]
+Write: TypeAlias = Callable[[int, Complex], object]
 """Writes a block, already of the right type, from a subcarrier on."""
+
+FORMATS = ".npy", ".zarr"
 
 CHUNK_BYTES = 2**19
 CHUNK_ELEMENTS = 2
@@ -32,6 +42,10 @@ CHUNK_ELEMENTS = 2
 
 SPARE_BYTES = 2**20
 """Room asked for beyond the numbers themselves: headers, indices, folders."""
+
+
+BLOCK_SUBCARRIERS = 16
+"""Subcarriers of a block: 15 MB in double precision at the paper's size. The noise follows from it."""
 
 
 def write_cube(
@@ -84,15 +98,18 @@ def write_cube(
     (8, 4, 2, 2)
     """
     path, dtype = Path(path), np.dtype(dtype).newbyteorder("=")
-    if (suffix := path.suffix.lower()) not in _FORMATS:
+    if (suffix := path.suffix.lower()) not in FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; a cube is written as {', '.join(_FORMATS)}")
-    checked_shape = require_cube(str(path), shape, dtype)
+        raise InputError(f"{path}: has {found}; a cube is written as {', '.join(FORMATS)}")
+    checked_shape = tiles.require_cube(str(path), shape, dtype)
     require_new(path)
-    _require_room(path, checked_shape, dtype)
+    wanted = math.prod(checked_shape) * dtype.itemsize + SPARE_BYTES
+    free = shutil.disk_usage(path.parent).free
+    if free < wanted:
+        raise InputError(f"{path}: takes {wanted / 1e9:.2f} GB, its disk has {free / 1e9:.2f} GB left")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with _FORMATS[suffix](part, checked_shape, dtype) as write:
+        with _created(part, suffix, checked_shape, dtype) as write:
             first = 0
             for block in _whole_chunks(blocks, path, checked_shape, dtype):
                 write(first, block)
@@ -117,16 +134,16 @@ def chunk_lengths(shape: Shape, itemsize: int) -> Shape:
     (64, 224, 2, 2)
     """
     n_p, n_q = (min(CHUNK_ELEMENTS, length) for length in shape[2:])
-    nesting = (SUBCARRIERS, SYMBOLS, ELEMENTS)
-    n_subcarriers, n_symbols, _ = box_lengths((*shape[:2], n_p * n_q), nesting, CHUNK_BYTES // itemsize)
+    nesting = (tiles.SUBCARRIERS, tiles.SYMBOLS, tiles.ELEMENTS)
+    n_subcarriers, n_symbols, _ = tiles.box_lengths((*shape[:2], n_p * n_q), nesting, CHUNK_BYTES // itemsize)
     return n_subcarriers, n_symbols, n_p, n_q
 
 
 def _whole_chunks(
     blocks: Iterable[ArrayLike], path: Path, shape: Shape, dtype: np.dtype[Any]
-) -> Iterator[ComplexArray]:
+) -> Iterator[Complex]:
     """Blocks of whole chunks: parts of them would be read and written again and again."""
-    waiting: list[ComplexArray] = []
+    waiting: list[Complex] = []
     n_chunk, n_given = chunk_lengths(shape, dtype.itemsize)[0], 0
     for block in blocks:
         waiting.append(_converted(block, path, shape, dtype))
@@ -142,7 +159,7 @@ def _whole_chunks(
         raise InputError(f"{path}: only {n_given} of {shape[0]} subcarriers were given")
 
 
-def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> ComplexArray:
+def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
     """Convert a block to the precision of the cube."""
     given = unmasked_array(f"{path}: a block", block)
     if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
@@ -161,22 +178,17 @@ def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any])
 
 
 @contextmanager
-def _create_npy(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
-    header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-    with path.open("wb") as file:
-        np.lib.format.write_array_header_1_0(file, header)
-
-        def write(_first_subcarrier: int, block: ComplexArray) -> None:
-            file.write(block.data)
-
-        yield write
-
-
-@contextmanager
-def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
+def _created(path: Path, suffix: str, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
+    """Make a file, or a folder of zarr, and give what writes blocks into it one after the other."""
+    if suffix == ".npy":
+        header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+        with path.open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, header)
+            yield lambda _, block: file.write(block.data)
+        return
     zarr: Any = import_extra("zarr", "cubes", str(path))
     array = zarr.open_group(path, mode="w").create_array(
-        CUBE_NAME,
+        tiles.CUBE_NAME,
         shape=shape,
         dtype=dtype,
         chunks=chunk_lengths(shape, dtype.itemsize),
@@ -184,22 +196,96 @@ def _create_zarr(path: Path, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Wri
         # A chunk of zeros would otherwise look like one that was not written.
         config={"write_empty_chunks": True},
     )
-
-    def write(first_subcarrier: int, block: ComplexArray) -> None:
-        array[first_subcarrier : first_subcarrier + len(block)] = block
-
-    yield write
+    yield lambda first, block: array.set_basic_selection(slice(first, first + len(block)), block)
 
 
-_FORMATS: dict[str, Callable[[Path, Shape, np.dtype[Any]], AbstractContextManager[Write]]] = {
-    ".npy": _create_npy,
-    ".zarr": _create_zarr,
-}
+class FrameSimulator:
+    """The frame of a scenario that `isacbench.observe` would see with the same SNR, trial and seed.
 
+    Parameters
+    ----------
+    snr_db : float
+        Signal-to-noise ratio Σ|G|²/σ² per resource element and virtual
+        element; infinity for no noise.
+    trial, seed : int
+        Which noise.
+    """
 
-def _require_room(path: Path, shape: Shape, dtype: np.dtype[Any]) -> None:
-    """Refuse to begin what the disk cannot hold."""
-    wanted = int(np.prod(shape, dtype=object)) * dtype.itemsize + SPARE_BYTES
-    free = shutil.disk_usage(path.parent).free
-    if free < wanted:
-        raise InputError(f"{path}: takes {wanted / 1e9:.2f} GB, its disk has {free / 1e9:.2f} GB left")
+    def __init__(self, scenario: Scenario, snr_db: float, trial: int = 0, seed: int = 0) -> None:
+        scenario.require_default("a simulated frame", "mimo")
+        self._scenario = scenario
+        self._trial, self._seed = trial, seed
+        simulator = Simulator(scenario)
+        self._noise_amplitude = simulator.noise_amplitude(snr_db)
+        self._wanted = self._carried = None
+        if self._noise_amplitude and scenario.system.noise == "transmitter":
+            self._carried = self._noise_amplitude * transmitted_noise(scenario, trial, seed)
+        elif self._noise_amplitude:
+            self._wanted = simulator.unit_noise(trial, seed)
+        system, gate = scenario.system, simulator.gate
+        self._along_range = range_rows(gate.range_bins, system.n_subcarriers)
+        self._along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Subcarriers, symbols, P and Q."""
+        system, (n_p, n_q) = self._scenario.system, self._scenario.array.shape
+        return system.n_subcarriers, system.n_symbols, n_p, n_q
+
+    def blocks(self) -> Iterator[tuple[int, Complex]]:
+        """Blocks of consecutive subcarriers."""
+        correction, array = self._correction(), self._scenario.array
+        # The places of its elements in the frame are those of the frame's elements in the array.
+        in_frame = np.ravel_multi_index(tuple(array.in_frame(array.positions).T), array.shape)
+
+        def block(subcarriers: slice) -> Complex:
+            grid = resource_grid(self._scenario, self._scenario.array.positions, subcarriers)
+            if correction is not None:
+                noise = self._white_block(subcarriers)
+                noise += self._spread(correction, subcarriers)
+                noise *= self._noise_amplitude
+                grid += noise
+            if self._carried is not None:
+                grid *= 1 + self._carried[subcarriers, :, None]
+            return grid[:, :, in_frame].reshape(len(grid), *self.shape[1:])
+
+        for subcarriers, made in self._each_block(block):
+            yield subcarriers.start, made
+
+    def _correction(self) -> Complex | None:
+        """Canonical noise of the gate less what the white frame has there; None without noise."""
+        if self._wanted is None:
+            return None
+        n_range, n_doppler = len(self._along_range), len(self._along_doppler)
+        correction = self._wanted.reshape(n_range, n_doppler, -1).copy()
+
+        def share(subcarriers: slice) -> Complex:
+            along_range = self._along_range[:, subcarriers]
+            return transform_block(self._white_block(subcarriers), self._along_doppler, along_range)
+
+        for _, cells in self._each_block(share):
+            correction -= cells
+        return correction
+
+    def _spread(self, cells: Complex, subcarriers: slice) -> Complex:
+        """Cells of the gate as a block (n, n_symbols, e) of the resource grid: the adjoint transform."""
+        n_range, n_doppler, n_elements = cells.shape
+        lines = self._along_range[:, subcarriers].conj().T @ cells.reshape(n_range, n_doppler * n_elements)
+        grid: Complex = self._along_doppler.conj().T @ lines.reshape(-1, n_doppler, n_elements)
+        return grid
+
+    def _white_block(self, subcarriers: slice) -> Complex:
+        """Unit noise (n, n_symbols, e) of a block; the same whenever it is asked for."""
+        stream = random_stream(self._scenario.name, self._trial, self._seed, "frame", str(subcarriers.start))
+        n_elements = len(self._scenario.array.positions)
+        shape = subcarriers.stop - subcarriers.start, self._scenario.system.n_symbols, n_elements
+        return white_gaussian(stream, shape)
+
+    def _each_block(self, work: Callable[[slice], Complex]) -> Iterator[tuple[slice, Complex]]:
+        """Work on all blocks, side by side and in their order, few at a time."""
+        n_subcarriers, n_threads = self.shape[0], available_cores()
+        blocks = (
+            slice(first, min(first + BLOCK_SUBCARRIERS, n_subcarriers))
+            for first in range(0, n_subcarriers, BLOCK_SUBCARRIERS)
+        )
+        return in_order(one_blas_thread()(work), blocks, n_threads, n_threads)

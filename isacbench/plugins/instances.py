@@ -16,25 +16,22 @@ from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from threading import Lock
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import cloudpickle
 
 from isacbench.errors import InputError
-from isacbench.plugins.class_code import known_codes, own_codes
-from isacbench.plugins.code_files import is_importable
-from isacbench.plugins.parameters import (
+from isacbench.plugins.code_digests import is_importable, known_codes, own_codes
+from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.registry import (
     canonical_params,
+    check_parameter,
     field_defaults,
     is_frozen_dataclass,
     parameter_types,
     refuse_init_variables,
 )
-from isacbench.plugins.registry import check_parameter
 from isacbench.specifications import is_word, spell_spec
-
-if TYPE_CHECKING:
-    from isacbench.plugins.contracts import Estimator
 
 
 def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:

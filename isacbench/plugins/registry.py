@@ -1,32 +1,37 @@
-"""Registry of estimators, detectors and metrics: builds them by name, with checked parameters."""
+"""Registry of estimators, detectors and metrics: builds them by name, with checked parameters.
+
+The parameters of a plugin are the fields of its dataclass.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
+import json
+import math
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
 from functools import lru_cache
-from typing import Any, cast, get_args
+from typing import Any, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from isacbench.errors import InputError, InputWarning, unknown_name
+from isacbench.files.escaping import shortened
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.contracts import Detector, Estimator, Metric
 from isacbench.plugins.discovery import METHODS, PluginKind, RegisteredPlugin, entries
-from isacbench.plugins.parameters import (
-    field_defaults,
-    is_frozen_dataclass,
-    parameter_types,
-    plain_value,
-    python_number,
-    required_fields,
-)
 from isacbench.process_state import process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
 from isacbench.streams import plugin_output
+
+MOST_BITS = 4096
+"""Of an integer that is a parameter."""
+
+ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors"
+"""Values of parameters, which a run can store, a command can spell, and another process can have."""
 
 
 def estimator_names() -> list[str]:
@@ -203,11 +208,6 @@ def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
     return {key: plain_value(f"{kind} {name}", key, value) for key, value in defaults.items()}
 
 
-def distribution(kind: PluginKind, name: str) -> str:
-    """Look up name and version of the package that registers a name, such as ``isacbench 0.1.0``."""
-    return entries(kind)[name].origin
-
-
 def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
     """Describe every registered plugin of a kind: name, description in a line, parameters and package.
 
@@ -273,31 +273,27 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
         plugin = _imported(entry)
     except (Exception, SystemExit) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
-    name = getattr(plugin, "name", None)
+    name, columns = getattr(plugin, "name", None), getattr(plugin, "columns", None)
     refusals = {
         "be a frozen dataclass": not is_frozen_dataclass(plugin),
         f"have a method {METHODS[entry.kind]!r}": not callable(getattr(plugin, METHODS[entry.kind], None)),
         f"have the class attribute name = {entry.name!r}, not {name!r}": name != entry.name,
+        "have the class attribute columns, a tuple of one or more isacbench.plugins.contracts.ScoreColumn of "
+        "different names": entry.kind == "metric" and not _describes_columns(columns),
     }
     for wanted, is_refused in refusals.items():
         if is_refused:
             raise InputError(f"{where} must {wanted}")
     if not is_word(entry.name):
         raise InputError(f'{where}: its name must be a word without any of []()=," and spaces, and no number')
-    if entry.kind == "metric":
-        _require_columns(where, getattr(plugin, "columns", None))
     return cast("type[Any]", plugin)
 
 
-def _require_columns(where: str, columns: object) -> None:
-    """Refuse a metric that does not describe its columns."""
-    described = isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)
-    names = [one.name for one in columns] if described and isinstance(columns, tuple) else []
-    if not names or len({*names}) < len(names):
-        raise InputError(
-            f"{where} must have the class attribute columns, a tuple of one or more "
-            "isacbench.plugins.contracts.ScoreColumn of different names"
-        )
+def _describes_columns(columns: object) -> bool:
+    """Tell whether a metric describes one or more columns of different names."""
+    if not (isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)):
+        return False
+    return 0 < len(columns) == len({one.name for one in columns})
 
 
 def _imported(entry: RegisteredPlugin) -> Any:
@@ -384,3 +380,101 @@ def _meant(value: Any, hint: Any, none: str | None) -> Any:
 
 def _takes_detectors(hint: Any) -> bool:
     return hint is Detector or any(map(_takes_detectors, get_args(hint)))
+
+
+def canonical_params(plugin: object) -> str:
+    """Write every parameter of a dataclass, such as an estimator or a detector, as canonical JSON.
+
+    Sorted keys, no spaces, defaults included; a nested detector is an object with its ``name`` beside its
+    parameters. Equal parameters give equal strings. A value that is not one of `ALLOWED` is refused, naming
+    plugin and parameter.
+    """
+    return json.dumps(_plain_params(plugin), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def is_frozen_dataclass(plugin: object) -> bool:
+    """Tell whether an object is a class, a dataclass and frozen."""
+    parameters = getattr(plugin, "__dataclass_params__", None)
+    return inspect.isclass(plugin) and bool(getattr(parameters, "frozen", False))
+
+
+def parameter_fields(plugin: Any) -> list[dataclasses.Field[Any]]:
+    """List the fields of a dataclass, or of an instance, that are parameters and not made of others."""
+    return [field for field in dataclasses.fields(plugin) if field.init]
+
+
+def required_fields(plugin: Any) -> list[str]:
+    """List the fields of a dataclass that have no default."""
+    return [
+        field.name
+        for field in parameter_fields(plugin)
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    ]
+
+
+def field_defaults(plugin: Any) -> dict[str, Any]:
+    """Collect the defaults of the fields of a dataclass that have one."""
+    return {
+        field.name: field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+        for field in parameter_fields(plugin)
+        if field.name not in required_fields(plugin)
+    }
+
+
+def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
+    """Resolve the types of a plugin's fields; `Detector` may be imported for type checking only."""
+    try:
+        hints = get_type_hints(plugin, localns={"Detector": Detector}, include_extras=True)
+    except NameError as error:
+        raise InputError(
+            f"{kind} {plugin.name}: the type of a parameter cannot be resolved ({error}): "
+            "import it at run time, not under TYPE_CHECKING"
+        ) from error
+    refuse_init_variables(kind, plugin)
+    return {field.name: hints[field.name] for field in parameter_fields(plugin)}
+
+
+def refuse_init_variables(kind: str, plugin: type[Any]) -> None:
+    """Refuse a dataclass with values that its instances do not keep: no row could name them."""
+    for base in plugin.__mro__:
+        for key, hint in vars(base).get("__annotations__", {}).items():
+            if "InitVar" in str(hint):
+                raise InputError(
+                    f"{kind} {plugin.name}: {key} is an InitVar, which is not kept: make it a field"
+                )
+
+
+def plain_value(where: str, key: str, value: Any) -> Any:
+    """Convert a parameter's value to types of JSON, or refuse it; plugin and key are for messages."""
+    value = python_number(value)
+    if value is None or type(value) is bool or (type(value) is float and math.isfinite(value)):
+        return value
+    if type(value) is int and value.bit_length() <= MOST_BITS:
+        return value
+    if _is_unicode(value):
+        return str(value)
+    if type(value) is tuple:
+        return [plain_value(where, key, item) for item in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and isinstance(value, Detector):
+        return {"name": value.name, **_plain_params(value)}
+    shown = hex(value) if type(value) is int else repr(value)  # decimal digits have a limit in Python
+    shown = " ".join(shortened(shown).split())
+    raise InputError(f"{where}: {key} = {shown}: allowed are {ALLOWED}")
+
+
+def _plain_params(plugin: Any) -> dict[str, Any]:
+    kind = next((kind for kind, method in METHODS.items() if hasattr(plugin, method)), "class")
+    where = f"{kind} {getattr(plugin, 'name', type(plugin).__name__)}"
+    names = [field.name for field in parameter_fields(plugin)]
+    return {name: plain_value(where, name, getattr(plugin, name)) for name in names}
+
+
+def python_number(value: Any) -> Any:
+    """Take Python's number, text or truth value for one of NumPy; other values stay."""
+    is_numpys = type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
+    return value.item() if is_numpys else value
+
+
+def _is_unicode(value: Any) -> bool:
+    """Tell whether something is a text that can be stored: one without halves of characters."""
+    return type(value) in (str, QuotedText) and value.encode(errors="replace").decode() == value

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
@@ -15,19 +18,12 @@ from isacbench.metrics.descriptions import ANY_KIND, ScoreColumn, expanded, obje
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.paper import Paper
 from isacbench.model.cloud import PointCloud
+from isacbench.model.region import Region
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
 from isacbench.plugins.discovery import error_place
-from isacbench.plugins.parameters import canonical_params, python_number
-from isacbench.plugins.registry import build_metric
+from isacbench.plugins.registry import build_metric, canonical_params, python_number
 from isacbench.streams import plugin_output
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from isacbench.model.region import Region
 
 PAPER = Paper.name
 """Metric that every row of a run is scored by."""

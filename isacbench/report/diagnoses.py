@@ -14,8 +14,7 @@ from isacbench.files.escaping import counted
 from isacbench.files.file_names import file_stems
 from isacbench.model.echo import Simulator
 from isacbench.plugins.contracts import Diagnoser, Estimator
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_variants
+from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.report.clouds import best_variants
 from isacbench.report.figures import THRESHOLD, draw_charts, drawable, new_figure
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from isacbench.bench.cells.record import failed
-from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.kinds.scores import MANY_SCENARIOS
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
+from isacbench.bench.store.manifest import command_to_show
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
@@ -115,7 +115,7 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) ->
 
 
 def _command(manifest: Mapping[str, Any], row: Mapping[Any, Any]) -> str:
-    return command_to_show(manifest, row["scene"], row["label"], row["snr_db"], row["trial"], picture="")
+    return command_to_show(manifest, row["scene"], row["label"], row["snr_db"], row["trial"])
 
 
 def _scenarios(rows: pd.DataFrame) -> pd.Series[str]:

@@ -13,7 +13,7 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench import load_scenario, observe_cube
-from isacbench.cubes.simulating import FrameSimulator
+from isacbench.cubes.writing import FrameSimulator
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation
 

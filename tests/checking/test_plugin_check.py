@@ -21,7 +21,6 @@ from isacbench.plugins.contracts import Needs
 from isacbench.plugins.discovery import PluginFile, entries, isolated_plugins, register_plugin
 from isacbench.plugins.registry import (
     detector_names,
-    distribution,
     estimator_names,
     get_detector,
     metric_names,
@@ -157,7 +156,7 @@ def test_a_name_is_checked_as_the_command_does():
     report = isacbench.check("ca")
     (plugin,) = report.plugins
     assert (plugin.kind, plugin.name) == ("detector", "ca")
-    assert plugin.package == distribution("detector", "ca")
+    assert plugin.package == entries("detector")["ca"].origin
     assert [finding.check for finding in plugin.findings] == check_names("detector")
     assert repr(report) == f"Check of detector ca ({plugin.package}): {len(plugin.findings)} ok"
     assert isacbench.check(get_detector("ca", pfa=1e-2)).ok

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.cubes import open_cube
-from isacbench.cubes.cube import Cube
+from isacbench.cubes.tiles import Cube
 from isacbench.files.arrays import StoredArray
 
 from .samples import (

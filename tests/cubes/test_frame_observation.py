@@ -9,7 +9,8 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.references import Oracle
 
 from isacbench import observe_cube
-from isacbench.cubes import frame_observation, transform
+from isacbench.cubes import frame
+from isacbench.dsp import partial_dft
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError, InputWarning
 from isacbench.link.sensing.division import Signal
@@ -60,7 +61,7 @@ def test_the_image_of_a_cube_is_that_of_the_unabridged_chain(
 
 @pytest.mark.parametrize("method", ["partial", "fft"])
 def test_both_ways_to_the_range_bins_give_the_same_cells(small_street, noisy_cube, monkeypatch, method):
-    monkeypatch.setattr(transform, "range_method", lambda *_: method)
+    monkeypatch.setattr(partial_dft, "range_method", lambda *_: method)
     cells = observe_cube(noisy_cube, small_street).cells
     expected = unabridged(noisy_cube, small_street).cells
     np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
@@ -73,7 +74,7 @@ def test_cells_do_not_depend_on_the_number_of_threads(small_street, noisy_cube):
 
 
 def test_nothing_is_transformed_before_an_estimator_reads_it(small_street, noisy_cube, monkeypatch):
-    monkeypatch.setattr(frame_observation.GateTransform, "cells", lambda *_: pytest.fail("transformed"))
+    monkeypatch.setattr(frame, "gate_cells", lambda *_: pytest.fail("transformed"))
     observation = observe_cube(noisy_cube, small_street)
     assert len(Oracle().estimate(observation, small_street.truth)) > 20
 

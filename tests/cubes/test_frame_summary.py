@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isacbench.cubes.frame_observation import observe_cube
-from isacbench.cubes.frame_summary import CHANGES, summarise_frame
-from isacbench.cubes.simulating import FrameSimulator
+from isacbench.cubes.frame import CHANGES, observe_cube, summarise_frame
+from isacbench.cubes.writing import FrameSimulator
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
@@ -116,7 +115,7 @@ def test_noise_alone_names_no_convention(seed, shape):
 
 
 def test_a_frame_of_few_elements_and_one_of_zeros_are_summarised(monkeypatch):
-    monkeypatch.setattr("isacbench.cubes.frame_summary.MOST_VALUES", 1)
+    monkeypatch.setattr("isacbench.cubes.frame.MOST_VALUES", 1)
     assert summary_of(FRAME).n_detected > 0
     assert summary_of(np.zeros_like(FRAME)).n_detected == 0
     with pytest.raises(InputError, match="of a recorded frame"):

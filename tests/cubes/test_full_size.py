@@ -11,8 +11,7 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench import load_scenario, observe, observe_cube
-from isacbench.cubes.simulating import FrameSimulator
-from isacbench.cubes.writing import write_cube
+from isacbench.cubes.writing import FrameSimulator, write_cube
 
 MOST_MIB = 512
 """Of 896 MiB that the frame has: interpreter and libraries take about 150."""

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from isacbench import observe_cube
 from isacbench.cli import app
-from isacbench.cubes import frame_observation
+from isacbench.cubes import frame
 from isacbench.cubes.image_cost import image_cost
 from isacbench.model.scenes.scenario import load_scenario
 
@@ -82,13 +82,13 @@ def test_a_wider_region_takes_more_and_an_fft_in_the_end(street):
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda one: f"{one.name}-{one.needs.elements}")
 def test_an_image_reads_as_many_elements_as_planned(small_street, noisy_cube, estimator, monkeypatch):
     read = set()
-    transform = frame_observation.GateTransform.cells
+    transform = frame.gate_cells
 
-    def spy(self, cube, elements, *rest):
+    def spy(cube, elements, *rest):
         read.update(map(tuple, elements.tolist()))
-        return transform(self, cube, elements, *rest)
+        return transform(cube, elements, *rest)
 
-    monkeypatch.setattr(frame_observation.GateTransform, "cells", spy)
+    monkeypatch.setattr(frame, "gate_cells", spy)
     truth = (small_street.truth,) if getattr(estimator, "needs_truth", False) else ()
     estimator.estimate(observe_cube(noisy_cube, small_street), *truth)
     assert len(read) == image_cost(small_street, estimator).description["elements"]["read"]

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isacbench.cubes.frame_observation import observe_cube
-from isacbench.cubes.frame_summary import summarise_frame
+from isacbench.cubes.frame import observe_cube, summarise_frame
 from isacbench.dsp.null_carriers import interpolate_nulls
 from isacbench.dsp.partial_dft import range_rows
 from isacbench.errors import InputError, InputWarning

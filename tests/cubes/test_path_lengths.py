@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isacbench.cubes.frame_observation import observe_cube
-from isacbench.cubes.simulating import FrameSimulator
+from isacbench.cubes.frame import observe_cube
+from isacbench.cubes.writing import FrameSimulator
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import zarr
 
-from isacbench.cubes import open_cube, read_grid, require_shape
+from isacbench.cubes import open_cube, read_grid
+from isacbench.cubes.tiles import require_shape
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.numerology import System

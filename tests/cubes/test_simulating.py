@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from isacbench_algorithms.music2d import Music2d
 
 from isacbench import observe, observe_cube
-from isacbench.cubes.simulating import FrameSimulator
-from isacbench.cubes.writing import write_cube
+from isacbench.cubes.writing import FrameSimulator, write_cube
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.model.array import VirtualArray
 from isacbench.model.gate import build_gate

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.cubes.tiling import box_lengths, extents, pick, progressions
+from isacbench.cubes.tiles import box_lengths, extents, pick, progressions
 
 lengths = st.tuples(st.integers(1, 50), st.integers(1, 9), st.integers(1, 9))
 

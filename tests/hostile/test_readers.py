@@ -11,7 +11,7 @@ import pytest
 
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite_kinds import load_suite
-from isacbench.cubes import cube, read_grid
+from isacbench.cubes import read_grid, tiles
 from isacbench.files import arrays, checked_files
 from isacbench.files.checked_files import binary_size
 from isacbench.model.cloud import PointCloud
@@ -40,7 +40,7 @@ KINDS = {
 @pytest.mark.parametrize(("suffix", "files", "readers"), KINDS.values(), ids=KINDS)
 def test_every_hostile_file_is_refused(refused, tmp_path, monkeypatch, suffix, files, readers):
     monkeypatch.setattr(point_files, "CLOUD_BYTES", LIMIT_MIB * 2**20)
-    monkeypatch.setattr(cube, "GRID_BYTES", LIMIT_MIB * 2**20)
+    monkeypatch.setattr(tiles, "GRID_BYTES", LIMIT_MIB * 2**20)
     for name, write in files.items():
         folder = tmp_path / name
         folder.mkdir()

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from isacbench.bench.compare.comparison import compare
-from isacbench.bench.compare.matching import NotComparableError
+from isacbench.bench.compare.pairs import NotComparableError
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite

@@ -9,9 +9,9 @@ from isacbench.bench.kinds.link import LinkKind
 from isacbench.bench.kinds.lone_targets import scene_bound
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
-from isacbench.cubes.frame_observation import observe_cube
+from isacbench.cubes.frame import observe_cube
 from isacbench.cubes.image_cost import image_cost
-from isacbench.cubes.simulating import FrameSimulator
+from isacbench.cubes.writing import FrameSimulator
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
 from isacbench.link.sensing.noise_colouring import noise_covariance

@@ -13,6 +13,7 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.discovery import (
     PluginFile,
+    entries,
     isolated_plugins,
     load_plugin_file,
     local_plugins,
@@ -21,7 +22,6 @@ from isacbench.plugins.discovery import (
 from isacbench.plugins.registry import (
     build_estimator,
     describe_plugin,
-    distribution,
     estimator_names,
     get_detector,
     get_estimator,
@@ -88,7 +88,7 @@ def test_classes_that_a_file_defines_are_registered_beside_the_installed_ones(wr
 def test_a_local_plugin_is_described_with_its_file_as_its_package(write_plugin):
     load_plugin_file(write_plugin("local.py", LOCAL))
     described = next(entry for entry in describe_plugin("estimator") if entry["name"] == "nothing")
-    assert described["package"] == distribution("detector", "half") == "local.py"
+    assert described["package"] == entries("detector")["half"].origin == "local.py"
     assert described["description"] == "Sees nothing."
     assert described["parameters"]["size"] == {"type": "int", "default": 1}
     assert described in catalogue()["estimators"]

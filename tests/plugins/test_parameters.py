@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 from isacbench.cli import app
 from isacbench.errors import InputWarning
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_estimator, describe_plugin, get_estimator
+from isacbench.plugins.registry import build_estimator, canonical_params, describe_plugin, get_estimator
 from isacbench.specifications import parse_spec, spell_spec, spell_value
 
 PLUGIN = """

@@ -5,13 +5,13 @@ import pytest
 
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detector
-from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.discovery import entries
 from isacbench.plugins.registry import (
     build_estimator,
     build_variants,
+    canonical_params,
     describe_plugin,
     detector_names,
-    distribution,
     estimator_names,
     get_detector,
     get_estimator,
@@ -51,7 +51,7 @@ def test_names_of_installed_plugins_are_listed_in_order(plugins):
 def test_what_is_installed_or_removed_meanwhile_is_known_at_once(plugin_folder):
     assert "late" not in estimator_names()
     plugin_folder.install("late-plugins", MINIMAL, estimators={"late": "Good"})
-    assert distribution("estimator", "late") == "late-plugins 1.0"
+    assert entries("estimator")["late"].origin == "late-plugins 1.0"
     shutil.rmtree(plugin_folder.path / "late_plugins-1.0.dist-info")
     assert "late" not in estimator_names()
 
@@ -144,7 +144,7 @@ def test_descriptions_hold_one_line_the_types_the_defaults_and_the_package(plugi
         "type": "Detector",
         "default": {"name": "level", "pfa": 0.001},
     }
-    assert blob["package"] == distribution("estimator", "blob") == "test-plugins 1.0"
+    assert blob["package"] == entries("estimator")["blob"].origin == "test-plugins 1.0"
 
 
 def test_two_packages_that_claim_one_name_are_both_named(plugins, plugin_folder):

@@ -16,8 +16,7 @@ from isacbench_algorithms.omp4d import Omp4d
 import isacbench
 from isacbench.bench.store.provenance import ROW_MAKERS, plugin_version
 from isacbench.cores import one_blas_thread
-from isacbench.plugins.class_code import class_code
-from isacbench.plugins.code_files import files_digest
+from isacbench.plugins.code_digests import class_code, files_digest
 from isacbench.plugins.discovery import PluginFile, register_plugin
 from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 
@@ -422,7 +421,7 @@ def test_what_an_instance_holds_besides_its_parameters_counts():
 
 def test_the_code_is_the_same_in_every_process(made, neighbour):
     ask = f"import sys; sys.path.insert(0, {str(neighbour.parent)!r})"
-    answer = "from isacbench.plugins.class_code import class_code\nprint(class_code(Frozen).digest)"
+    answer = "from isacbench.plugins.code_digests import class_code\nprint(class_code(Frozen).digest)"
     processes = [
         subprocess.run(
             [sys.executable, "-c", "\n".join([ask, SOURCE, answer])],

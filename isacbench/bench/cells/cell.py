@@ -34,7 +34,7 @@ from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import TruthEstimator
 from isacbench.plugins.discovery import error_place
-from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import canonical_params
 from isacbench.plugins.scoring import Metrics
 from isacbench.streams import plugin_output
 

@@ -1,12 +1,3 @@
 """Comparison of runs and of estimators."""
 
-__all__ = [
-    "comparison",
-    "matching",
-    "ranking",
-    "scene_scores",
-    "statistics",
-    "tolerance",
-    "verdicts",
-    "worst_scenes",
-]
+__all__ = ["comparison", "pairs", "ranking", "scenes", "significance", "verdicts"]

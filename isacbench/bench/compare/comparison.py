@@ -2,52 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.estimator_pairs import (
-    find_pairs,
-    find_variant,
-    pair_variants,
-    restrict,
-    spell_apart,
-    variants_of,
-)
-from isacbench.bench.compare.matching import (
-    CellChanges,
-    NotComparableError,
-    code_version,
-    incomparable,
-    pair_cells,
-    timed_alike,
-    version_differences,
-    with_partners,
-)
-from isacbench.bench.compare.scene_scores import compared_scenes, with_ratios
-from isacbench.bench.compare.tolerance import Tolerance, direction, merge_tolerances, parse_tolerance
-from isacbench.bench.compare.verdicts import (
-    VERDICTS,
-    curve_scores,
-    judge,
-    measure,
-    measure_wins,
-    point_scores,
-)
-from isacbench.bench.compare.worst_scenes import most_changed
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.compare import pairs, scenes, verdicts
+from isacbench.bench.compare.pairs import CellChanges, NotComparableError
+from isacbench.bench.compare.verdicts import VERDICTS, Tolerance
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
+from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from isacbench.charts import Variant
 
 DEFAULT_ALPHA = 0.01
 
@@ -109,7 +79,7 @@ class Comparison:
         better on an unseen scene, ties counting half, and its 95 % interval.
     scenes : DataFrame
         Scenes that changed most, as
-        `isacbench.bench.compare.worst_scenes.most_changed` lists them; empty if
+        `isacbench.bench.compare.scenes.most_changed` lists them; empty if
         the unit is the trial.
     """
 
@@ -152,7 +122,7 @@ class Comparison:
         """Show what was compared, the verdict, and counts of curves, points and cells."""
         sides = f"{self.base!r} and {self.new!r}"
         if self.between is not None:
-            sides = f"{' and '.join(spell_apart(self.between))} of {self.base!r}"
+            sides = f"{' and '.join(pairs.spell_apart(self.between))} of {self.base!r}"
         curves, points = (verdict_counts(table) or "none" for table in (self.curves, self.points))
         return (
             f"<Comparison of {sides}: {'regression' if self.is_regression else 'no regression'}\n"
@@ -163,14 +133,7 @@ class Comparison:
 
 
 def verdict_counts(table: pd.DataFrame, name: Callable[[str], str] = str) -> str:
-    """Count the verdicts of curves or points, the worst first.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the column ``verdict``.
-    name : callable
-        Gives the name of a verdict.
+    """Count the verdicts of curves or points by the names that `name` gives them, the worst first.
 
     Examples
     --------
@@ -237,19 +200,19 @@ def compare(
     >>> found.is_regression, found.curves["verdict"].tolist()
     (False, ['inconclusive'])
     """
-    asked = [parse_tolerance(text) for text in _as_list(tolerances)]
+    asked = [verdicts.parse_tolerance(text) for text in _as_list(tolerances)]
     if between is None:
         if new is None:
             raise InputError(
                 "only one run was given; give two runs (BASE and NEW), or one run and between=(A, B)"
             )
         runs = _opened(base), _opened(new)
-        partners = find_pairs(*runs, _as_list(map))
+        partners = pairs.find_pairs(*runs, _as_list(map))
         return compare_tables(*runs, asked, alpha, partners)
     if new is not None or map:
         raise InputError("between needs exactly one run, and cannot be combined with map")
     run = _opened(base)
-    first, second = (find_variant(run, text) for text in between)
+    first, second = (pairs.find_variant(run, text) for text in between)
     if first == second:
         raise InputError(
             f"{run.label}: {between[0]!r} and {between[1]!r} name the same estimator; give two different ones"
@@ -289,59 +252,62 @@ def compare_tables(
     """
     if not 0 < alpha < 0.5:
         raise InputError(f"alpha = {alpha!r}: allowed is a number above 0 and below 0.5")
-    reasons = incomparable(base, new)
-    if reasons:
+    if reasons := pairs.incomparable(base, new):
         raise NotComparableError(reasons)
-    asked = merge_tolerances(tolerances)
+    asked = verdicts.merge_tolerances(tolerances)
     if any(tolerance.metric == "ratio" for tolerance in asked):
         base, new = (
-            run.changed(rows=run.rows.assign(ratio=with_ratios(run)["ratio"])) for run in (base, new)
+            run.changed(rows=run.rows.assign(ratio=scenes.with_ratios(run)["ratio"])) for run in (base, new)
         )
-    better = _directions(base, new, asked)
-    variants = tuple(dict.fromkeys([*variants_of(base), *variants_of(new)]))
+    columns, others = (
+        run.rows.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"]) for run in (base, new)
+    )
+    in_both = columns.intersection(others, sort=False)
+    described = {**stored_columns(new.manifest), **stored_columns(base.manifest)}
+    better = {one.metric: verdicts.direction(one.metric, described, in_both) for one in asked}
+    variants = tuple(dict.fromkeys([*variants_in(base.rows), *variants_in(new.rows)]))
     between, sides = None, ("the base", "the new run")
     if is_between:
         (between,), sides = partners.items(), ("A", "B")
-        base, new = restrict(base, between[0]), restrict(new, between[1])
-    base, new, left_out = pair_variants(base, new, partners)
-    pairs, cells = pair_cells(base, new, partners)
-    notes = version_differences(base, new, partners) + left_out + _other_parameters(cells)
-    groups, labels = compared_scenes(base.manifest, pairs["scenario"]), estimator_labels(variants)
+        base, new = (run.take(pairs.is_of(run, [one])) for run, one in zip((base, new), between, strict=True))
+    base, new, left_out = pairs.pair_variants(base, new, partners)
+    paired, cells = pairs.pair_cells(base, new, partners)
+    notes = pairs.version_differences(base, new, partners) + left_out + _other_parameters(cells)
+    groups = scenes.compared_scenes(base.manifest, paired["scenario"])
     points: list[pd.DataFrame] = []
     curves: list[pd.DataFrame] = []
-    scenes: list[pd.DataFrame] = []
+    changed: list[pd.DataFrame] = []
     n_lost = 0
     for tolerance in asked:
-        metric, chosen = tolerance.metric, pairs
+        metric, chosen = tolerance.metric, paired
         if metric.startswith("time_"):
-            chosen, told = timed_alike(pairs, metric, base, new)
+            chosen, told = pairs.timed_alike(paired, metric, base, new)
             notes += told
-        n_lost += int((np.isfinite(chosen[f"{metric}_base"]) & ~np.isfinite(chosen[f"{metric}_new"])).sum())
-        scores, told = point_scores(chosen, metric, sides, groups)
-        notes += told if len(chosen) or not len(pairs) else []
-        for found, paired in ((points, scores), (curves, curve_scores(scores))):
-            found.append(measure(paired, tolerance, better[metric]))
-            if groups:
-                found[-1] = found[-1].join(measure_wins(paired, better[metric]))
+        rows = pairs.scored_pairs(chosen, metric)
+        n_lost += int((np.isfinite(rows["base"]) & ~np.isfinite(rows["new"])).sum())
+        scores, told = verdicts.point_scores(rows, metric, sides, groups)
+        notes += told if len(chosen) or not len(paired) else []
+        for found, own in ((points, scores), (curves, verdicts.curve_scores(scores))):
+            found.append(verdicts.measure(own, tolerance, better[metric], bool(groups)))
         if groups:
-            scenes.append(most_changed(chosen, metric, new.manifest, partners, labels))
-    curve_table, point_table = judge(_joined(curves), _joined(points), alpha)
+            changed.append(scenes.most_changed(rows, metric, new.manifest))
+    curve_table, point_table = verdicts.judge(_joined(curves), _joined(points), alpha)
     return Comparison(
         base=base.label,
         new=new.label,
-        base_version=code_version(base.manifest),
-        new_version=code_version(new.manifest),
+        base_version=pairs.code_version(base.manifest),
+        new_version=pairs.code_version(new.manifest),
         between=between,
         variants=variants,
         alpha=alpha,
         tolerances=asked,
-        curves=with_partners(curve_table, partners),
-        points=with_partners(point_table, partners),
+        curves=pairs.with_partners(curve_table, partners),
+        points=pairs.with_partners(point_table, partners),
         cells=cells,
         n_lost_scores=n_lost,
         notes=tuple(notes),
         unit="scene" if groups else "trial",
-        scenes=with_partners(_joined(scenes), partners) if groups else pd.DataFrame(),
+        scenes=pairs.with_partners(_joined(changed), partners) if groups else pd.DataFrame(),
     )
 
 
@@ -354,22 +320,9 @@ def _as_list(texts: str | Iterable[str]) -> list[str]:
     return [texts] if isinstance(texts, str) else list(texts)
 
 
-def _directions(base: Run, new: Run, asked: Sequence[Tolerance]) -> dict[str, str]:
-    """Better direction of every score asked for, which both runs must have."""
-    columns, others = (
-        run.rows.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"]) for run in (base, new)
-    )
-    in_both = [name for name in columns if name in others]
-    described = {**stored_columns(new.manifest), **stored_columns(base.manifest)}
-    return {tolerance.metric: direction(tolerance.metric, described, in_both) for tolerance in asked}
-
-
 def _other_parameters(cells: CellChanges) -> list[str]:
     """Say which estimators are unpaired because they ran with other parameters."""
-    gone, come = (
-        set(table[["estimator", "params"]].itertuples(index=False, name=None))
-        for table in (cells.missing, cells.added)
-    )
+    gone, come = (set(variants_in(table)) for table in (cells.missing, cells.added))
     return [
         f"{name} ran with other parameters: its cells are missing under the old ones and added under the "
         "new; --map pairs them"

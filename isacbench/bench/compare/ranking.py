@@ -2,55 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.estimator_pairs import find_variant
-from isacbench.bench.compare.matching import code_version
-from isacbench.bench.compare.ranks import RankSets, rank_sets
-from isacbench.bench.compare.scene_scores import (
-    SCENE_KINDS,
-    VARIANT,
-    average_alone,
-    average_scenes,
-    scene_families,
-    scene_groups,
-    with_ratios,
-)
-from isacbench.bench.compare.statistics import (
-    CHANGES,
-    MIN_INTERVAL_TRIALS,
-    bootstrap_changes,
-    win_shares,
-)
-from isacbench.bench.compare.tolerance import direction
-from isacbench.bench.compare.verdicts import without_rounding
-from isacbench.bench.compare.worst_scenes import worst_scenes
+from isacbench.bench.compare import scenes, significance
+from isacbench.bench.compare.pairs import VARIANT, code_version, find_variant
+from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
-from isacbench.charts import variants_in
+from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from isacbench.bench.compare.scene_scores import SceneScores
-    from isacbench.charts import Variant
-
-    Floats = NDArray[np.float64]
 
 BESIDE = ("f_score", "velocity_error_mps", "objects_f_score")
 """Columns that stand beside every rank. Of the cheating estimators that were tried, none is better by the
 ratio, and none is as good by ratio, F-score and velocity error together (the tests of games)."""
+
+CHANGE = significance.CHANGES[:3]
+"""Change of a mean in units of the score, and its interval."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +65,7 @@ class Ranking:
         95 % interval; ``n_scenes``, ``n_ties``; ``change``, the first one's
         mean less the other's, with ``change_low`` and ``change_high``.
     worst : DataFrame
-        Scenes in which each estimator is worst (`isacbench.bench.compare.worst_scenes.worst_scenes`).
+        Scenes in which each estimator is worst (`isacbench.bench.compare.scenes.worst_scenes`).
     notes : tuple of str
         Cells that were left out, failures that were counted as worst scores, and the pair that decides how
         wide the sets are.
@@ -118,15 +93,8 @@ class Ranking:
             + (f"{row['mean']:.4g}" if self.is_descriptive else rank_text(row["rank_low"], row["rank_high"]))
             for row in first.to_dict("records")
         ]
-        return (
-            "\n".join(
-                [
-                    f"<Ranking of {self.run!r} by {self.metric} over {counted(len(self.scores), 'scene')}",
-                    *lines,
-                ]
-            )
-            + ">"
-        )
+        head = f"<Ranking of {self.run!r} by {self.metric} over {counted(len(self.scores), 'scene')}"
+        return "\n".join([head, *lines]) + ">"
 
 
 def rank_text(low: float, high: float) -> str:
@@ -194,12 +162,12 @@ def default_metric(records: pd.DataFrame) -> str:
 
 def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
     """Rank the estimators of a run that was read, as `rank` does."""
-    if run.kind not in SCENE_KINDS:
+    if run.kind not in scenes.SCENE_KINDS:
         raise InputError(
             f"{run.label}: the scenarios of a suite of kind {run.kind!r} are no scenes to rank over; allowed "
-            f"are runs of the kinds {', '.join(SCENE_KINDS)}"
+            f"are runs of the kinds {', '.join(scenes.SCENE_KINDS)}"
         )
-    records = with_ratios(run)
+    records = scenes.with_ratios(run)
     if metric is None:
         metric = default_metric(records)
     numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
@@ -218,40 +186,34 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
             f"{'the run has' if estimators is None else 'chosen:'} "
             f"{', '.join(name for name, _ in ranked) or 'none'}"
         )
-    scored = average_scenes(records, metric, better, ranked)
-    _require_scenes(run, scored, metric)
-    groups = scene_groups(scored.scenes.index, scene_families(run.manifest))
+    scored = scenes.average_scenes(records, metric, better, ranked)
+    if scored.scenes.empty:
+        left_out = "".join(f"; {note}" for note in scored.notes)
+        raise InputError(f"{run.label}: in no scene do all estimators have a {metric}{left_out}")
     # Failed cells have none of these scores: they are means over the images that there are.
-    shares = {
-        name: pd.DataFrame(
-            {variant: average_alone(records, name, variant, scored.cells) for variant in ranked}
-        ).rename_axis(columns=VARIANT)
-        for name in BESIDE
-        if name in records and name != metric
-    }
     beside = {
-        variant: {name: average_alone(records, name, variant, scored.cells) for name in (metric, *shares)}
-        for variant in references
+        name: pd.DataFrame(
+            {one: scenes.average_alone(records, name, one, scored.cells) for one in (*ranked, *references)}
+        ).rename_axis(columns=VARIANT)
+        for name in (metric, *BESIDE)
+        if name in records
     }
     labels = estimator_labels(variants)
-    is_descriptive = len(scored.scenes) < MIN_INTERVAL_TRIALS
+    is_descriptive = len(scored.scenes) < significance.MIN_INTERVAL_TRIALS
     ranks, wins, critical = [], [], []
-    for group, scenes in groups.items():
-        table = scored.scenes.loc[scenes]
-        found = _win_rows(table, better).assign(group=group)
-        means = {name: share.reindex(scenes).mean() for name, share in shares.items()}
-        rows = _rank_rows(table, better, found, means)
+    for group, names in scenes.scene_groups(scored.scenes.index, scenes.scene_families(run.manifest)).items():
+        table = scored.scenes.loc[names]
+        wins.append(_win_rows(group, table, better))
+        means = pd.DataFrame({name: own.reindex(names).mean() for name, own in beside.items()})
+        rows = _rank_rows(table, better, wins[-1], means.rename(columns={metric: "mean"}))
+        places = pd.DataFrame(index=table.columns, columns=["rank_low", "rank_high"])
         if not is_descriptive:
             sets = _rank_sets(table, better)
-            rows = rows.merge(sets.ranks, on=VARIANT)
-            critical.append(_told_critical(group, table, sets, labels))
-        ranks += [rows, _reference_rows(beside, metric, scenes)]
-        ranks[-2:] = [part.assign(group=group, n_scenes=len(scenes)) for part in ranks[-2:]]
-        wins.append(found)
-    first = ["group", "n_scenes"]
-    rank_rows = pd.concat([part for part in ranks if len(part)], ignore_index=True)
-    rank_rows = rank_rows.reindex(columns=[*rank_rows, *({"rank_low", "rank_high"} - {*rank_rows})])
-    rank_rows = rank_rows.astype({"rank_low": "Int64", "rank_high": "Int64"})
+            places["rank_low"], places["rank_high"] = sets.low, sets.high
+            critical.append(_told_critical(group, sets, [labels[one] for one in ranked]))
+        ranks.append(rows.join(places.astype("Int64")).reset_index())
+        ranks[-1].insert(0, "group", group)
+        ranks[-1].insert(1, "n_scenes", len(names))
     return Ranking(
         run=run.label,
         version=code_version(run.manifest),
@@ -259,109 +221,55 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
         better=better,
         labels=labels,
         scores=scored.scenes,
-        ranks=_in_front(rank_rows, first),
-        wins=_in_front(pd.concat(wins, ignore_index=True), first),
-        worst=worst_scenes(records, run.manifest, scored, better),
+        ranks=pd.concat(ranks, ignore_index=True),
+        wins=pd.concat(wins, ignore_index=True),
+        worst=scenes.worst_scenes(records, run.manifest, scored, better),
         notes=(*scored.notes, *critical),
         is_descriptive=is_descriptive,
     )
 
 
-def _require_scenes(run: Run, scored: SceneScores, metric: str) -> None:
-    n_scenes = len(scored.scenes)
-    if not n_scenes:
-        left_out = "".join(f"; {note}" for note in scored.notes)
-        raise InputError(f"{run.label}: in no scene do all estimators have a {metric}{left_out}")
-
-
-def _in_front(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    return table[[*columns, *(name for name in table if name not in columns)]]
-
-
-def _win_rows(table: pd.DataFrame, better: str) -> pd.DataFrame:
+def _win_rows(group: str, table: pd.DataFrame, better: str) -> pd.DataFrame:
     """Win probability and mean difference of every ordered pair of columns."""
     pairs = list(permutations(range(table.shape[1]), 2))
-    first, second = (table.to_numpy()[:, [pair[side] for pair in pairs]] for side in (0, 1))
-    first = without_rounding(second, first)
-    variants = list(table.columns)
+    first, second = (table.to_numpy()[:, list(side)] for side in zip(*pairs, strict=True))
+    first = significance.without_rounding(second, first)
+    names: list[Any] = list(table.columns)
     rows = pd.DataFrame(
-        {
-            "n_scenes": len(table),
-            "estimator": [variants[pair[0]][0] for pair in pairs],
-            "params": [variants[pair[0]][1] for pair in pairs],
-            "other": [variants[pair[1]][0] for pair in pairs],
-            "other_params": [variants[pair[1]][1] for pair in pairs],
-        }
+        [(group, len(table), *names[one], *names[other]) for one, other in pairs],
+        columns=["group", "n_scenes", *VARIANT, "other", "other_params"],
     )
-    return rows.join(win_shares(second, first, better)).join(bootstrap_changes(second, first)[CHANGES[:3]])
+    changes = significance.bootstrap_changes(second, first)[CHANGE]
+    return rows.join(significance.win_shares(second, first, better)).join(changes)
 
 
-def _rank_rows(
-    table: pd.DataFrame, better: str, wins: pd.DataFrame, shares: Mapping[str, pd.Series[float]]
-) -> pd.DataFrame:
-    """Mean, further scores and difference from the best of every column, the best first."""
-    sign = 1.0 if better == "lower" else -1.0
-    means = table.mean()
-    best = means.index[int(np.argmin(sign * means.to_numpy()))]
+def _rank_rows(table: pd.DataFrame, better: str, wins: pd.DataFrame, means: pd.DataFrame) -> pd.DataFrame:
+    """Means and difference from the best of every estimator, the best first, references last."""
+    own = table.mean().sort_values(ascending=better == "lower", kind="stable")
+    best: Any = own.index[0]
     from_best = wins[(wins["other"] == best[0]) & (wins["other_params"] == best[1])]
-    changes = from_best.set_index(VARIANT)[CHANGES[:3]].reindex(means.index)
-    changes.loc[best] = 0.0
-    rows = pd.DataFrame({"is_reference": False, "mean": means})
-    rows = rows.assign(**shares).join(changes)
-    return rows.sort_values("mean", ascending=better == "lower", kind="stable").reset_index()
+    rows = means.loc[[*own.index, *means.index.difference(own.index, sort=False)]]
+    rows.insert(0, "is_reference", ~rows.index.isin(own.index))
+    rows["mean"] = own.reindex(rows.index).fillna(rows["mean"])
+    rows = rows.join(from_best.set_index(VARIANT)[CHANGE])
+    rows.loc[[best], CHANGE] = 0.0
+    return rows
 
 
-class _Sets(NamedTuple):
-    """Ranks of the estimators, and the sets that they were taken from."""
-
-    ranks: pd.DataFrame
-    sets: RankSets
-
-
-def _rank_sets(table: pd.DataFrame, better: str) -> _Sets:
+def _rank_sets(table: pd.DataFrame, better: str) -> significance.RankSets:
     """Find the rank set of every column."""
     # Differences by rounding alone are made exact zeros: those of all columns from the first of equal ones.
-    values = table.to_numpy(copy=True)
-    for column in range(1, values.shape[1]):
-        values[:, column] = _rounded_to(values[:, :column], values[:, column])
-    sets = rank_sets(values if better == "lower" else -values)
-    ranks = pd.DataFrame([*table.columns], columns=VARIANT).assign(rank_low=sets.low, rank_high=sets.high)
-    return _Sets(ranks, sets)
+    columns = table.to_numpy(copy=True).T
+    for earlier, later in combinations(columns, 2):
+        later[:] = significance.without_rounding(earlier, later)
+    return significance.rank_sets(columns.T if better == "lower" else -columns.T)
 
 
-def _told_critical(group: str, table: pd.DataFrame, found: _Sets, labels: Mapping[Variant, str]) -> str:
+def _told_critical(group: str, sets: significance.RankSets, labels: Sequence[str]) -> str:
     """Say which pair decides how wide the sets are."""
-    variants: list[Any] = table.columns.to_list()
-    worse, other = (labels[variants[place]] for place in found.sets.critical)
+    worse, other = (labels[place] for place in sets.critical)
     return (
         f"{group}: the width of the rank sets is set by {worse} against {other}, in "
-        f"{100 * found.sets.critical_share:.0f} % of the resamples beyond the critical value; sets depend on "
+        f"{100 * sets.critical_share:.0f} % of the resamples beyond the critical value; sets depend on "
         "who competes, -e ranks a subset that was chosen before looking"
-    )
-
-
-def _rounded_to(others: Floats, values: Floats) -> Floats:
-    """Make values equal to those of another column where only rounding parts them."""
-    for other in others.T:
-        values = without_rounding(other, values)
-    return values
-
-
-def _reference_rows(
-    beside: Mapping[Variant, Mapping[str, pd.Series[float]]], metric: str, scenes: list[str]
-) -> pd.DataFrame:
-    """Mean and shares of every reference."""
-    return pd.DataFrame(
-        [
-            {
-                "estimator": name,
-                "params": params,
-                "is_reference": True,
-                **{
-                    "mean" if column == metric else column: values.reindex(scenes).mean()
-                    for column, values in averages.items()
-                },
-            }
-            for (name, params), averages in beside.items()
-        ]
     )

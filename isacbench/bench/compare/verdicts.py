@@ -1,40 +1,131 @@
-"""Verdicts on curves and points: paired scores, their changes, tests of both families, and corrections."""
+"""Verdicts on curves and points: tolerances, paired scores, their changes, tests of both families."""
 
 from __future__ import annotations
 
-from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from isacbench.bench.compare.matching import CURVE
-from isacbench.bench.compare.scene_scores import pool_scenes
-from isacbench.bench.compare.statistics import (
-    bootstrap_changes,
-    holm,
-    signed_rank_test,
-    smallest_effect,
-    trials_needed,
-    win_shares,
-)
+from isacbench.bench.cells.record import REFERENCE_COLUMNS
+from isacbench.bench.compare import significance
+from isacbench.bench.compare.pairs import CURVE
+from isacbench.bench.compare.scenes import pool_scenes
 from isacbench.bench.statistics import student_band
+from isacbench.bench.suites.suite_kinds import KINDS
+from isacbench.errors import InputError, unknown_name
+from isacbench.metrics.descriptions import Direction, ScoreColumn
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from isacbench.bench.compare.tolerance import Tolerance
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 VERDICTS = ("regression", "improvement", "inconclusive", "same")
 """All verdicts, the worst first."""
 
+FORM = re.compile(
+    r"\s*(?P<metric>\w+)\s*=\s*(?P<number>([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)\s*(?P<percent>%?)\s*",
+    re.IGNORECASE,
+)
 
-ROUNDING = 1e-9
-"""Largest relative difference of scores that counts as none: rounding by another processor or library."""
+NEITHER = "seed", "timing", "time_spread_s", *REFERENCE_COLUMNS
+"""Columns of every run for which neither direction is better."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Limit to how much worse the mean of a score may get.
+
+    Attributes
+    ----------
+    metric : str
+        Column of the records.
+    limit : float
+        At least 0: a fraction of the base's mean, or in units of the score.
+    is_relative : bool
+        Whether it is a fraction.
+    """
+
+    metric: str
+    limit: float
+    is_relative: bool
+
+    def __str__(self) -> str:
+        """Spell it as the command line takes it."""
+        return f"{self.metric}={100 * self.limit:g}%" if self.is_relative else f"{self.metric}={self.limit:g}"
+
+
+DEFAULT_TOLERANCE = Tolerance("deviation", 0.05, is_relative=True)
+
+
+def parse_tolerance(text: str) -> Tolerance:
+    """Parse ``NAME=5%``, relative to the base's mean, or ``NAME=0.5``, in units of the score.
+
+    Examples
+    --------
+    >>> parse_tolerance("deviation=5%")
+    Tolerance(metric='deviation', limit=0.05, is_relative=True)
+    """
+    match = FORM.fullmatch(text)
+    if match is None:
+        raise InputError(
+            f"tolerance {text!r}: allowed is NAME=NUMBER% of the base's mean or NAME=NUMBER in units of the "
+            "score, a number of at least 0, such as deviation=5% or hausdorff_xy_m=0.5"
+        )
+    number, is_relative = float(match["number"]), bool(match["percent"])
+    return Tolerance(match["metric"], number / 100 if is_relative else number, is_relative)
+
+
+def merge_tolerances(given: Iterable[Tolerance]) -> tuple[Tolerance, ...]:
+    """Add tolerances to the default one; the last one for a score counts.
+
+    Examples
+    --------
+    >>> [str(one) for one in merge_tolerances([parse_tolerance("recall=0.1")])]
+    ['deviation=5%', 'recall=0.1']
+    """
+    return tuple({one.metric: one for one in (DEFAULT_TOLERANCE, *given)}.values())
+
+
+def direction(
+    column: str, described: Mapping[str, ScoreColumn], columns: Collection[str]
+) -> Literal["lower", "higher"]:
+    """Better direction of a column: lower, where nothing else is known.
+
+    Parameters
+    ----------
+    described : mapping of str to ScoreColumn
+        Columns of the run's metrics, as `isacbench.bench.store.score_columns.stored_columns` has them.
+    columns : collection of str
+        Numeric columns that the runs have.
+
+    Returns
+    -------
+    {"lower", "higher"}
+
+    Raises
+    ------
+    InputError
+        If there is no such column, or neither direction is better.
+
+    Examples
+    --------
+    >>> direction("recall", {"recall": ScoreColumn("recall", "", better="higher")}, ["deviation", "recall"])
+    'higher'
+    """
+    known: dict[str, Direction] = dict.fromkeys(NEITHER, "neither")
+    known |= {name: score.better for name, score in described.items()}
+    for kind in KINDS.values():
+        known |= kind.better
+    scores = [name for name in columns if known.get(name, "lower") != "neither"]
+    if column not in columns:
+        raise unknown_name("score", column, scores)
+    better = known.get(column, "lower")
+    if better == "neither":
+        raise InputError(f"{column} has no better direction; allowed are {', '.join(scores)}")
+    return better
 
 
 class PairedScores(NamedTuple):
@@ -56,31 +147,15 @@ class PairedScores(NamedTuple):
 
 
 def point_scores(
-    pairs: pd.DataFrame,
-    metric: str,
-    sides: tuple[str, str] = ("the base", "the new run"),
-    groups: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    rows: pd.DataFrame, metric: str, sides: tuple[str, str], groups: Mapping[str, Sequence[str]]
 ) -> tuple[PairedScores, list[str]]:
     """Collect the scores of every point, sorted by curve and SNR, without points that have none.
 
-    Parameters
-    ----------
-    pairs : DataFrame
-        As `isacbench.bench.compare.matching.pair_cells` returns it.
-    sides : (str, str)
-        Words for both sides in notes.
-    groups : mapping of str to sequence of str
-        Scenes by the name of their group, where scenes are the units: groups then take the place of
-        scenarios and scenes that of trials.
-
-    Returns
-    -------
-    notes : list of str
-        Numbers of cells of which one run alone has a score.
+    `rows` are those of `isacbench.bench.compare.pairs.scored_pairs`, `sides` words for both sides in notes.
+    Where scenes are the units, `groups` have them by the name of their group: groups then take the place of
+    scenarios and scenes that of trials. The notes say of how many cells one side alone has a score.
     """
-    rows = pairs[[*CURVE, "snr_db", "trial"]].assign(
-        base=pairs[f"{metric}_base"].astype(float), new=pairs[f"{metric}_new"].astype(float)
-    )
+    rows = rows.copy()
     in_base, in_new = np.isfinite(rows["base"]), np.isfinite(rows["new"])
     rows.loc[~(in_base & in_new), ["base", "new"]] = np.nan
     rows = rows[in_base | in_new]
@@ -102,54 +177,25 @@ def point_scores(
             f"{metric}: {(in_base & ~in_new).sum()} cells that have one in {sides[0]} alone, and "
             f"{(~in_base & in_new).sum()} that have one in {sides[1]} alone, are left out"
         )
-    return PairedScores(keys, base, without_rounding(base, new)), notes
+    return PairedScores(keys, base, significance.without_rounding(base, new)), notes
 
 
 def curve_scores(points: PairedScores) -> PairedScores:
-    """Average every trial over the SNRs at which it has a pair.
-
-    Returns
-    -------
-    PairedScores
-        Scores of whole curves.
-    """
+    """Score whole curves: average every trial over the SNRs at which it has a pair."""
     curves = points.keys.groupby(["metric", *CURVE], sort=False)
     keys = curves.size().rename("n_snr").reset_index()
     base, change = (
         pd.DataFrame(values.T).groupby(curves.ngroup()).mean().to_numpy().T
         for values in (points.base, points.new - points.base)
     )
-    return PairedScores(keys, base, without_rounding(base, base + change))
+    return PairedScores(keys, base, significance.without_rounding(base, base + change))
 
 
-def without_rounding(base: Floats, new: Floats) -> Floats:
-    """Make scores equal to others where only rounding parts them: zeros and ties are to be exact.
-
-    Parameters
-    ----------
-    base, new : ndarray of float64
-        Of shapes that broadcast.
-
-    Returns
-    -------
-    ndarray of float64
-        New scores.
-    """
-    is_rounding = np.abs(new - base) <= ROUNDING * (np.abs(base) + np.abs(new)) / 2
-    return np.where(is_rounding, base, new)
-
-
-def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataFrame:
+def measure(scores: PairedScores, tolerance: Tolerance, better: str, of_scenes: bool) -> pd.DataFrame:
     """Measure the changes of all points or curves, without correction for the number of tests.
 
-    Parameters
-    ----------
-    better : {"lower", "higher"}
-
-    Returns
-    -------
-    DataFrame
-        A row for each key, as `judge` takes it.
+    Returned is a row for each key, as `judge` takes it; of scores of scenes with ``win_probability``,
+    ``win_low`` and ``win_high``, the probability that the new side is better on an unseen one.
     """
     table = scores.keys.copy()
     base, new = pd.DataFrame(scores.base), pd.DataFrame(scores.new)
@@ -159,51 +205,24 @@ def measure(scores: PairedScores, tolerance: Tolerance, better: str) -> pd.DataF
     for name, values in (("base", base), ("new", new)):
         table[f"{name}_mean"] = values.mean()
         table[f"{name}_band"] = student_band(values.std(), table["n_pairs"])
-    table = table.join(bootstrap_changes(scores.base, scores.new))
-    tests = [signed_rank_test(column[np.isfinite(column)]) for column in worsening.to_numpy().T]
-    table["raw_worse"] = [test.greater for test in tests]
-    table["raw_better"] = [test.less for test in tests]
-    table["attainable"] = [test.attainable for test in tests]
+    table = table.join(significance.bootstrap_changes(scores.base, scores.new))
+    tests = [significance.signed_rank_test(column[np.isfinite(column)]) for column in worsening.to_numpy().T]
+    table[["raw_worse", "raw_better", "attainable"]] = np.reshape(tests, (-1, 3))
     table["worsening"], table["spread"] = worsening.mean(), worsening.std()
     table["limit"] = tolerance.limit * (table["base_mean"].abs() if tolerance.is_relative else 1.0)
     low, high = ("relative_low", "relative_high") if tolerance.is_relative else ("change_low", "change_high")
     table["is_within"] = (table[low] >= -tolerance.limit) & (table[high] <= tolerance.limit)
+    if of_scenes:
+        wins = significance.win_shares(scores.base, scores.new, better)
+        table = table.join(wins[["probability", "low", "high"]].add_prefix("win_"))
     return table
 
 
-def measure_wins(scores: PairedScores, better: str) -> pd.DataFrame:
-    """Estimate for all points or curves the probability that the new side is better on an unseen scene.
-
-    Parameters
-    ----------
-    scores : PairedScores
-        Of scenes.
-    better : {"lower", "higher"}
-
-    Returns
-    -------
-    DataFrame
-        A row for each key: ``win_probability``, ``win_low``, ``win_high``.
-    """
-    found = win_shares(scores.base, scores.new, better)
-    return found[["probability", "low", "high"]].add_prefix("win_")
-
-
 def judge(curves: pd.DataFrame, points: pd.DataFrame, alpha: float) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Correct the p-values of both families and give verdicts.
+    """Correct the p-values of both families and give verdicts at a level of all together in each direction.
 
-    Parameters
-    ----------
-    curves, points : DataFrame
-        As `measure` returns them.
-    alpha : float
-        Level of everything together, in each direction.
-
-    Returns
-    -------
-    curves, points : DataFrame
-        With the columns ``p_worse``, ``p_better``, ``smallest_effect``,
-        ``trials_needed`` and ``verdict``, without those that only lead to them.
+    The tables of `measure` get the columns ``p_worse``, ``p_better``, ``smallest_effect``,
+    ``trials_needed`` and ``verdict``, and lose those that only lead to them.
     """
     keys = ["metric", *CURVE]
     of_curve = curves[[*keys, "n_snr"]].assign(curve=curves.index)
@@ -256,14 +275,16 @@ def _correct(table: pd.DataFrame, tested: NDArray[np.bool_], share: float, alpha
     for side in ("worse", "better"):
         p_values = np.ones(len(table))
         if share:
-            p_values[tested] = np.minimum(holm(table[f"raw_{side}"].to_numpy()[tested]) / share, 1.0)
+            p_values[tested] = np.minimum(
+                significance.holm(table[f"raw_{side}"].to_numpy()[tested]) / share, 1.0
+            )
         found[f"p_{side}"] = p_values
     n_tests = max(int(tested.sum()), 1)
-    found["smallest_effect"] = smallest_effect(
+    found["smallest_effect"] = significance.smallest_effect(
         table["spread"], table["n_pairs"], (share or 0.5) * alpha / n_tests
     )
     # More trials may let the other family have its half.
-    found["trials_needed"] = np.full(len(table), trials_needed(0.5 * alpha / n_tests))
+    found["trials_needed"] = np.full(len(table), significance.trials_needed(0.5 * alpha / n_tests))
     return pd.DataFrame(found, index=table.index)
 
 

@@ -21,8 +21,7 @@ from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import construct
+from isacbench.plugins.registry import canonical_params, construct
 from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:

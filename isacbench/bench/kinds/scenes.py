@@ -33,8 +33,7 @@ from isacbench.metrics.geometry import CloudPair
 from isacbench.model.echo import Simulator
 from isacbench.model.radio_coordinates import gain_db
 from isacbench.plugins.contracts import Estimator, is_reference
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_variants
+from isacbench.plugins.registry import build_variants, canonical_params
 
 if TYPE_CHECKING:
     from isacbench.bench.cells.cell import Found, Measure

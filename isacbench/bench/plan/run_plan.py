@@ -22,7 +22,7 @@ from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
-from isacbench.plugins.class_code import foreign_classes
+from isacbench.plugins.code_digests import foreign_classes
 from isacbench.plugins.discovery import local_plugins, register_plugin
 from isacbench.plugins.registry import build_variants
 

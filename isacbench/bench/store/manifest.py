@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -31,6 +32,7 @@ from isacbench.files.escaping import visible
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.model.scenes.scene_families import spelled_scenarios
 from isacbench.plugins.scoring import Metrics, object_kinds
+from isacbench.specifications import parse_spec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -219,6 +221,35 @@ def scenario_texts(manifest: Mapping[str, Any]) -> dict[str, str]:
             f"{MANIFEST}: {len(names)} scenarios are described, but the suite lists {len(texts)}"
         )
     return dict(zip(names, texts, strict=True))
+
+
+def command_to_show(
+    manifest: Mapping[str, Any], scenario: str, estimator: str, snr_db: float, trial: int
+) -> str:
+    """Spell the command that takes the image of a cell, with plugin files as when the run was made.
+
+    It is empty for a scene that only the suite of the run makes, and where there is no manifest.
+
+    Examples
+    --------
+    >>> run = {"seed": 0, "scenarios": {"town": {}}, "suite": {"scenarios": ["made/town.toml"]}}
+    >>> command_to_show(run, "town", "music2d", 10.0, 0)
+    'isacbench image -s made/town.toml -e music2d --snr 10'
+    """
+    text = scenario_texts(manifest).get(scenario) if manifest else None
+    if text is None:
+        return ""
+    words = ["isacbench", "image", "-s", text, "-e", estimator, "--snr", f"{snr_db:.10g}"]
+    numbers = {"--trial": int(trial), "--seed": int(manifest["seed"])}
+    words += [word for name, number in numbers.items() if number for word in (name, str(number))]
+    paths: dict[str, str] = {}
+    for session in manifest.get("sessions", ()):
+        paths |= session.get("plugins", {})
+    name = parse_spec(estimator).name
+    entries = [one for one in manifest.get("estimators", ()) if one["name"] == name]
+    for file in dict.fromkeys(file for one in entries for file in one["packages"]):
+        words += ["--plugin", paths[file]] if file in paths else []
+    return shlex.join(words)
 
 
 def restore_plan(manifest: Mapping[str, Any]) -> Plan:

@@ -15,14 +15,17 @@ from threadpoolctl import threadpool_info
 
 import isacbench
 from isacbench.bench.suites.scenario_digest import digest
-from isacbench.plugins.class_code import attributes_digest, own_codes, plugin_classes, plugin_parts
-from isacbench.plugins.code_files import (
+from isacbench.plugins.code_digests import (
     VERSIONED,
+    attributes_digest,
     files_digest,
     imported_roots,
     is_importable,
     is_installed,
+    own_codes,
     own_packages,
+    plugin_classes,
+    plugin_parts,
     root_of,
     with_imports,
 )

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from isacbench.bench.compare.comparison import Comparison
-    from isacbench.bench.compare.tolerance import Tolerance
+    from isacbench.bench.compare.verdicts import Tolerance
 
 MAX_CHARACTERS = 60_000
 """Characters of a Markdown file; a comment on GitHub takes 65 536."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacbench.bench.compare.matching import CURVE
+from isacbench.bench.compare.pairs import CURVE
 from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.statistics import mean_of_trials

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from isacbench.bench.compare.comparison import Comparison
-    from isacbench.bench.compare.tolerance import Tolerance
+    from isacbench.bench.compare.verdicts import Tolerance
 
 MAX_ROWS = 40
 """Rows of a table that somebody reads: of more, the worst verdicts are shown."""
@@ -227,11 +227,12 @@ def _scene_grid(scenes: pd.DataFrame, said: Wording) -> Table:
             row["metric"],
             *(f"{row[side]:.4g}" for side in ("base", "new")),
             signed(row["change"]),
-            row["command"],
+            f"{row['snr_db']:g}",
+            str(row["trial"]),
         ]
         for row in scenes.to_dict("records")
     ]
-    header = ["scene", "score", *said.heads, "change", f"command that shows {said.heads[1]}"]
+    header = ["scene", "score", *said.heads, "change", "at SNR [dB]", "trial"]
     return text_table("scenes that changed most", header, rows)
 
 
@@ -241,8 +242,8 @@ def scene_lines(comparison: Comparison) -> list[str]:
         return []
     grid = _scene_grid(comparison.scenes, Wording(comparison))
     return [
-        f"changed most: {scene}: {score} {base} to {new}; {command}"
-        for scene, score, base, new, _, command in grid.texts
+        f"changed most: {scene}: {score} {base} to {new}; most at {snr_db} dB, trial {trial}"
+        for scene, score, base, new, _, snr_db, trial in grid.texts
     ]
 
 
@@ -306,7 +307,7 @@ def cell_lines(cells: pd.DataFrame, what: str, said: Wording) -> list[str]:
     Parameters
     ----------
     cells : DataFrame
-        Table of `isacbench.bench.compare.matching.CellChanges`.
+        Table of `isacbench.bench.compare.pairs.CellChanges`.
     what : str
         Words for them.
 

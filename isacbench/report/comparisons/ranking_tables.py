@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from isacbench.bench.compare.pairs import VARIANT
 from isacbench.bench.compare.ranking import BESIDE, rank_text
-from isacbench.bench.compare.scene_scores import MIN_FAMILY_SCENES, VARIANT
+from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
 from isacbench.charts import Table, number_or_blank, text_table
 from isacbench.files.escaping import counted
 from isacbench.report.comparisons.comparison_tables import json_rows, signed

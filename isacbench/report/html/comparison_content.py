@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.scene_scores import compared_scenes
-from isacbench.bench.compare.tolerance import direction
-from isacbench.bench.compare.verdicts import VERDICTS
+from isacbench.bench.compare.scenes import compared_scenes
+from isacbench.bench.compare.verdicts import VERDICTS, direction
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.report.comparisons.comparison_tables import (
     changed_cells,

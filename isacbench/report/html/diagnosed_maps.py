@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.bench.compare.scene_scores import SCENE_KINDS
+from isacbench.bench.compare.scenes import SCENE_KINDS
 from isacbench.charts import nearest_values
 from isacbench.report.diagnoses import Diagnoses, warn_of_fault
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB

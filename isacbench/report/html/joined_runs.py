@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isacbench.bench.compare.matching import incomparable
-from isacbench.bench.compare.scene_scores import with_ratios
+from isacbench.bench.compare.pairs import incomparable
+from isacbench.bench.compare.scenes import with_ratios
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.run import MOST_NAMED, Run
 from isacbench.charts import variants_in

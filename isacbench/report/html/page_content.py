@@ -9,10 +9,10 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from isacbench.bench.cells.record import SCORED
-from isacbench.bench.compare.matching import code_version
+from isacbench.bench.compare.pairs import code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
-from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
-from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
+from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows

@@ -8,9 +8,8 @@ from scipy.stats import binom, wilcoxon
 
 from isacbench import compare
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.matching import NotComparableError, code_version
-from isacbench.bench.compare.tolerance import Tolerance, parse_tolerance
-from isacbench.bench.compare.verdicts import share_level
+from isacbench.bench.compare.pairs import NotComparableError, code_version
+from isacbench.bench.compare.verdicts import Tolerance, parse_tolerance, share_level
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.report.comparisons.comparison_tables import comparison_summary

@@ -2,11 +2,10 @@ import json
 
 import pytest
 
-from isacbench.bench.compare.estimator_pairs import find_variant, parse_map
+from isacbench.bench.compare.pairs import find_variant, parse_map
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_estimator
+from isacbench.plugins.registry import build_estimator, canonical_params
 from isacbench.specifications import spell_spec
 
 CA = {"guard": [0, 3], "name": "ca", "pfa": 0.001}

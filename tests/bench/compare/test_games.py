@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from isacbench import get_estimator, load_scenario, observe
-from isacbench.bench.compare.ranks import rank_sets
+from isacbench.bench.compare.significance import rank_sets
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.object_scores import Objects
 from isacbench.metrics.one_to_one import OneToOne

@@ -6,8 +6,8 @@ import pytest
 
 import isacbench
 from isacbench.bench.compare.ranking import rank_table
-from isacbench.bench.compare.scene_scores import scene_groups
-from isacbench.bench.compare.statistics import bootstrap_changes
+from isacbench.bench.compare.scenes import scene_groups
+from isacbench.bench.compare.significance import bootstrap_changes
 from isacbench.errors import InputError
 
 ALL = "all scenes"

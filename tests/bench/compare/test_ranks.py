@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.compare.ranks import rank_sets
+from isacbench.bench.compare.significance import rank_sets
 
 MEANS = np.array([0.0, 0.0, 0.0, 0.5, 1.0])
 """Some are equal."""

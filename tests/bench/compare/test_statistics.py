@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, norm, rankdata, wilcoxon
 
-from isacbench.bench.compare import statistics
-from isacbench.bench.compare.statistics import (
+from isacbench.bench.compare import significance as statistics
+from isacbench.bench.compare.significance import (
     MAX_EXACT,
     MIN_INTERVAL_TRIALS,
     bootstrap_changes,

@@ -3,8 +3,7 @@
 import pytest
 
 from isacbench.bench.plan.labels import estimator_labels
-from isacbench.plugins.parameters import canonical_params
-from isacbench.plugins.registry import build_estimator, build_variants
+from isacbench.plugins.registry import build_estimator, build_variants, canonical_params
 
 
 def labels(*specs):

@@ -8,7 +8,7 @@ import isacbench
 from isacbench.bench.cells import cell
 from isacbench.bench.cells.cell import image_reference
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
-from isacbench.bench.compare.tolerance import direction
+from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
@@ -18,7 +18,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.plugins.parameters import canonical_params
+from isacbench.plugins.registry import canonical_params
 from isacbench.plugins.scoring import Metrics, score
 from tests.conftest import hide_estimators
 from tests.score_tables import METRICS

@@ -5,9 +5,8 @@ import shlex
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from isacbench.bench.compare.worst_scenes import command_to_show
 from isacbench.bench.run.runner import run, run_suite
-from isacbench.bench.store.manifest import read_manifest
+from isacbench.bench.store.manifest import command_to_show, read_manifest
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -149,7 +148,7 @@ def test_commands_name_the_plugin_file_that_they_need(tiny, write_plugin, tmp_pa
     asked = {"scenarios": [tiny], "snr_db": [0, 5], "trials": 1, "out": tmp_path / "run", "plugins": [path]}
     run("quick", estimators=["trouble", "oracle"], **asked)
     manifest = read_manifest(tmp_path / "run")
-    command = command_to_show(manifest, "tiny", "trouble", 5.0, 0, picture="")
+    command = command_to_show(manifest, "tiny", "trouble", 5.0, 0)
     assert command == shlex.join(
         ["isacbench", "image", "-s", str(tiny), "-e", "trouble", "--snr", "5", "--plugin", str(path)]
     )

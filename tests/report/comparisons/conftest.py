@@ -5,7 +5,7 @@ import copy
 import pytest
 
 from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.tolerance import parse_tolerance
+from isacbench.bench.compare.verdicts import parse_tolerance
 from isacbench.bench.store.run import Run
 
 

@@ -2,37 +2,34 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.record import failed
-from isacbench.bench.compare.estimator_pairs import spell_apart
-from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
+from isacbench.bench.compare.pairs import CURVE, VARIANT, spell_apart
+from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS, ROUNDING
 from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios
+from isacbench.bench.kinds.scores import LONE_COUNTS
+from isacbench.bench.store.run import Run
+from isacbench.charts import Variant, rows_of, variants_in
 from isacbench.files.escaping import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from typing import Any
-
-    from isacbench.bench.store.run import Run
-    from isacbench.charts import Variant
 
 MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""
 
-ALL_SCENES = "all scenes"
-
 SCENE_KINDS = ("imaging", "population")
 """Kinds of suites whose scenarios are scenes."""
 
-LONE_COUNTS = ["n_resolvable", "n_resolved", "n_false"]
-"""Columns of a population that count something in families of lone scatterers alone."""
-
 SCENE_CELL = ["scenario", "snr_db", "trial"]
-VARIANT = ["estimator", "params"]
+
+N_WORST = 3
+"""Number of scenes that are listed for each estimator."""
+
+N_CHANGED = 5
+"""Number of scenes that are listed for each score of a comparison."""
 
 
 class SceneScores(NamedTuple):
@@ -76,34 +73,19 @@ def scene_families(manifest: Mapping[str, Any]) -> dict[str, str]:
 def scene_groups(scenes: Iterable[str], families: Mapping[str, str]) -> dict[str, list[str]]:
     """Group scenes: all of them, and every family of 20 scenes or more that is not all.
 
-    Parameters
-    ----------
-    families : mapping of str to str
-        Of scenes; those that are missing have none.
-
-    Returns
-    -------
-    dict of str to list of str
-        Scenes by the name of their group.
-
     Examples
     --------
     >>> names = [f"town[seed={seed}]" for seed in range(20)]
     >>> {name: len(part) for name, part in scene_groups([*names, "a"], dict.fromkeys(names, "town")).items()}
     {'all scenes': 21, 'town scenes': 20}
     """
-    by_family: dict[str, list[str]] = {}
     everything = list(dict.fromkeys(scenes))
-    for scene in everything:
-        by_family.setdefault(families.get(scene, ""), []).append(scene)
-    return {
-        ALL_SCENES: everything,
-        **{
-            f"{family} scenes": part
-            for family, part in by_family.items()
-            if family and MIN_FAMILY_SCENES <= len(part) < len(everything)
-        },
-    }
+    groups = {"all scenes": everything}
+    for family in dict.fromkeys(families.get(scene, "") for scene in everything):
+        part = [scene for scene in everything if families.get(scene, "") == family]
+        if family and MIN_FAMILY_SCENES <= len(part) < len(everything):
+            groups[f"{family} scenes"] = part
+    return groups
 
 
 def compared_scenes(manifest: Mapping[str, Any], scenes: Iterable[str]) -> dict[str, list[str]]:
@@ -125,8 +107,7 @@ def pool_scenes(rows: pd.DataFrame, groups: Mapping[str, Sequence[str]]) -> pd.D
     that are NaN in both or in none; `groups` are scenes by the name of their group. Returned is a row for
     each group, estimator, SNR and scene: the means over the scene's trials.
     """
-    keys = ["scenario", *VARIANT, "snr_db"]
-    means = rows.groupby(keys, sort=False)[["base", "new"]].mean().reset_index()
+    means = rows.groupby([*CURVE, "snr_db"], sort=False)[["base", "new"]].mean().reset_index()
     parts = [
         means[means["scenario"].isin(scenes)].assign(trial=lambda part: part["scenario"], scenario=group)
         for group, scenes in groups.items()
@@ -141,15 +122,9 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
     the run. Left out it would make its estimator look better than one that
     tried and delivered a bad image.
     """
-    rows = records[[*SCENE_CELL, *VARIANT]].assign(
-        # Merged and stored rows may have categories, which would be grouped whether they occur or not.
-        scenario=records["scenario"].astype(object),
-        estimator=records["estimator"].astype(object),
-        params=records["params"].astype(object),
-        score=records[metric].astype(float).where(~failed(records)),
-        failed=failed(records),
-    )
-    rows["score"] = rows["score"].where(np.isfinite(rows["score"]))
+    # Merged and stored rows may have categories, which would be grouped whether they occur or not.
+    rows = records[[*SCENE_CELL, *VARIANT]].astype(dict.fromkeys(CURVE, object))
+    rows = rows.assign(score=_scores(records, metric), failed=failed(records))
     columns = pd.MultiIndex.from_tuples(ranked, names=VARIANT)
     scores, is_failed = (
         rows.pivot(index=SCENE_CELL, columns=VARIANT, values=name).reindex(columns=columns)
@@ -182,7 +157,54 @@ def average_alone(
     records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
 ) -> pd.Series[float]:
     """Average a score of one estimator within every scene, as far as it has one at the compared cells."""
-    own = records[(records["estimator"] == variant[0]) & (records["params"] == variant[1])]
-    own = own.astype({"scenario": object}).set_index(SCENE_CELL)
-    values: pd.Series[float] = own[metric].astype(float).where(~failed(own)).reindex(cells.index)
-    return values.where(np.isfinite(values)).groupby("scenario").mean().dropna()
+    own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
+    return _scores(own, metric).reindex(cells.index).groupby("scenario").mean().dropna()
+
+
+def _scores(records: pd.DataFrame, metric: str) -> pd.Series[float]:
+    """Scores of rows, NaN where a cell failed or its score is not finite."""
+    values: pd.Series[float] = records[metric].astype(float)
+    return values.where(~failed(records) & np.isfinite(values))
+
+
+def worst_scenes(
+    records: pd.DataFrame, manifest: Mapping[str, Any], scored: SceneScores, better: str
+) -> pd.DataFrame:
+    """List the three scenes in which each estimator has its worst scores.
+
+    The columns are ``estimator``, ``params``, ``scenario``, ``family``, ``score`` of the scene; of its worst
+    cell ``snr_db``, ``trial``, ``cell_score`` and ``status``.
+    """
+    found = []
+    for variant in variants_in(scored.scenes.columns.to_frame()):
+        own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
+        cells = own[["status"]].join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
+        cells = cells.sort_values("cell_score", ascending=better == "higher", kind="stable")
+        scores = scored.scenes[variant].sort_values(ascending=better == "higher", kind="stable")
+        worst = scores[:N_WORST].rename("score").reset_index()
+        worst = worst.merge(cells.drop_duplicates("scenario"), on="scenario", how="left")
+        found.append(worst.assign(estimator=variant[0], params=variant[1]))
+    table = pd.concat(found, ignore_index=True)
+    table["family"] = table["scenario"].map(scene_families(manifest)).fillna("")
+    return table[[*VARIANT, "scenario", "family", "score", "snr_db", "trial", "cell_score", "status"]]
+
+
+def most_changed(rows: pd.DataFrame, metric: str, manifest: Mapping[str, Any]) -> pd.DataFrame:
+    """List the scenes in which a score changed most, the largest mean change of a scene first.
+
+    `rows` are those of `isacbench.bench.compare.pairs.scored_pairs`, the manifest is that of the new run. Of
+    at most five rows the columns are ``metric``, ``scenario``, ``family``, ``estimator``, ``params``, the
+    means ``base`` and ``new``, ``change``; of the cell that changed most ``snr_db`` and ``trial``.
+    """
+    rows = rows.assign(change=rows["new"] - rows["base"])
+    rows = rows[np.isfinite(rows["change"])]
+    means = rows.groupby(CURVE, sort=False)[["base", "new", "change"]].mean().reset_index()
+    means = means[means["change"].abs() > ROUNDING * (means["base"].abs() + means["new"].abs())]
+    most, cells = (
+        one.sort_values("change", key=abs, ascending=False, kind="stable") for one in (means, rows)
+    )
+    cells = cells.drop_duplicates(CURVE)[[*CURVE, "snr_db", "trial"]]
+    table: pd.DataFrame = most[:N_CHANGED].merge(cells, on=CURVE, how="left")
+    table = table.assign(metric=metric, family=table["scenario"].map(scene_families(manifest)).fillna(""))
+    first = ["metric", "scenario", "family", *VARIANT]
+    return table[[*first, "base", "new", "change", "snr_db", "trial"]]

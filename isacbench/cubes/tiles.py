@@ -1,0 +1,326 @@
+"""Recorded cubes as a sum of tiles, loaded one at a time: where to cut, and how to take elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import permutations, product
+from math import prod
+from typing import Any, NamedTuple, Self, TypeAlias
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from isacbench.checked_arrays import Complex, unmasked_array
+from isacbench.errors import InputError
+from isacbench.files.arrays import StoredArray
+from isacbench.files.checked_files import GRID_BYTES, binary_size
+from isacbench.model.array import VirtualArray
+from isacbench.model.numerology import System
+
+Lengths: TypeAlias = tuple[int, ...]
+Indices: TypeAlias = NDArray[np.intp]
+Extent: TypeAlias = tuple[slice, slice, Indices]
+"""Part of a cube that a tile covers: subcarriers, symbols, and indices into the list of elements."""
+
+TILE_BYTES = 32 * 2**20
+"""Memory that a tile touches, unless told otherwise: 64 subcarriers at the paper's size in complex64."""
+
+CUBE_NAME, GRID_NAME = "cube", "transmitted"
+"""Names of a cube and of a transmitted grid in files of several arrays."""
+
+AXES = "(subcarriers, symbols, P, Q)"
+
+SUBCARRIERS, SYMBOLS, ELEMENTS = range(3)
+"""Axes along which a cube is cut."""
+
+SUBCARRIER_MULTIPLE = 16
+"""Tiles cut along subcarriers have a multiple of this number of them: matrix products are then faster."""
+
+
+class Tile(NamedTuple):
+    """A part of a cube, loaded when it is asked for.
+
+    Attributes
+    ----------
+    subcarriers, symbols : slice
+        Covered part, with explicit bounds and step 1.
+    elements : ndarray of intp, shape (e,)
+        Covered array elements, as indices into the requested list.
+    load : callable
+        Returns the values, complex of the cube's precision and native byte
+        order, shape (subcarriers, symbols, e), in any strides. The array may
+        be a view or a mapped file and must not be written to. May be called
+        from any thread, in any order and again; what it took is released with
+        the array that it returned.
+    """
+
+    subcarriers: slice
+    symbols: slice
+    elements: NDArray[np.intp]
+    load: Callable[[], Complex]
+
+
+class Cube:
+    """A recorded frame: one complex number for every subcarrier, symbol and array element.
+
+    Closed at the end of a ``with`` block.
+
+    Attributes
+    ----------
+    name : str
+        Name in messages: the file, and the array in it.
+    shape : (int, int, int, int)
+        Subcarriers N, symbols M, elements P along u and Q along w.
+    dtype : dtype
+        complex64 or complex128, native byte order.
+    transmitted : ndarray of complex, shape (N, M), or None
+        Transmitted grid that the same file holds.
+    unused : str
+        What the file holds besides that may be data, in a sentence.
+    is_held : bool
+        True if the whole cube is in memory.
+    close : callable
+        Closes the file; no tile may be loaded after.
+
+    Parameters
+    ----------
+    array : ndarray or StoredArray
+        Four axes of complex64 or complex128 in any order: ``array[box]`` is
+        read, tile by tile, in its chunks or along its largest strides. Neither
+        copied nor written to.
+    tile_bytes : int, optional
+        Memory that a tile may touch; one chunk at least.
+
+    Raises
+    ------
+    InputError
+        If the array is no cube, or parts of it were never written.
+
+    Examples
+    --------
+    >>> cube = Cube("array", np.ones((8, 4, 2, 2), np.complex64))
+    >>> [tile.load().shape for tile in cube.tiles(np.array([[0, 0], [1, 1]]))]
+    [(8, 4, 2)]
+    """
+
+    def __init__(self, name: str, array: NDArray[Any] | StoredArray, tile_bytes: int = TILE_BYTES) -> None:
+        self.is_held = isinstance(array, np.ndarray)
+        self._array = unmasked_array(name, array) if isinstance(array, np.ndarray) else array
+        self.name = name
+        self.shape = require_cube(name, array.shape, array.dtype)
+        self.dtype = array.dtype.newbyteorder("=")
+        self.transmitted: Complex | None = None
+        self.unused = ""
+        self.close: Callable[[], None] = lambda: None
+        self._tile_cells = tile_bytes // self.dtype.itemsize
+        if not isinstance(self._array, np.ndarray):
+            self._array.require_filled()
+
+    def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
+        """Cut the cube of some elements into disjoint tiles.
+
+        Parameters
+        ----------
+        elements : ndarray of int, shape (e, 2)
+            Indices (p, q) of the elements that are needed.
+
+        Raises
+        ------
+        InputError
+            If an element lies outside the array.
+        """
+        outside = ((elements < 0) | (elements >= self.shape[2:])).any(axis=1)
+        if outside.any():
+            p, q = elements[outside.argmax()].tolist()
+            raise InputError(f"{self.name}: has no element ({p}, {q}); its array is {self.shape[2:]}")
+        if not len(elements):
+            return
+        chunks = getattr(self._array, "chunks", None)
+        cut, lengths = (chunked_extents, chunks) if chunks else (strided_extents, self._array.strides)
+        assert lengths is not None
+        for subcarriers, symbols, chosen in cut(self.shape, lengths, elements, self._tile_cells):
+            load = partial(self._load, subcarriers, symbols, elements[chosen])
+            yield Tile(subcarriers, symbols, chosen, load)
+
+    def _load(self, subcarriers: slice, symbols: slice, elements: Indices) -> Complex:
+        """Read the smallest box around elements (e, 2), and take them from it."""
+        first, last = elements.min(axis=0), elements.max(axis=0)
+        around = (slice(p, q + 1) for p, q in zip(first.tolist(), last.tolist(), strict=True))
+        try:
+            values = self._array[subcarriers, symbols, *around]
+        except Exception as error:  # Damaged chunks surface as anything that a library of codecs can raise.
+            raise InputError(f"{self.name}: is damaged: {error}") from error
+        return pick(values, elements - first).astype(self.dtype, copy=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def is_complex(dtype: np.dtype[Any]) -> bool:
+    """Tell if a type is complex64 or complex128, in any byte order."""
+    return dtype.kind == "c" and dtype.itemsize in (8, 16)
+
+
+def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, int, int, int]:
+    """Refuse an array that is no cube, and return its shape."""
+    if not is_complex(dtype):
+        raise InputError(f"{name}: holds {dtype.newbyteorder('=')}; a cube takes complex64 or complex128")
+    if len(shape) != 4:
+        axes = f"{len(shape)} {'axis' if len(shape) == 1 else 'axes'}"
+        raise InputError(f"{name}: has {axes}, shape {shape}; a cube takes four: {AXES}")
+    if min(shape) < 1:
+        raise InputError(f"{name}: is empty, shape {shape}; a cube takes at least one of {AXES} each")
+    n_subcarriers, n_symbols, n_p, n_q = (int(length) for length in shape)
+    return n_subcarriers, n_symbols, n_p, n_q
+
+
+def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Refuse an array that is no transmitted grid."""
+    if not (is_complex(dtype) or dtype.kind in "iuf"):
+        raise InputError(
+            f"{name}: holds {dtype.newbyteorder('=')}; "
+            "a transmitted grid takes complex64, complex128 or real numbers"
+        )
+    if len(shape) != 2 or min(shape) < 1:
+        raise InputError(
+            f"{name}: has shape {shape}; a transmitted grid takes two axes: (subcarriers, symbols)"
+        )
+    takes = prod(shape) * np.dtype(np.complex128).itemsize
+    if takes > GRID_BYTES:
+        raise InputError(
+            f"{name}: has shape {shape}, which takes {binary_size(takes)}; a transmitted grid takes at most "
+            f"{binary_size(GRID_BYTES)}"
+        )
+
+
+def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
+    """Refuse a cube that does not fit the radio of a scenario, saying so when the axes look permuted."""
+    wanted = (system.n_subcarriers, system.n_symbols, *array.shape)
+    if cube.shape != wanted:
+        orders = permutations(range(4))
+        fitting = [str(axes) for axes in orders if tuple(cube.shape[axis] for axis in axes) == wanted]
+        hint = f"numpy.transpose with axes {' or '.join(fitting)} would fit"
+        raise InputError(
+            f"{cube.name}: has shape {cube.shape}; the scenario takes {wanted}: {AXES}"
+            + (f". The axes look permuted: {hint}" if fitting else "")
+        )
+
+
+def strided_extents(shape: Lengths, strides: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
+    """Cut an array in memory or in a mapped file into extents of at most so many cells.
+
+    It is cut along the axis of its largest stride: a C-ordered array along
+    subcarriers, where tiles of all elements are views and those of a few are
+    gathered. An array whose elements are outermost, such as one in Fortran
+    order, is cut along elements: all tiles are views.
+    """
+    address = elements @ np.array(strides[2:], dtype=np.intp)
+    by_address = np.argsort(address, kind="stable")
+    # An axis of length one has no stride.
+    lengths = [abs(stride) if n > 1 else 0 for stride, n in zip(strides, shape, strict=True)]
+    by_axis = {SUBCARRIERS: lengths[0], SYMBOLS: lengths[1], ELEMENTS: max(lengths[2:])}
+    nesting = sorted(by_axis, key=by_axis.__getitem__, reverse=True)
+    n_elements, groups = shape[2] * shape[3], [by_address]
+    if nesting[-1] != ELEMENTS:
+        # Elements that are not requested are not touched, and equidistant ones need no copy.
+        n_elements = len(elements)
+        groups = [by_address[run] for run in progressions(address[by_address])]
+    return extents(shape[:2], groups, box_lengths((*shape[:2], n_elements), nesting, cells), nesting)
+
+
+def chunked_extents(shape: Lengths, chunks: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
+    """Cut an array that a file keeps in chunks into extents of about so many cells.
+
+    An extent is made of whole chunks that are one behind the other along
+    subcarriers and symbols and hold the same elements.
+    """
+    n_subcarriers, n_symbols, n_p, n_q = map(min, chunks, shape)
+    n_chunks = (-(-shape[0] // n_subcarriers), -(-shape[1] // n_symbols))
+    room = cells // (n_subcarriers * n_symbols * n_p * n_q)
+    counts = box_lengths(n_chunks, (SUBCARRIERS, SYMBOLS), room)
+    in_order = np.lexsort((elements[:, 1], elements[:, 0]))  # in which they lie in a chunk
+    _, chunk_of = np.unique(elements[in_order] // chunks[2:], axis=0, return_inverse=True)
+    groups = [in_order[chunk_of.ravel() == chunk] for chunk in range(chunk_of.max() + 1)]
+    box = counts[SUBCARRIERS] * n_subcarriers, counts[SYMBOLS] * n_symbols, len(elements)
+    return extents(shape[:2], groups, box, (SUBCARRIERS, SYMBOLS, ELEMENTS))
+
+
+def extents(
+    lengths: Sequence[int], groups: Sequence[Indices], box: Sequence[int], nesting: Sequence[int]
+) -> Iterator[Extent]:
+    """Cut subcarriers, symbols and groups of elements into boxes of a largest size.
+
+    The innermost axis of the nesting, which begins with the largest stride, changes fastest.
+    """
+    steps: tuple[list[Any], ...] = (
+        _sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
+        _sliced(lengths[SYMBOLS], box[SYMBOLS]),
+        [group[part] for group in groups for part in _sliced(len(group), box[ELEMENTS])],
+    )
+    for choice in product(*(steps[axis] for axis in nesting)):
+        by_axis = dict(zip(nesting, choice, strict=True))
+        yield by_axis[SUBCARRIERS], by_axis[SYMBOLS], by_axis[ELEMENTS]
+
+
+def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> Lengths:
+    """Lengths of a box of limited size, cut along as few of the outermost axes as possible.
+
+    If the subcarriers, the first axis, are cut, their number is a multiple of
+    16 where more than 16 fit. A box has at least one cell.
+
+    Examples
+    --------
+    >>> box_lengths((2048, 224, 256), (0, 1, 2), 2**22)
+    (64, 224, 256)
+    >>> box_lengths((2048, 224, 256), (2, 1, 0), 2**18)
+    (2048, 128, 1)
+    """
+    box = list(lengths)
+    for axis in nesting:
+        inner = prod(box) // box[axis]
+        box[axis] = min(box[axis], max(1, cells // inner))
+    if SUBCARRIER_MULTIPLE < box[SUBCARRIERS] < lengths[SUBCARRIERS]:
+        box[SUBCARRIERS] -= box[SUBCARRIERS] % SUBCARRIER_MULTIPLE
+    return tuple(box)
+
+
+def progressions(values: Indices) -> list[slice]:
+    """Cut a sequence of integers into arithmetic progressions, each as long as possible.
+
+    Examples
+    --------
+    >>> progressions(np.array([0, 4, 8, 1, 2, 3]))
+    [slice(0, 3, None), slice(3, 6, None)]
+    """
+    numbers = values.tolist()
+    runs, start = [], 0
+    for k in range(1, len(numbers)):
+        if numbers[k] - numbers[k - 1] != numbers[start + 1] - numbers[start]:
+            runs.append(slice(start, k))
+            start = k
+    return [*runs, slice(start, len(numbers))]
+
+
+def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
+    """Take elements (e, 2), one at least, of an array (n, m, P, Q).
+
+    A read-only view where the elements are equidistant in memory, such as all
+    of them in order, one row or one column; otherwise a copy.
+    """
+    p, q = elements.T
+    steps = np.diff(elements @ np.array(block.strides[2:], dtype=np.intp))
+    if (steps != steps[:1]).any():
+        return block[:, :, p, q]
+    first = block[:, :, p[0], q[0]]
+    step = int(steps[0]) if len(steps) else block.itemsize
+    return as_strided(first, (*first.shape, len(elements)), (*first.strides, step), writeable=False)
+
+
+def _sliced(length: int, size: int) -> list[slice]:
+    """Cut an axis into slices of a size, the last one shorter."""
+    return [slice(start, min(start + size, length)) for start in range(0, length, size)]
