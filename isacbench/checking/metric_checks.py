@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isacbench.bench.kinds.kind import taken_columns
 from isacbench.bench.suites.suite_kinds import KINDS
@@ -24,13 +25,9 @@ from isacbench.checking.class_checks import (
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.scoring import metric_scores, object_kinds
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.scene import Scenario
 
 SCENES = "street[seed=7]", "town[seed=7]"
 """Scenes whose images are scored."""
@@ -166,7 +163,7 @@ def _is_fast(subject: MetricSubject) -> str:
 
 
 SCORED = "scores"
-METRIC_CHECKS: tuple[Check[Any], ...] = (
+METRIC_CHECKS = (
     *CLASS_CHECKS,
     Check("columns", _describes_its_columns, needs=(BUILT,)),
     Check(SCORED, _scores_an_image, needs=(CALLABLE, "columns")),
