@@ -179,7 +179,6 @@ def _largest_bump(ladder: LadderSubject) -> float:
 # Errors below 1e-3 bins are ignored: the bias of superposed echoes moves with the noise.
 FALLS = Check("error falls with SNR", _largest_bump, 1e-3)
 
-
 SMALL_AT_LAST = Check("small error at last", lambda ladder: float(ladder.errors_bins[-1].mean()), 0.3)
 
 
@@ -189,14 +188,12 @@ SMALL_AT_LAST = Check("small error at last", lambda ladder: float(ladder.errors_
     from_db=Real(-40.0, 100.0, START_DB),
     echoes=Choice("one", "three"),
 )
-def ladder(
-    plugin: Estimator, seed: int, from_db: float, echoes: str
-) -> tuple[LadderSubject, Sequence[Check]]:
+def ladder(plugin: Estimator, seed: int, from_db: float, echoes: str) -> tuple[Subject, Sequence[Check]]:
     """One resolved echo, or three, at rising SNR: the error falls, within its confidence interval."""
     scenario = scenes.scenario_of(RESOLVED[:1] if echoes == "one" else RESOLVED)
     levels_db = tuple(from_db + STEPS_DB * step for step in range(N_STEPS))
-    checks = (FALLS,) if from_db < START_DB else (FALLS, SMALL_AT_LAST)
-    return LadderSubject(plugin, Simulator(scenario), levels_db, seed), checks
+    small = () if from_db < START_DB else (SMALL_AT_LAST,)
+    return LadderSubject(plugin, Simulator(scenario), levels_db, seed), (FALLS, *small)
 
 
 # Few and many: pairs that the radio cannot tell apart, coherent sources, thousands.
@@ -207,13 +204,7 @@ RAYLEIGH_COSINE = 0.25
 CELL = np.array([1.0, 1.0, RAYLEIGH_COSINE, RAYLEIGH_COSINE])
 """Rayleigh cell in range bins, Doppler bins, u and w."""
 
-STEPS = {
-    "range": (1, 0, 0, 0),
-    "doppler": (0, 1, 0, 0),
-    "u": (0, 0, 1, 0),
-    "w": (0, 0, 0, 1),
-    "all": (1,) * 4,
-}
+STEPS = dict(zip(("range", "doppler", "u", "w", "all"), (*np.eye(4), np.ones(4)), strict=True))
 """Directions in which two close echoes are apart."""
 
 CANCELLING = 0.9
@@ -254,10 +245,7 @@ def close(plugin: Estimator, seed: int, exponent: float, along: str) -> ImageCas
 
 
 @family(
-    "coherent",
-    product((2, 3), (0.3, 0.6, 1.0, 1.5)),
-    n_echoes=Whole(2, 6, 2),
-    separation=Real(0.0, 2.0, 1.0),
+    "coherent", product((2, 3), (0.3, 0.6, 1.0, 1.5)), n_echoes=Whole(2, 6, 2), separation=Real(0.0, 2.0, 1.0)
 )
 def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> ImageCase:
     """Echoes of one range and one speed, exactly coherent, in a row over directions; no noise."""
@@ -423,10 +411,7 @@ SMALLEST_MAP = 11
 
 
 @family(
-    "array",
-    [(2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9)],
-    n_u=Whole(2, 32, 8),
-    n_w=Whole(2, 32, 8),
+    "array", [(2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9)], n_u=Whole(2, 32, 8), n_w=Whole(2, 32, 8)
 )
 def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
     """One echo without noise, seen by any array."""

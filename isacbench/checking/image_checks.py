@@ -16,17 +16,9 @@ from scipy.spatial.distance import cdist
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking import scenes
+from isacbench.checking import class_checks, scenes
 from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError, Subject, warnings_fail
-from isacbench.checking.class_checks import (
-    CALLABLE,
-    CLASS_CHECKS,
-    PluginSubject,
-    conduct_checks,
-    refuse_writes,
-    sees_truth,
-    timed_call,
-)
+from isacbench.checking.class_checks import CALLABLE, PluginSubject, sees_truth
 from isacbench.checking.lone_scatterer import require_lone_scatterer
 from isacbench.checking.scenes import SmallScene
 from isacbench.model.cloud import PointCloud
@@ -346,7 +338,8 @@ def _reads_what_it_declares(subject: EstimatorSubject) -> str:
 
 def _leaves_the_observation(subject: EstimatorSubject) -> None:
     image = subject.of(scenes.ordinary())
-    refuse_writes(lambda: image.image(image.scene.observation(writable=False)), "the observation")
+    observation = image.scene.observation(writable=False)
+    class_checks.refuse_writes(lambda: image.image(observation), "the observation")
 
 
 def _images(*chosen: Callable[[], SmallScene]) -> Callable[[EstimatorSubject], None]:
@@ -375,7 +368,7 @@ def _images_no_echo(scene: Callable[[], SmallScene], subject: EstimatorSubject) 
 def _is_fast(subject: EstimatorSubject) -> str:
     image = subject.of(scenes.ordinary())
     observation = image.scene.observation()
-    return timed_call(lambda: image.image(observation), "a small scene")
+    return class_checks.timed_call(lambda: image.image(observation), "a small scene")
 
 
 def _in_every_scene(subject: EstimatorSubject) -> Iterator[ImageSubject]:
@@ -386,14 +379,14 @@ def _in_every_scene(subject: EstimatorSubject) -> Iterator[ImageSubject]:
 
 IMAGED = "image"
 ESTIMATOR_CHECKS = (
-    *CLASS_CHECKS,
+    *class_checks.CLASS_CHECKS,
     Check("truth", _sees_no_truth, needs=("import",)),
     Check(IMAGED, _returns_a_cloud, needs=(CALLABLE,)),
     *(check.of(_in_every_scene, IMAGED) for check in (IN_REGION, SPEEDS, POWERS)),
     Check("lone scatterer", _finds_a_lone_scatterer, needs=("region", "velocity", "power")),
     Check("needs", _reads_what_it_declares, needs=(IMAGED,)),
     Check("observation unchanged", _leaves_the_observation, needs=(IMAGED,)),
-    *conduct_checks(IMAGED),
+    *class_checks.conduct_checks(IMAGED),
     Check("minimal gate", _images(scenes.minimal), needs=(IMAGED,)),
     Check("noise alone", partial(_images_no_echo, scenes.noise), needs=(IMAGED,)),
     Check("silence", partial(_images_no_echo, scenes.silence), needs=(IMAGED,)),

@@ -7,7 +7,7 @@ depend on the echo has the same place in both. Sidelobes, which lie elsewhere in
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
@@ -140,16 +140,16 @@ class _Image:
     The cloud is the image that the points are of, or that was made of them.
     """
 
-    def __init__(self, scene: SmallScene, points: Floats, cloud: PointCloud, power: Floats) -> None:
-        self.scenario, self.cloud, self.power = scene.scenario, cloud, power
-        system = scene.scenario.system
-        self._turns = np.array([system.n_subcarriers, system.n_symbols, NO_TURN, NO_TURN])
-        self._cells = rayleigh_cells(scene.scenario)
+    def __init__(self, frame: FrameName, points: Floats, cloud: PointCloud, power: Floats) -> None:
+        self.frame, self.cloud, self.power = frame, cloud, power
+        scenario = self.scenario = lone(frame).scenario
+        self._turns = np.array([scenario.system.n_subcarriers, scenario.system.n_symbols, NO_TURN, NO_TURN])
+        self._cells = rayleigh_cells(scenario)
         self.points = self._wrapped(points)
         self._weights = power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
         self._sum = float(self._weights.sum())
-        self.true: Floats = radio_places(scene.scenario, scene.scenario.truth)[0] / self._cells
-        self.places = [*places_of_mistakes(scene, self.true)]
+        self.true: Floats = radio_places(scenario, scenario.truth)[0] / self._cells
+        self.places = [*places_of_mistakes(lone(frame), self.true)]
 
     def __len__(self) -> int:
         return len(self.points)
@@ -204,6 +204,11 @@ class _Image:
         near = np.flatnonzero(self._near(self.true, np.full(4, MISS_CELLS)))
         return near[np.argsort(-self.power[near], kind="stable")]
 
+    @property
+    def miss_m(self) -> float:
+        """Distance in m from the scatterer to the strongest point near it."""
+        return float(np.linalg.norm(self.cloud.xyz[self.sighted[0]] - self.scenario.truth.xyz[0]))
+
     def _near(self, place: Floats, radius: Floats) -> Any:
         off: Floats = np.abs(self.points - self._wrapped(place))
         return np.all(off <= radius, axis=1)
@@ -229,7 +234,7 @@ def require_lone_scatterer(estimator: Estimator) -> str:
     There is a view in either frame; their scatterers differ in place and in power. Fails where the
     scatterer is imaged elsewhere or not at all, doubts half a bin and a wrong power.
     """
-    placed, imaged = zip(*(_images(estimator, lone(frame)) for frame in LONE_VIEWS), strict=True)
+    placed, imaged = zip(*(_images(estimator, frame) for frame in LONE_VIEWS), strict=True)
     # What the region leaves of a wrong image may be a sidelobe at the right place: look before it does.
     first = [one if len(one) else other for one, other in zip(placed, imaged, strict=True)]
     if not all(map(len, first)):
@@ -238,10 +243,10 @@ def require_lone_scatterer(estimator: Estimator) -> str:
             "detections fall outside the region (place them with observation.cloud(...), and this check says "
             "by which mistake)"
         )
-    _require_place(estimator, dict(zip(LONE_VIEWS, first, strict=True)))
+    _require_place(estimator, first)
     bias = _bias(np.array([image.offset for image in first]))
     if not bias and all(map(len, imaged)):
-        _require_place(estimator, dict(zip(LONE_VIEWS, imaged, strict=True)))
+        _require_place(estimator, imaged)
     is_sighted = all(len(image.sighted) for image in imaged)
     if not is_sighted and not bias:
         raise CheckFailedError(
@@ -250,16 +255,14 @@ def require_lone_scatterer(estimator: Estimator) -> str:
     doubts = [bias, _wrong_power(*imaged) if is_sighted else ""]
     if any(doubts):
         raise DoubtfulError("; and ".join(filter(None, doubts)))
-    misses_m = [
-        np.linalg.norm(image.cloud.xyz[image.sighted[0]] - image.scenario.truth.xyz[0]) for image in imaged
-    ]
-    return ", ".join(
-        f"{miss_m:.2g} m off in the {name} frame" for name, miss_m in zip(LONE_VIEWS, misses_m, strict=True)
-    )
+    return ", ".join(f"{image.miss_m:.2g} m off in the {image.frame} frame" for image in imaged)
 
 
-def _images(estimator: Estimator, scene: SmallScene) -> tuple[_Image, _Image]:
-    """Image of all that was placed for an image of a scene, and the image itself."""
+def _images(estimator: Estimator, frame: FrameName, *, mixed: bool = False) -> tuple[_Image, _Image]:
+    """Image of all that was placed for an image, and the image itself; of cells in other places if mixed."""
+    scene = lone(frame)
+    if mixed:
+        scene = scene.with_cells(scene.seen.cells[::-1, ::-1])
     observation = scene.observation()
     placed: list[Floats] = [np.empty((0, 5))]
 
@@ -275,40 +278,38 @@ def _images(estimator: Estimator, scene: SmallScene) -> tuple[_Image, _Image]:
     found = found[np.isfinite(found).all(axis=1)]
     cells = rayleigh_cells(scene.scenario)
     return (
-        _Image(scene, found[:, :4] / [1, 1, *cells[2:]], image, found[:, 4]),
-        _Image(scene, radio_places(scene.scenario, image) / cells, image, image.power),
+        _Image(frame, found[:, :4] / [1, 1, *cells[2:]], image, found[:, 4]),
+        _Image(frame, radio_places(scene.scenario, image) / cells, image, image.power),
     )
 
 
-def _require_place(estimator: Estimator, images: Mapping[FrameName, _Image]) -> None:
+def _require_place(estimator: Estimator, images: Sequence[_Image]) -> None:
     """Refuse images that have the scatterer elsewhere, by the name of the mistake."""
-    off = np.array([image.offset for image in images.values()])
-    is_wrong = np.abs(off).max(axis=1) > BIAS_CELLS
-    if not is_wrong.any():
+    off = np.array([image.offset for image in images])
+    wrong = [image for image in images if np.abs(image.offset).max() > BIAS_CELLS]
+    if not wrong:
         return
     is_far = np.abs(off).max() > MISS_CELLS or np.abs(off.mean(axis=0)).max() > SHIFTED_CELLS
-    if is_far and _ignores_the_cells(estimator, *[*images.items()][int(is_wrong.argmax())]):
+    if is_far and _ignores_the_cells(estimator, wrong[0]):
         raise CheckFailedError(
             "images the same points whatever the cells hold: estimate them from observation.cells"
         )
-    wrong = {name: image for (name, image), found in zip(images.items(), is_wrong, strict=True) if found}
-    if all(image.is_spread for image in images.values()):
+    if all(image.is_spread for image in images):
         raise DoubtfulError(
             "images a lone scatterer by points all over the scene, none of which stands out: give each its "
             "power, |cells|² / observation.system.processing_gain"
         )
-    alone = [wrong] if len(wrong) < len(images) else []
-    for some in [images, *alone]:
-        where = f" ({' and '.join(some)} frame)" if some is wrong else ""
+    for some in (images, wrong) if len(wrong) < len(images) else (images,):
+        where = f" ({wrong[0].frame} frame)" if some is wrong else ""
         # An offset that both images have is no other mistake.
-        shift = np.array([image.offset for image in some.values()])
+        shift = np.array([image.offset for image in some])
         spread = np.abs(shift - shift.mean(axis=0)).max() if len(some) > 1 else np.inf
-        error, mistakes = _likeliest([*some.values()])
+        error, mistakes = _likeliest(some)
         if error <= min(spread + TIE_CELLS, np.abs(shift).max() / 2):
             words, remedies = (" and ".join(dict.fromkeys(part)) for part in zip(*mistakes, strict=True))
             raise CheckFailedError(f"images a lone scatterer where it would be if {words}: {remedies}{where}")
     if is_far:
-        raise CheckFailedError(_astray([*images.values()], off))
+        raise CheckFailedError(_astray(images, off))
 
 
 def _likeliest(images: Sequence[_Image]) -> tuple[float, tuple[tuple[str, str], ...]]:
@@ -324,10 +325,9 @@ def _likeliest(images: Sequence[_Image]) -> tuple[float, tuple[tuple[str, str], 
     return min(errors, key=lambda one: one[0])
 
 
-def _ignores_the_cells(estimator: Estimator, frame: FrameName, image: _Image) -> bool:
+def _ignores_the_cells(estimator: Estimator, image: _Image) -> bool:
     """Tell whether an image stays what it is when the cells change places."""
-    scene = lone(frame)
-    placed, imaged = _images(estimator, scene.with_cells(scene.seen.cells[::-1, ::-1]))
+    placed, imaged = _images(estimator, image.frame, mixed=True)
     if len(image.cloud):
         return np.array_equal(image.cloud.to_array(), imaged.cloud.to_array())
     return np.array_equal(image.points, placed.points)

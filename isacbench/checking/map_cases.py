@@ -41,10 +41,7 @@ STRONG = "checkers", "one_cell", "half", "any"
 
 
 @family(
-    "map_range",
-    product((140.0, 300.0), STRONG),
-    range_db=Real(0.0, 300.0, 140.0),
-    strong=Choice(*STRONG),
+    "map_range", product((140.0, 300.0), STRONG), range_db=Real(0.0, 300.0, 140.0), strong=Choice(*STRONG)
 )
 def map_range(plugin: Detector, seed: int, range_db: float, strong: str) -> MapCase:
     """Noise whose cells are up to 300 dB stronger than their neighbours."""

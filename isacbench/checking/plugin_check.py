@@ -19,19 +19,9 @@ from isacbench.checking.metric_checks import METRIC_CHECKS, MetricSubject
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, did_you_mean, unknown_name
 from isacbench.files.escaping import quoted, visible
+from isacbench.plugins import discovery
 from isacbench.plugins.contracts import Detector, Estimator, Metric
-from isacbench.plugins.discovery import (
-    GROUPS,
-    METHODS,
-    PluginFile,
-    PluginKind,
-    RegisteredPlugin,
-    entries,
-    entries_of,
-    isolated_plugins,
-    local_plugins,
-    register_plugin,
-)
+from isacbench.plugins.discovery import GROUPS, METHODS, PluginFile, PluginKind, RegisteredPlugin, entries
 from isacbench.process_state import process_state_kept
 
 CONTRACTS: dict[PluginKind, tuple[tuple[Check, ...], type[PluginSubject]]] = {
@@ -140,7 +130,7 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> Che
     True
     """
     if isinstance(plugin, (str, Path)):
-        with isolated_plugins():
+        with discovery.isolated_plugins():
             found = [entries(kind)[name] for kind, name in find_plugins(str(plugin))]
             return CheckReport(tuple(map(_findings, found)))
     plugin_class = plugin if isinstance(plugin, type) else type(plugin)
@@ -185,8 +175,8 @@ def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
     """
     if package_or_file.endswith(".py"):
         file = PluginFile.read(package_or_file)
-        register_plugin(file)
-        return [(entry.kind, entry.name) for entry in entries_of(file)]
+        discovery.register_plugin(file)
+        return [(entry.kind, entry.name) for entry in discovery.entries_of(file)]
     registered = [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
     found = [entry for entry in registered if package_or_file in _names(entry)]
     if not found:
@@ -234,17 +224,17 @@ def check_guarded(
     """
     names = check_names(kind)
     found: list[Finding] = []
-    with GuardedProcess(_start, kind, name, local_plugins()) as process:
-        try:
-            while len(found) < len(names):
-                timer = Timer(LONG_S, still_at, [names[len(found)]])
-                timer.start()
-                try:
-                    found.append(process.call(_next, timeout_s=timeout_s))
-                finally:
-                    timer.cancel()
-        except ProcessLostError as loss:
-            found.append(Finding(names[len(found)], "failed", LOSSES[loss.status].format(loss.reason)))
+    with GuardedProcess(_start, kind, name, discovery.local_plugins()) as process:
+        for running in names:
+            timer = Timer(LONG_S, still_at, [running])
+            timer.start()
+            try:
+                found.append(process.call(_next, timeout_s=timeout_s))
+            except ProcessLostError as loss:
+                found.append(Finding(running, "failed", LOSSES[loss.status].format(loss.reason)))
+                break
+            finally:
+                timer.cancel()
     return found + [Finding(name, "skipped", f"needs {found[-1].check!r}") for name in names[len(found) :]]
 
 
@@ -256,7 +246,7 @@ _checks: Iterator[Finding] = iter(())
 def _start(kind: PluginKind, name: str, plugins: tuple[PluginFile, ...]) -> None:
     global _checks
     for plugin in plugins:
-        register_plugin(plugin)
+        discovery.register_plugin(plugin)
     _checks = check_plugin(kind, name)
 
 

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, ExitStack, suppress
 from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -32,9 +32,6 @@ from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import build_variants
 from isacbench.process_state import process_state_kept
 from isacbench.specifications import parse_spec
-
-if TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
 
 TIMEOUT_S = 120.0
 """Longest time of a case in s; most take milliseconds, thousands of scatterers seconds."""
@@ -57,8 +54,10 @@ FAMILIES: dict[str, Family] = {
 """Families by name: all that the modules of cases define, in the order of the table."""
 
 
-def find_cases(text: str) -> list[Case]:
+def find_cases(text: str, kinds: Set[PluginKind] = frozenset()) -> list[Case]:
     """Cases of a specification: all of a family's table, or one, ``name[param=value,...]``.
+
+    Those of other kinds of plugins than are given are refused.
 
     Examples
     --------
@@ -71,6 +70,10 @@ def find_cases(text: str) -> list[Case]:
     if spec.name not in FAMILIES:
         raise unknown_name("family of cases", spec.name, FAMILIES)
     family = FAMILIES[spec.name]
+    if kinds and family.kind not in kinds:
+        raise InputError(
+            f"case {text!r} is a case for {family.kind}s, but only {' and '.join(kinds)}s were selected"
+        )
     return [family.case(**spec.params)] if "[" in text else family.cases()
 
 
@@ -79,18 +82,10 @@ def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[Family]:
     for name in names:
         if "[" in name:
             raise InputError(f"case {name!r}: a search draws from families; give {name.partition('[')[0]}")
-        find_cases(name)
-        _require_kind(name, FAMILIES[name], kinds)
+        find_cases(name, kinds)
     return [
         family for family in FAMILIES.values() if family.kind in kinds and (family.name in names or not names)
     ]
-
-
-def _require_kind(text: str, family: Family, kinds: Set[PluginKind]) -> None:
-    if family.kind not in kinds:
-        raise InputError(
-            f"case {text!r} is a case for {family.kind}s, but only {' and '.join(kinds)}s were selected"
-        )
 
 
 class Target(NamedTuple):
@@ -107,20 +102,11 @@ class Target(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A case that a target is to go through.
-
-    Attributes
-    ----------
-    seed : int
-        Seed of what is random in the case.
-    options : tuple of str
-        Further options of the command that runs it alone: where the plugin is found.
-    """
+    """A case that a target is to go through; the seed is that of what is random in the case."""
 
     target: Target
     case: Case
     seed: int
-    options: tuple[str, ...] = ()
 
 
 class CaseResult(NamedTuple):
@@ -152,10 +138,11 @@ class CaseResult(NamedTuple):
     @property
     def reproduce(self) -> str:
         """Command that runs this case alone."""
-        target, case, seed, options = self.task
+        target, case, seed = self.task
+        plugins = [part for file in local_plugins() if file.path for part in ("--plugin", file.path)]
         option = "-e" if target.kind == "estimator" else "-d"
         return shlex.join(
-            ["isacbench", "stress", *options, option, target.spec, "--case", case.spec, "--seed", str(seed)]
+            ["isacbench", "stress", *plugins, option, target.spec, "--case", case.spec, "--seed", str(seed)]
         )
 
 
@@ -176,25 +163,16 @@ def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
     return list(dict.fromkeys(found))
 
 
-def tasks_of(
-    targets: Sequence[Target], cases: Sequence[str], seed: int, options: tuple[str, ...] = ()
-) -> list[Task]:
+def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list[Task]:
     """Every target through every case that is meant for it: of families or cases, without any of all tables.
 
     Refuses a case that is unknown, or meant for none of the targets.
     """
     kinds = {target.kind for target in targets}
-    chosen = [] if cases else [case for family in find_families([], kinds) for case in family.cases()]
-    for text in dict.fromkeys(cases):
-        members = find_cases(text)
-        _require_kind(text, members[0].family, kinds)
-        chosen += members
-    return [
-        Task(target, case, seed, options)
-        for target in targets
-        for case in chosen
-        if case.family.kind == target.kind
-    ]
+    texts = dict.fromkeys(cases) if cases else [family.name for family in find_families([], kinds)]
+    chosen = [case for text in texts for case in find_cases(text, kinds)]
+    pairs = product(targets, chosen)
+    return [Task(target, case, seed) for target, case in pairs if case.family.kind == target.kind]
 
 
 def run_case(case: Case, plugin: Any, seed: int = 0) -> list[Finding]:
@@ -226,7 +204,7 @@ class CaseProcess(GuardedProcess):
 
     def run(self, task: Task) -> CaseResult:
         """Put a target through a case; a plugin that hangs or dies has a finding, too."""
-        target, case, seed = task[:3]
+        target, case, seed = task
         if self._target not in (None, target):
             self.renew()  # whatever one plugin has done to its process, the next has another
         self._target = target
@@ -257,11 +235,11 @@ def run_cases(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT_S
         yield from threads.map(run_one, tasks)
 
 
-def cases_from(family: Family) -> SearchStrategy[Case]:
-    """Strategy of all cases of a family, from its spaces."""
+def cases_from(family: Family) -> Any:
+    """Make the strategy of hypothesis that draws from all cases of a family."""
     from hypothesis import strategies as st
 
-    def values(space: Any) -> SearchStrategy[Any]:
+    def values(space: Any) -> Any:
         if isinstance(space, Choice):
             return st.sampled_from(space.values)
         if isinstance(space, Whole):
@@ -281,7 +259,6 @@ def search(
     n_examples: int,
     seed: int,
     timeout_s: float,
-    options: tuple[str, ...] = (),
     progress: Callable[[Target, Family], None] = lambda target, family: None,
 ) -> Iterator[CaseResult]:
     """Draw that many cases for each target and family, and yield the simplest that is broken, if any is.
@@ -299,22 +276,23 @@ def search(
         suppress_health_check=list(hypothesis.HealthCheck),
         report_multiple_bugs=False,
     )
+    found: list[CaseResult] = []
     with CaseProcess(timeout_s) as process:
         for target, family in product(targets, families):
             if family.kind != target.kind:
                 continue
-            progress(target, family)
-            found: list[CaseResult] = []
 
             @hypothesis.seed(seed)
             @settings
-            @hypothesis.given(case=cases_from(family))
-            def attempt(case: Case, target: Target = target, found: list[CaseResult] = found) -> None:
-                result = process.run(Task(target, case, seed, options))
+            @hypothesis.given(cases_from(family))
+            def attempt(case: Case) -> None:
+                result = process.run(Task(target, case, seed))  # noqa: B023, called in this turn
                 if result.is_broken:
                     found[:] = [result]  # the last one that is tried is the simplest
                     raise _FoundError
 
+            progress(target, family)
+            found.clear()
             with suppress(_FoundError):
                 attempt()
             yield from found
@@ -337,7 +315,7 @@ def check_table(results: Sequence[CaseResult]) -> pd.DataFrame:
 
 
 def _columns(result: CaseResult, finding: Finding) -> dict[str, Any]:
-    target, case, seed = result.task[:3]
+    target, case, seed = result.task
     values = [
         *(target.kind, case.spec, target.name, target.params, seed, finding.check, finding.status),
         *(finding.difference, finding.bound, finding.time_s, finding.message),

@@ -77,13 +77,12 @@ def stress_command(
         *stress.find_targets("estimator", estimator or ()),
         *stress.find_targets("detector", detector or ()),
     ]
-    options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
     if search is None:
-        running = stress.run_cases(stress.tasks_of(targets, case or [], seed, options), jobs, timeout)
+        running = stress.run_cases(stress.tasks_of(targets, case or [], seed), jobs, timeout)
     else:
         _require_search(search, jobs)
         families = stress.find_families(case or [], {target.kind for target in targets})
-        running = stress.search(targets, families, search, seed, timeout, options, _say_family)
+        running = stress.search(targets, families, search, seed, timeout, _say_family)
     results: list[CaseResult] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
