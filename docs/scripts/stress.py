@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from isacbench.checking.stress import FAMILIES
-from isacbench.checking.stress_tables import PROMISES, TABLE
+from isacbench.checking.stress import FAMILIES, PROMISES, TABLE
 from isacbench.report.findings import family_grid, promise_grid
 from isacbench.report.tables import markdown
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, ClassVar, Literal
 
 from isacbench.checking.checks import Check, NotApplicableError
@@ -55,6 +54,7 @@ class Choice:
 
 
 Space = Real | Choice
+Make = Callable[..., tuple[Any, Sequence[Check]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,20 +68,18 @@ class Family:
     make : callable
         Takes a plugin, a seed of what is random, and the parameters; returns the subject of the checks and
         the checks. Where the first fails, the others are not made.
-    table : sequence of dict
-        Parameters of the cases that are always gone through, without defaults.
+    table : sequence of tuple
+        Parameters of the cases that are always gone through, in the order of the spaces; those that a row
+        lacks have their defaults.
     spaces : mapping of str to Space
         By parameter.
-    may_refuse : callable
-        Takes the parameters, and tells whether an `InputError` is a proper answer.
     """
 
     name: str
     kind: Literal["estimator", "detector"]
-    make: Callable[..., tuple[Any, Sequence[Check[Any]]]]
-    table: Sequence[Mapping[str, Any]]
+    make: Make
+    table: Sequence[tuple[Any, ...]]
     spaces: Mapping[str, Space]
-    may_refuse: Callable[..., bool]
 
     @property
     def description(self) -> str:
@@ -101,7 +99,7 @@ class Family:
 
     def cases(self) -> list[Case]:
         """Cases of the table."""
-        return [self.case(**params) for params in self.table]
+        return [self.case(**dict(zip(self.spaces, row, strict=False))) for row in self.table]
 
 
 @dataclass(frozen=True)
@@ -114,36 +112,19 @@ class Case:
     @property
     def spec(self) -> str:
         """Specification with all parameters, as `isacbench stress --case` takes it."""
-        params = ",".join(
-            f"{key}={value}" for key, value in zip(self.family.spaces, self.values, strict=True)
-        )
+        params = ",".join(map("{}={}".format, self.family.spaces, self.values))
         return f"{self.family.name}[{params}]" if params else self.family.name
 
-    def make(self, plugin: Any, seed: int = 0) -> tuple[Any, Sequence[Check[Any]]]:
+    def make(self, plugin: Any, seed: int = 0) -> tuple[Any, Sequence[Check]]:
         """Put plugin and input together into the subject of the checks, and return it with the checks."""
         return self.family.make(plugin, seed, *self.values)
 
-    @property
-    def may_refuse(self) -> bool:
-        """True if an `InputError` is a proper answer."""
-        return self.family.may_refuse(*self.values)
-
 
 def family(
-    name: str,
-    table: Sequence[Mapping[str, Any]],
-    *,
-    kind: Literal["estimator", "detector"],
-    may_refuse: Callable[..., bool] = lambda *values: False,
-    **spaces: Space,
-) -> Callable[[Callable[..., tuple[Any, Sequence[Check[Any]]]]], Family]:
+    name: str, table: Iterable[tuple[Any, ...]], *, kind: Literal["estimator", "detector"], **spaces: Space
+) -> Callable[[Make], Family]:
     """Make a family of cases of a function that takes a plugin, a seed, and a value of each space."""
-    return lambda make: Family(name, kind, make, table, spaces, may_refuse)
-
-
-def grid(**values: Iterable[Any]) -> list[dict[str, Any]]:
-    """Every combination of values, the last parameter fastest."""
-    return [dict(zip(values, some, strict=True)) for some in product(*values.values())]
+    return lambda make: Family(name, kind, make, [*table], spaces)
 
 
 def with_parameters(plugin: Any, **params: Any) -> Any:

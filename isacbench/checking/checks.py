@@ -6,10 +6,10 @@ import io
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
-from typing import Generic, Literal, TypeVar
+from typing import Any, Literal
 
 from isacbench.errors import InputError
 from isacbench.files.escaping import visible
@@ -20,13 +20,6 @@ HARMLESS = (DeprecationWarning, PendingDeprecationWarning, ResourceWarning, Impo
 
 Status = Literal["ok", "warning", "failed", "skipped", "refused", "timeout", "killed"]
 """Refused: an `InputError` where that is a proper answer; timeout, killed: the process was lost."""
-
-Measured = float | str | None
-
-Subject = TypeVar("Subject")
-"""A plugin together with its input."""
-
-Result = TypeVar("Result")
 
 
 class CheckFailedError(Exception):
@@ -41,8 +34,27 @@ class NotApplicableError(Exception):
     """A check says nothing about this plugin or this input; the message says why."""
 
 
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A plugin together with its input.
+
+    Attributes
+    ----------
+    may_refuse : bool
+        An `InputError` is a proper answer to this input.
+    """
+
+    plugin: Any
+    may_refuse: bool = field(default=False, kw_only=True)
+
+    @property
+    def plugin_module(self) -> str:
+        """Module of the plugin's class."""
+        return type(self.plugin).__module__
+
+
 @dataclass(frozen=True)
-class Check(Generic[Subject]):
+class Check:
     """Check of a plugin.
 
     Attributes
@@ -60,10 +72,18 @@ class Check(Generic[Subject]):
     """
 
     name: str
-    measure: Callable[[Subject], Measured]
+    measure: Callable[[Any], float | str | None]
     bound: float = 0.0
     hint: str = ""
     needs: tuple[str, ...] = ()
+
+    def of(self, subjects: Callable[[Any], Iterable[Any]], *needs: str, name: str = "") -> Check:
+        """Make the same check of all the subjects that follow from another one."""
+
+        def measure(subject: Any) -> float:
+            return max(float(self.measure(one) or 0.0) for one in subjects(subject))
+
+        return Check(name or self.name, measure, self.bound, self.hint, needs)
 
 
 @dataclass(frozen=True)
@@ -80,7 +100,8 @@ class Finding:
         What is wrong and how to mend it; a measurement, or nothing, where the
         check has passed.
     difference, bound : float
-        Measured difference, and the largest allowed; NaN where there is none.
+        Measured difference, 0 where there is nothing to measure, and the largest
+        allowed; NaN where the check says something in words or did not come so far.
     """
 
     check: str
@@ -91,23 +112,24 @@ class Finding:
     time_s: float = field(default=math.nan, compare=False)
 
 
-def run_check(
-    check: Check[Subject], subject: Subject, *, is_strict: bool = False, may_refuse: bool = False
-) -> Finding:
+def run_check(check: Check, subject: Any, *, is_strict: bool = False) -> Finding:
     """Run a check to a finding, whatever the plugin does.
 
     Strict, on hostile input, a warning fails the check, a check that says nothing is skipped instead of
-    passed, and an `InputError` is an answer, if a wrong one unless the plugin may refuse its input.
+    passed, and an `InputError` is an answer, if a wrong one unless the subject says that it may refuse.
     """
     start = time.perf_counter()
     caught = (Exception, SystemExit, KeyboardInterrupt) if is_strict else (Exception, SystemExit)
     status: Status = "failed"
     difference = bound = math.nan
+    message = ""
     try:
-        measured = refuse_warnings(lambda: check.measure(subject)) if is_strict else check.measure(subject)
-        message = measured if isinstance(measured, str) else ""
-        if isinstance(measured, float):
-            difference, bound = measured, check.bound
+        with warnings_fail() if is_strict else nullcontext():
+            measured = check.measure(subject)
+        if isinstance(measured, str):
+            message = measured
+        else:
+            difference, bound = measured or 0.0, check.bound
             if not difference <= bound:
                 raise CheckFailedError(f"off by {difference:.2g}, at most {bound:.2g} is allowed")
         status = "ok"
@@ -118,14 +140,16 @@ def run_check(
     except NotApplicableError as reason:
         status, message = "skipped" if is_strict else "ok", str(reason)
     except caught as error:  # of the plugin
-        message = _raised_at(error, subject)
         if isinstance(error, InputError) and is_strict:
-            status, message = "refused" if may_refuse else "failed", str(error)
+            status, message = "refused" if getattr(subject, "may_refuse", False) else "failed", str(error)
+        else:
+            place = error_place(error, getattr(subject, "plugin_module", type(subject).__module__))
+            message = f"raises {type(error).__name__}: {error}" + (f" ({place})" if place else "")
     message = visible(message) if is_strict else message
     return Finding(check.name, status, message, difference, bound, time.perf_counter() - start)
 
 
-def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> Iterator[Finding]:
+def run_checks(checks: Sequence[Check], subject: Any) -> Iterator[Finding]:
     """Run checks in their order, without a word of the plugin on the terminal.
 
     A check is skipped where one that it needs has failed.
@@ -142,18 +166,12 @@ def run_checks(checks: Sequence[Check[Subject]], subject: Subject) -> Iterator[F
         yield found[check.name]
 
 
-def refuse_warnings(act: Callable[[], Result], hint: str = "") -> Result:
-    """Call a function and fail with the first of its warnings, `HARMLESS` ones excepted."""
+@contextmanager
+def warnings_fail(hint: str = "") -> Iterator[None]:
+    """Fail the check with the first warning within, `HARMLESS` ones excepted."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        result = act()
+        yield
     for warning in caught:
         if not issubclass(warning.category, HARMLESS):
             raise CheckFailedError(f"warns {warning.category.__name__}: {warning.message}{hint}")
-    return result
-
-
-def _raised_at(error: BaseException, subject: object) -> str:
-    """Describe an exception of a plugin, with the place in its code where it was raised."""
-    place = error_place(error, getattr(subject, "plugin_module", type(subject).__module__))
-    return f"raises {type(error).__name__}: {error}" + (f" ({place})" if place else "")

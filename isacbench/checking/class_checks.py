@@ -40,12 +40,8 @@ BUILT = "default parameters"
 CALLABLE = "arguments"
 """Check that the method takes the arguments of all further checks."""
 
-ARGUMENTS = {
-    "estimator": "estimate(observation)",
-    "detector": "detect(power, looks=1)",
-    "metric": "score(pair)",
-}
-"""Method of a plugin with its arguments, by kind."""
+ARGUMENTS = {"estimator": "observation", "detector": "power, looks=1", "metric": "pair"}
+"""Of the method of a plugin, by kind."""
 
 
 class PluginSubject(ABC):
@@ -74,6 +70,11 @@ class PluginSubject(ABC):
     @abstractmethod
     def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
         """Results of the plugin, or of another instance, on one of two small inputs of the same shape."""
+
+
+def sees_truth(plugin: object) -> bool:
+    """Tell whether an estimator, or its class, returns what it makes of the truth."""
+    return bool(getattr(plugin, "needs_truth", False))
 
 
 @contextmanager
@@ -129,19 +130,17 @@ def _is_built(subject: PluginSubject) -> None:
 
 
 def _takes_its_arguments(subject: PluginSubject) -> None:
-    kind = subject.entry.kind
-    signature = inspect.signature(getattr(subject.plugin, METHODS[kind]))
-    sees_truth = kind == "estimator" and getattr(subject.plugin, "needs_truth", False)
-    calls: list[tuple[list[Any], dict[str, Any]]] = [([None, None] if sees_truth else [None], {})]
-    if kind == "detector":
-        calls += [([None, 1], {}), ([None], {"looks": 1})]
+    kind, method = subject.entry.kind, METHODS[subject.entry.kind]
+    signature = inspect.signature(getattr(subject.plugin, method))
     try:
-        for given, named in calls:
-            signature.bind(*given, **named)
+        signature.bind(*[None] * (2 if kind == "estimator" and sees_truth(subject.plugin) else 1))
+        if kind == "detector":
+            signature.bind(None, 1)
+            signature.bind(None, looks=1)
     except TypeError as error:
         raise CheckFailedError(
-            f"{METHODS[kind]}{signature} does not take what it is called with ({error}): define "
-            f"{ARGUMENTS[kind].replace('(', '(self, ')}"
+            f"{method}{signature} does not take what it is called with ({error}): define "
+            f"{method}(self, {ARGUMENTS[kind]})"
         ) from error
 
 
@@ -159,23 +158,21 @@ def _is_canonical(subject: PluginSubject) -> None:
 
 def _repeats(subject: PluginSubject) -> None:
     subject.answer()  # so that the calls before this check count for "no memory" alone
-    _require_equal(
-        subject.answer(),
-        subject.answer(),
-        "the same input gives another result the second time: draw random numbers from a generator with a "
-        "fixed seed",
-    )
+    if not _are_equal(subject.answer(), subject.answer()):
+        raise CheckFailedError(
+            "the same input gives another result the second time: draw random numbers from a generator with "
+            "a fixed seed"
+        )
 
 
 def _forgets(subject: PluginSubject) -> None:
     subject.answer()
     before = subject.answer()
     subject.answer(other=True)
-    _require_equal(
-        before,
-        subject.answer(),
-        "other input in between changes the result: keep nothing from one call to the next",
-    )
+    if not _are_equal(before, subject.answer()):
+        raise CheckFailedError(
+            "other input in between changes the result: keep nothing from one call to the next"
+        )
 
 
 def _is_pickled(subject: PluginSubject) -> None:
@@ -189,16 +186,12 @@ def _is_pickled(subject: PluginSubject) -> None:
     if canonical_params(twin) != canonical_params(subject.plugin):
         raise CheckFailedError("has other parameters after pickling: leave pickling to the dataclass")
     subject.answer()
-    _require_equal(
-        subject.answer(),
-        subject.answer(twin),
-        "its result differs after pickling: keep all that it needs in its parameters",
-    )
+    if not _are_equal(subject.answer(), subject.answer(twin)):
+        raise CheckFailedError("its result differs after pickling: keep all that it needs in its parameters")
 
 
-def _require_equal(first: list[NDArray[Any]], second: list[NDArray[Any]], complaint: str) -> None:
-    if not all(map(np.array_equal, first, second)):
-        raise CheckFailedError(complaint)
+def _are_equal(first: list[NDArray[Any]], second: list[NDArray[Any]]) -> bool:
+    return all(map(np.array_equal, first, second))
 
 
 def _leaves_random_numbers(subject: PluginSubject) -> None:
@@ -250,7 +243,7 @@ def timed_call(act: Callable[[], object], on: str) -> str:
     return took
 
 
-CLASS_CHECKS: tuple[Check[Any], ...] = (
+CLASS_CHECKS = (
     Check("import", _is_imported),
     Check("frozen dataclass", _is_frozen, needs=("import",)),
     Check("name", _is_named, needs=("frozen dataclass",)),
@@ -261,7 +254,7 @@ CLASS_CHECKS: tuple[Check[Any], ...] = (
 )
 
 
-def conduct_checks(answered: str) -> tuple[Check[Any], ...]:
+def conduct_checks(answered: str) -> tuple[Check, ...]:
     """Checks of the conduct of a plugin's method, whose answers have passed the check of that name."""
     return (
         Check("repeatable", _repeats, needs=(answered,)),

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,35 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking import case
-from isacbench.checking.case import Choice, Real, Whole, grid, with_parameters
-from isacbench.checking.checks import Check
-from isacbench.checking.image_checks import (
-    EVERY,
-    FOUND,
-    FOUND_FIRST,
-    INVARIANT,
-    LAYOUT,
-    NO_FALSE_POINT,
-    NO_POINT,
-    POWER,
-    RESOLVED_ECHOES,
-    SINGLE_PRECISION,
-    THREADS,
-    ImageSubject,
-)
-from isacbench.checking.scenes import (
-    BASE_STATION_M,
-    NARROW,
-    PAPER_REGION,
-    REGION,
-    RESOLVED,
-    SYSTEM,
-    Echo,
-    Layout,
-    observed,
-    scenario_of,
-)
+from isacbench.checking import case, scenes
+from isacbench.checking import image_checks as checks
+from isacbench.checking.case import Choice, Real, Whole, with_parameters
+from isacbench.checking.checks import Check, Subject
+from isacbench.checking.image_checks import EVERY, FOUND, INVARIANT, LEAKAGE, RESOLVED_ECHOES, ImageSubject
+from isacbench.checking.scenes import REGION, RESOLVED, SYSTEM, Echo, Layout, observed
 from isacbench.model.echo import Simulator, central_phase, random_stream
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.numerology import System
@@ -49,7 +27,7 @@ from isacbench.model.region import Region
 from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.scoring import score
 
-ImageCase = tuple[ImageSubject, Sequence[Check[ImageSubject]]]
+ImageCase = tuple[ImageSubject, Sequence[Check]]
 
 family = partial(case.family, kind="estimator")
 
@@ -57,9 +35,6 @@ SNR_DB = {"none": math.inf, "20dB": 20.0}
 """SNR by the word for the noise."""
 
 NOISE = Choice(*SNR_DB)
-
-LEAKAGE = THREADS, LAYOUT
-"""What must not change an image of what is no echo."""
 
 # Levels: noise, amplitudes, dynamic range, rates, precision, and cells of one value.
 
@@ -73,17 +48,17 @@ FOUND_DB = 10.0
 """Level below the strongest echo down to which every estimator is expected to see a resolved one."""
 
 
-@family("snr", grid(snr_db=(-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
+@family("snr", product((-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
 def snr(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Three resolved echoes at any SNR."""
     found = (FOUND,) if snr_db >= SEEN_DB else ()
-    clear = (NO_FALSE_POINT, POWER) if snr_db >= CLEAR_DB else ()
+    clear = (checks.NO_FALSE_POINT, checks.POWER) if snr_db >= CLEAR_DB else ()
     return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, *found, *clear, *INVARIANT)
 
 
 @family(
     "amplitude",
-    [*grid(noise=("none",), exponent=(-30.0, 30.0)), {"exponent": 30.0, "noise": "weak"}],
+    [(-30.0, "none"), (30.0, "none"), (30.0, "weak")],
     exponent=Real(-30.0, 30.0, 0.0),
     noise=Choice("none", "weak"),
 )
@@ -91,7 +66,7 @@ def amplitude(plugin: Estimator, seed: int, exponent: float, noise: str) -> Imag
     """Three resolved echoes of any amplitude that float32 holds, without noise or far above it."""
     echoes = [echo._replace(amplitude=10.0**exponent) for echo in RESOLVED]
     scene = observed(echoes, math.inf if noise == "none" else CLEAR_DB, seed)
-    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, POWER, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, checks.POWER, *INVARIANT)
 
 
 WEAK_BINS = {"own_cell": (0, 0), "next_range": (1, 0), "next_doppler": (0, 1), "far": (-4, -4)}
@@ -100,7 +75,7 @@ WEAK_BINS = {"own_cell": (0, 0), "next_range": (1, 0), "next_doppler": (0, 1), "
 
 @family(
     "dynamic_range",
-    grid(where=WEAK_BINS, level_db=(3.0, 60.0, 140.0)),
+    [(level_db, where) for where in WEAK_BINS for level_db in (3.0, 60.0, 140.0)],
     level_db=Real(0.0, 140.0, 20.0),
     where=Choice(*WEAK_BINS),
 )
@@ -116,10 +91,10 @@ def dynamic_range(plugin: Estimator, seed: int, level_db: float, where: str) -> 
     )
     both = (FOUND,) if level_db <= FOUND_DB and where == "far" else ()
     scene = observed([strong, weak], seed=seed)
-    return ImageSubject(plugin, scene), (*EVERY, NO_FALSE_POINT, FOUND_FIRST, *both, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, checks.NO_FALSE_POINT, checks.FOUND_FIRST, *both, *INVARIANT)
 
 
-@family("pfa", grid(exponent=(-15.0, -0.302), noise=SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
+@family("pfa", product((-15.0, -0.302), SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
 def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> ImageCase:
     """Resolved echoes at any probability of false alarm."""
     estimator = with_parameters(plugin, pfa=10.0**exponent)
@@ -127,10 +102,10 @@ def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> I
     return ImageSubject(estimator, scene), (*EVERY, FOUND, *INVARIANT)
 
 
-@family("single_precision", grid(snr_db=(0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
+@family("single_precision", product((0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
 def single_precision(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Resolved echoes in single precision."""
-    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, SINGLE_PRECISION)
+    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, checks.SINGLE_PRECISION)
 
 
 FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
@@ -138,32 +113,24 @@ FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
 
 @family(
     "map",
-    [
-        {"filled": "zeros"},
-        *grid(filled=FILLED, exponent=(-30.0, 30.0)),
-    ],
+    [("zeros",), *product(FILLED, (-30.0, 30.0))],
     filled=Choice("zeros", *FILLED),
     exponent=Real(-30.0, 30.0, 0.0),
 )
 def blank(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCase:
     """Cells of one value, or zeros but for a cell, an element or every second cell."""
-    scene = observed([], 0.0, seed, Layout(region=NARROW))
-    cells = np.zeros_like(scene.seen.cells)
-    level = 10.0**exponent
+    scene = observed([], 0.0, seed, Layout(region=scenes.NARROW))
+    noise = scene.seen.cells
+    cells = noise.copy() if filled == "loud_element" else np.zeros_like(noise)
     middle = cells.shape[0] // 2, cells.shape[1] // 2
-    match filled:
-        case "constant":
-            cells[:] = level
-        case "one_cell":
-            cells[middle] = level
-        case "one_element":
-            cells[*middle, 1, 1] = level
-        case "loud_element":
-            cells[:] = scene.seen.cells
-            cells[*middle, 1, 1] = level
-        case "checkers":
-            cells[::2, ::2] = cells[1::2, 1::2] = level
-    nothing = (NO_FALSE_POINT,) if filled == "zeros" else ()
+    where = {
+        "zeros": [],
+        "constant": np.s_[:],
+        "one_cell": middle,
+        "checkers": np.indices(cells.shape[:2]).sum(axis=0) % 2 == 0,
+    }
+    cells[where.get(filled, (*middle, 1, 1))] = 10.0**exponent
+    nothing = (checks.NO_FALSE_POINT,) if filled == "zeros" else ()
     return ImageSubject(plugin, scene.with_cells(cells)), (*EVERY, *nothing, *LEAKAGE)
 
 
@@ -179,18 +146,12 @@ LEVEL = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class LadderSubject:
+class LadderSubject(Subject):
     """An estimator, and a scene that it images at rising SNR."""
 
-    estimator: Estimator
     simulator: Simulator
     snr_db: tuple[float, ...]
     seed: int
-
-    @property
-    def plugin_module(self) -> str:
-        """Module of the estimator's class."""
-        return type(self.estimator).__module__
 
     @cached_property
     def errors_bins(self) -> NDArray[np.float64]:
@@ -201,7 +162,7 @@ class LadderSubject:
     def _error_m(self, snr_db: float, trial: int) -> float:
         scenario = self.simulator.scenario
         observation = self.simulator.observe(snr_db, trial, self.seed)
-        cloud = raw_cloud(self.estimator, observation, scenario.truth)
+        cloud = raw_cloud(self.plugin, observation, scenario.truth)
         scores = score(scenario.truth, cloud, region=scenario.region)
         return sum(scores[f"hausdorff_{plane}_m"] for plane in ("xy", "xz", "yz"))
 
@@ -218,28 +179,21 @@ def _largest_bump(ladder: LadderSubject) -> float:
 # Errors below 1e-3 bins are ignored: the bias of superposed echoes moves with the noise.
 FALLS = Check("error falls with SNR", _largest_bump, 1e-3)
 
-
-def _last_error(ladder: LadderSubject) -> float:
-    return float(ladder.errors_bins[-1].mean())
-
-
-SMALL_AT_LAST = Check("small error at last", _last_error, 0.3)
+SMALL_AT_LAST = Check("small error at last", lambda ladder: float(ladder.errors_bins[-1].mean()), 0.3)
 
 
 @family(
     "ladder",
-    [{"echoes": "one"}, {"echoes": "three"}, {"echoes": "three", "from_db": 20.0}],
+    [(START_DB, "one"), (START_DB, "three"), (20.0, "three")],
     from_db=Real(-40.0, 100.0, START_DB),
     echoes=Choice("one", "three"),
 )
-def ladder(
-    plugin: Estimator, seed: int, from_db: float, echoes: str
-) -> tuple[LadderSubject, Sequence[Check[LadderSubject]]]:
+def ladder(plugin: Estimator, seed: int, from_db: float, echoes: str) -> tuple[Subject, Sequence[Check]]:
     """One resolved echo, or three, at rising SNR: the error falls, within its confidence interval."""
-    scenario = scenario_of(RESOLVED[:1] if echoes == "one" else RESOLVED)
+    scenario = scenes.scenario_of(RESOLVED[:1] if echoes == "one" else RESOLVED)
     levels_db = tuple(from_db + STEPS_DB * step for step in range(N_STEPS))
-    checks = (FALLS,) if from_db < START_DB else (FALLS, SMALL_AT_LAST)
-    return LadderSubject(plugin, Simulator(scenario), levels_db, seed), checks
+    small = () if from_db < START_DB else (SMALL_AT_LAST,)
+    return LadderSubject(plugin, Simulator(scenario), levels_db, seed), (FALLS, *small)
 
 
 # Few and many: pairs that the radio cannot tell apart, coherent sources, thousands.
@@ -250,13 +204,7 @@ RAYLEIGH_COSINE = 0.25
 CELL = np.array([1.0, 1.0, RAYLEIGH_COSINE, RAYLEIGH_COSINE])
 """Rayleigh cell in range bins, Doppler bins, u and w."""
 
-STEPS = {
-    "range": (1, 0, 0, 0),
-    "doppler": (0, 1, 0, 0),
-    "u": (0, 0, 1, 0),
-    "w": (0, 0, 0, 1),
-    "all": (1,) * 4,
-}
+STEPS = dict(zip(("range", "doppler", "u", "w", "all"), (*np.eye(4), np.ones(4)), strict=True))
 """Directions in which two close echoes are apart."""
 
 CANCELLING = 0.9
@@ -270,20 +218,21 @@ SPREAD_CELLS = 3.0
 """Cells between any two echoes, in range, speed or a direction."""
 
 
-@family("pair", grid(half_turns=(0.0, 0.5, 1.0), noise=SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
+@family("pair", product((0.0, 0.5, 1.0), SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
 def pair(plugin: Estimator, seed: int, half_turns: float, noise: str) -> ImageCase:
     """Two echoes in one place, of any phase; at half a turn they cancel."""
     one, is_clear = RESOLVED[0], noise == "none"
     scene = observed([one, one._replace(phase_rad=math.pi * half_turns)], SNR_DB[noise], seed)
     if half_turns > CANCELLING:
-        return ImageSubject(plugin, scene), (*EVERY, NO_POINT) if is_clear and half_turns == 1 else EVERY
-    clear = (NO_FALSE_POINT,) if is_clear else ()
+        nothing = (checks.NO_POINT,) if is_clear and half_turns == 1 else ()
+        return ImageSubject(plugin, scene), (*EVERY, *nothing)
+    clear = (checks.NO_FALSE_POINT,) if is_clear else ()
     return ImageSubject(plugin, scene), (*EVERY, *clear, FOUND, *INVARIANT)
 
 
 @family(
     "close",
-    grid(along=STEPS, exponent=(-1.0, -3.0, -9.0)),
+    [(exponent, along) for along in STEPS for exponent in (-1.0, -3.0, -9.0)],
     exponent=Real(-12.0, -1.0, -6.0),
     along=Choice(*STEPS),
 )
@@ -292,14 +241,11 @@ def close(plugin: Estimator, seed: int, exponent: float, along: str) -> ImageCas
     one = RESOLVED[0]
     place = one[:4] + 10.0**exponent * CELL * STEPS[along]
     echoes = _in_phase([one, Echo(*place.tolist())._replace(amplitude=UNEQUAL)])
-    return ImageSubject(plugin, observed(echoes, seed=seed)), (*EVERY, NO_FALSE_POINT, FOUND, *INVARIANT)
+    return ImageSubject(plugin, observed(echoes, seed=seed)), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
 
 
 @family(
-    "coherent",
-    grid(n_echoes=(2, 3), separation=(0.3, 0.6, 1.0, 1.5)),
-    n_echoes=Whole(2, 6, 2),
-    separation=Real(0.0, 2.0, 1.0),
+    "coherent", product((2, 3), (0.3, 0.6, 1.0, 1.5)), n_echoes=Whole(2, 6, 2), separation=Real(0.0, 2.0, 1.0)
 )
 def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> ImageCase:
     """Echoes of one range and one speed, exactly coherent, in a row over directions; no noise."""
@@ -310,7 +256,7 @@ def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> 
         for k in range(n_echoes)
     ]
     scene = observed(_in_phase([echo for echo in echoes if math.hypot(echo.u, echo.w) < 1]), seed=seed)
-    resolved = (NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
+    resolved = (checks.NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
     return ImageSubject(plugin, scene), (*EVERY, *resolved, *INVARIANT)
 
 
@@ -320,11 +266,7 @@ CROWDS = {"region": ((3.0, -4.0), (13.0, 4.0)), "one_cell": ((8.8, 0.8), (9.2, 1
 
 @family(
     "crowd",
-    [
-        {"n_echoes": n_echoes, "where": where, "snr_db": snr_db}
-        for where in CROWDS
-        for n_echoes, snr_db in ((12, 20.0), (100, 200.0), (5000, 20.0))
-    ],
+    [(n, where, snr_db) for where in CROWDS for n, snr_db in ((12, 20.0), (100, 200.0), (5000, 20.0))],
     n_echoes=Whole(1, 5000, 100),
     where=Choice(*CROWDS),
     snr_db=Real(-20.0, 200.0, 20.0),
@@ -344,11 +286,9 @@ def crowd(plugin: Estimator, seed: int, n_echoes: int, where: str, snr_db: float
 @family(
     "spread",
     [
-        *grid(n_echoes=(2, 4, 8), draw=(0, 1)),
+        *product((2, 4, 8), (0, 1)),
         # Found by search: a spectrum's pole that a sample struck hid the other source of the cell.
-        {"n_echoes": 2, "draw": 147},
-        {"n_echoes": 2, "draw": 1785},
-        {"n_echoes": 8, "draw": 192},
+        *((2, 147), (2, 1785), (8, 192)),
     ],
     n_echoes=Whole(1, 10, 4),
     draw=Whole(0, 9999, 0),
@@ -376,7 +316,7 @@ def _in_phase(echoes: list[Echo]) -> list[Echo]:
 
     That is where echoes closer than a Rayleigh cell are hardest to tell apart.
     """
-    phases = central_phase(scenario_of(echoes))
+    phases = central_phase(scenes.scenario_of(echoes))
     return [
         echo._replace(phase_rad=echo.phase_rad - float(phase))
         for echo, phase in zip(echoes, phases, strict=True)
@@ -388,19 +328,15 @@ def _in_phase(echoes: list[Echo]) -> list[Echo]:
 FOUND_RADIUS = 0.98
 """Distance from straight ahead, in direction cosines, up to which an echo is promised to be found: 78.5°."""
 
-FARTHEST_M = REGION.range_limits_m(np.array(BASE_STATION_M))[1]
+FARTHEST_M = REGION.range_limits_m(np.array(scenes.BASE_STATION_M))[1]
 
 
 @family(
     "bin",
     [
-        {"range_offset": 0.0, "doppler_offset": 0.0},
-        {"range_offset": 0.5, "doppler_offset": 0.5},
-        {"range_offset": 0.49999999, "doppler_offset": -0.50000001},
-        {"range_offset": 0.5, "doppler_offset": 0.5, "where": "last_bins"},
-        {"range_offset": 1.0, "doppler_offset": 1.0, "where": "last_bins"},
-        {"range_offset": 0.5, "doppler_offset": -0.5, "where": "whole_map"},
-        {"range_offset": 0.0, "doppler_offset": 0.99, "where": "whole_map"},
+        *((0.0, 0.0), (0.5, 0.5), (0.49999999, -0.50000001)),
+        *((0.5, 0.5, "last_bins"), (1.0, 1.0, "last_bins")),
+        *((0.5, -0.5, "whole_map"), (0.0, 0.99, "whole_map")),
     ],
     range_offset=Real(-1.0, 1.0, 0.0),
     doppler_offset=Real(-1.0, 1.0, 0.0),
@@ -413,7 +349,7 @@ def bin_offset(
     region = REGION
     range_bin, doppler_bin, u, w = 10.0, 1.0, 0.2, -0.3
     if where == "last_bins":  # those that the region's speed limit and corner reach
-        u = w = (region.x_m[1] - BASE_STATION_M[0]) / FARTHEST_M
+        u = w = (region.x_m[1] - scenes.BASE_STATION_M[0]) / FARTHEST_M
         range_bin = math.floor(FARTHEST_M / SYSTEM.range_bin_m) - 1.0
         doppler_bin = math.floor(region.speed_mps[1] / SYSTEM.velocity_bin_mps) - 1.0
     elif where == "whole_map":
@@ -422,20 +358,15 @@ def bin_offset(
         doppler_bin = SYSTEM.n_symbols / 2 - 1.0
     echo = Echo(range_bin + range_offset, doppler_bin + doppler_offset, u, w)
     scene = observed([echo], seed=seed, layout=Layout(region=region))
-    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, POWER, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, checks.POWER, *INVARIANT)
 
 
 @family(
     "direction",
     [
-        {"radius": 0.0},
-        {"radius": 1e-12},
-        *grid(radius=(0.3, 0.8, 0.97), angle_deg=(30.0,)),
-        *grid(radius=(FOUND_RADIUS,), angle_deg=(0.0, 90.0, 180.0, 270.0)),
-        *grid(radius=(0.999,), angle_deg=(0.0, 45.0, 225.0)),
-        {"radius": 1.0 - 1e-9, "angle_deg": 30.0},
-        {"radius": 1.0, "angle_deg": 0.0},
-        {"radius": 1.0, "angle_deg": 90.0},
+        *((0.0,), (1e-12,), (0.3, 30.0), (0.8, 30.0), (0.97, 30.0)),
+        *product((FOUND_RADIUS,), (0.0, 90.0, 180.0, 270.0)),
+        *((0.999, 0.0), (0.999, 45.0), (0.999, 225.0), (1.0 - 1e-9, 30.0), (1.0, 0.0), (1.0, 90.0)),
     ],
     radius=Real(0.0, 1.0, 0.0),
     angle_deg=Real(0.0, 360.0, 0.0),
@@ -446,15 +377,13 @@ def direction(plugin: Estimator, seed: int, radius: float, angle_deg: float) -> 
     scene = observed([Echo(9.3, 1.2, radius * math.cos(angle), radius * math.sin(angle))], seed=seed)
     # Farther out, the errors of the direction decide on which side of the border it lies.
     inner = (FOUND, *INVARIANT) if radius <= FOUND_RADIUS else ()
-    return ImageSubject(plugin, scene), (*EVERY, NO_FALSE_POINT, *inner)
+    return ImageSubject(plugin, scene), (*EVERY, checks.NO_FALSE_POINT, *inner)
 
 
 BEYOND = "gate", "region", "prefix", "range", "speed"
 
 
-@family(
-    "beyond", grid(what=BEYOND, noise=SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3)
-)
+@family("beyond", product(BEYOND, SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3))
 def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -> ImageCase:
     """An echo in the region, and one beyond the gate, the region, the prefix or an ambiguity."""
     inside = RESOLVED[0]
@@ -471,7 +400,8 @@ def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -
     scene = observed([inside, stray], SNR_DB[noise], seed)
     # Points of what leaks in from beyond the gate, which is no echo of the model, may move with the last
     # digits.
-    return ImageSubject(plugin, scene), (*EVERY, FOUND_FIRST, *(LEAKAGE if what == "gate" else INVARIANT))
+    invariant = LEAKAGE if what == "gate" else INVARIANT
+    return ImageSubject(plugin, scene), (*EVERY, checks.FOUND_FIRST, *invariant)
 
 
 # Radios: arrays, numerologies and frames.
@@ -481,25 +411,18 @@ SMALLEST_MAP = 11
 
 
 @family(
-    "array",
-    [{"n_u": n_u, "n_w": n_w} for n_u, n_w in ((2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9))],
-    n_u=Whole(2, 32, 8),
-    n_w=Whole(2, 32, 8),
+    "array", [(2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9)], n_u=Whole(2, 32, 8), n_w=Whole(2, 32, 8)
 )
 def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
     """One echo without noise, seen by any array."""
-    layout = Layout(array=(n_u, n_w), region=NARROW)
+    layout = Layout(array=(n_u, n_w), region=scenes.NARROW)
     scene = observed([Echo(9.3, 0.7, 0.05, -0.08)], seed=seed, layout=layout)
     return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
 
 
-NUMEROLOGIES = (1, 1), (1, 32), (2, 2), (64, 1), (251, 31), (97, 13), (1021, 61)
-
-
 @family(
     "numerology",
-    [{"n_subcarriers": subcarriers, "n_symbols": symbols} for subcarriers, symbols in NUMEROLOGIES],
-    may_refuse=lambda n_subcarriers, n_symbols, noise: min(n_subcarriers, n_symbols) < SMALLEST_MAP,
+    [(1, 1), (1, 32), (2, 2), (64, 1), (251, 31), (97, 13), (1021, 61)],
     n_subcarriers=Whole(1, 1024, 256),
     n_symbols=Whole(1, 64, 32),
     noise=NOISE,
@@ -512,16 +435,17 @@ def numerology(plugin: Estimator, seed: int, n_subcarriers: int, n_symbols: int,
         Echo(25.0 / system.range_bin_m, 15.0 / system.velocity_bin_mps, -0.15, 0.15),
     ]
     both = (FOUND,) if min(n_subcarriers / 8, n_symbols) >= SMALLEST_MAP else ()
-    scene = observed(echoes, SNR_DB[noise], seed, Layout(system, region=NARROW))
-    return ImageSubject(plugin, scene), (*EVERY, *both, *INVARIANT)
+    scene = observed(echoes, SNR_DB[noise], seed, Layout(system, region=scenes.NARROW))
+    may_refuse = min(n_subcarriers, n_symbols) < SMALLEST_MAP
+    return ImageSubject(plugin, scene, may_refuse=may_refuse), (*EVERY, *both, *INVARIANT)
 
 
 FRAMES: dict[str, Any] = {"paper": PaperFrame(), "turned_panel": PanelFrame(yaw_deg=11.0, tilt_deg=-7.0)}
 
 
-@family("frame", grid(frame=FRAMES), frame=Choice(*FRAMES))
+@family("frame", product(FRAMES), frame=Choice(*FRAMES))
 def frames(plugin: Estimator, seed: int, frame: str) -> ImageCase:
     """Resolved echoes in the paper's frame or on a turned panel."""
-    layout = Layout(frame=FRAMES[frame], region=PAPER_REGION)
+    layout = Layout(frame=FRAMES[frame], region=scenes.PAPER_REGION)
     scene = observed(RESOLVED[::2], seed=seed, layout=layout)
     return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)

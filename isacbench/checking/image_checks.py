@@ -1,10 +1,10 @@
-"""Checks of images: what every cloud must be, where echoes must be found, and what must change nothing."""
+"""Checks of estimators: of images anywhere, and the contract, which asks for more on a few small scenes."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -16,15 +16,18 @@ from scipy.spatial.distance import cdist
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError
+from isacbench.checking import class_checks, scenes
+from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError, Subject, warnings_fail
+from isacbench.checking.class_checks import CALLABLE, PluginSubject, sees_truth
+from isacbench.checking.lone_scatterer import require_lone_scatterer
 from isacbench.checking.scenes import SmallScene
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import PanelFrame
-from isacbench.model.observation import REGION_TOLERANCE_M, Observation
+from isacbench.model.observation import REGION_TOLERANCE_M, Observation, cross_elements
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.region import Region
 from isacbench.model.scene import Scenario
-from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.contracts import needs_of
 
 INVARIANCE = 1e-9
 """Largest difference between numbers of threads, memory orders and orders of elements."""
@@ -47,16 +50,10 @@ ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ImageSubject:
+class ImageSubject(Subject):
     """An estimator and the scene that it images."""
 
-    estimator: Estimator
     scene: SmallScene
-
-    @property
-    def plugin_module(self) -> str:
-        """Module of the estimator's class."""
-        return type(self.estimator).__module__
 
     @cached_property
     def cloud(self) -> PointCloud:
@@ -65,16 +62,11 @@ class ImageSubject:
 
     def image(self, observation: Observation) -> PointCloud:
         """Image another observation of the same scene."""
-        return raw_cloud(self.estimator, observation, self.scene.scenario.truth)
+        return raw_cloud(self.plugin, observation, self.scene.scenario.truth)
 
     def image_of(self, cells: NDArray[np.complexfloating[Any, Any]]) -> PointCloud:
         """Image other cells (n_range, n_doppler, P, Q) of the same gate."""
         return self.image(dataclasses.replace(self.scene.observation(), cells=cells))
-
-    @property
-    def sees_truth(self) -> bool:
-        """True for an estimator that returns the truth and ignores the cells."""
-        return bool(getattr(self.estimator, "needs_truth", False))
 
     def difference(self, cloud: PointCloud, amplitude_scale: float = 1.0) -> float:
         """Relative difference of another image of the same scene; see `cloud_difference`."""
@@ -97,15 +89,9 @@ def cloud_difference(
     larger = np.maximum(first.power[:, None], power)
     power_apart = np.abs(first.power[:, None] - power) / np.where(larger > 0, larger, 1.0)
     farthest_m = scenario.region.range_limits_m(scenario.base_station_m)[1]
-    one, two = (
-        np.column_stack(
-            [
-                (cloud.xyz - scenario.base_station_m) / farthest_m,
-                cloud.velocity / scenario.system.unambiguous_speed_mps,
-            ]
-        )
-        for cloud in (first, second)
-    )
+    origin = np.append(scenario.base_station_m, 0.0)
+    largest = np.array([farthest_m, farthest_m, farthest_m, scenario.system.unambiguous_speed_mps])
+    one, two = ((cloud.to_array()[:, :4] - origin) / largest for cloud in (first, second))
     apart = np.maximum(cdist(one, two, "chebyshev"), power_apart)
     in_order = float(apart.diagonal().max())
     return min(in_order, float(apart[linear_sum_assignment(apart)].max())) if in_order else 0.0
@@ -124,57 +110,46 @@ def cells_apart(scenario: Scenario, cloud: PointCloud, others: PointCloud) -> ND
     return np.asarray(np.max(np.minimum(apart, np.abs(period - apart)) / cells, axis=2))
 
 
-def _of_cells(measure: Callable[[ImageSubject], float]) -> Callable[[ImageSubject], float]:
-    """Say nothing about an estimator that sees the truth."""
-
-    def measured(subject: ImageSubject) -> float:
-        if subject.sees_truth:
-            raise NotApplicableError("it sees the truth")
-        return measure(subject)
-
-    return measured
+# What every image must be.
 
 
-def _is_in_region(subject: ImageSubject) -> float:
+def _is_in_region(subject: ImageSubject) -> None:
     xyz = subject.cloud.xyz
     outside = ~subject.scene.scenario.region.contains(xyz, REGION_TOLERANCE_M + ROUNDING_M)
-    if outside.any() and not subject.sees_truth:
+    if outside.any() and not sees_truth(subject.plugin):
         x, y, z = xyz[outside.argmax()]
         raise CheckFailedError(
             f"{outside.sum()} of {len(xyz)} points lie more than {REGION_TOLERANCE_M} m outside the region, "
             f"the first at ({x:.3g}, {y:.3g}, {z:.3g}) m: place points in metres, with observation.cloud(...)"
         )
-    return 0.0
 
 
-def _has_possible_speeds(subject: ImageSubject) -> float:
+def _has_possible_speeds(subject: ImageSubject) -> None:
     system = subject.scene.scenario.system
     limit_mps = system.unambiguous_speed_mps + system.velocity_bin_mps / 2
     fastest_mps = float(np.abs(subject.cloud.velocity).max(initial=0.0))
-    if fastest_mps > limit_mps and not subject.sees_truth:
+    if fastest_mps > limit_mps and not sees_truth(subject.plugin):
         raise CheckFailedError(
             f"velocities reach {fastest_mps:.4g} m/s, the radio tells {limit_mps:.4g} m/s: give them in m/s, "
             "from signed Doppler bins"
         )
-    return 0.0
 
 
-def _has_possible_powers(subject: ImageSubject) -> float:
+def _has_possible_powers(subject: ImageSubject) -> None:
     lowest = float(subject.cloud.power.min(initial=0.0))
     if lowest < 0:
         raise CheckFailedError(
             f"powers go down to {lowest:.3g}: a power is |G|² relative to a unit scatterer, 0 or more and "
             "no dB"
         )
-    return 0.0
 
 
-def _is_possible(subject: ImageSubject) -> float:
-    return max(measure(subject) for measure in (_is_in_region, _has_possible_speeds, _has_possible_powers))
+def _is_possible(subject: ImageSubject) -> None:
+    for measure in (_is_in_region, _has_possible_speeds, _has_possible_powers):
+        measure(subject)
 
 
-def _repeats(subject: ImageSubject) -> float:
-    return subject.difference(subject.image(subject.scene.observation()))
+# Where echoes are found.
 
 
 def _farthest_false_point(subject: ImageSubject) -> float:
@@ -187,27 +162,12 @@ def _farthest_false_point(subject: ImageSubject) -> float:
     return float(cells_apart(subject.scene.scenario, cloud, truth).min(axis=1).max())
 
 
-@_of_cells
-def _has_no_point(subject: ImageSubject) -> float:
-    if len(subject.cloud):
-        raise CheckFailedError(f"{len(subject.cloud)} points of no echo")
-    return 0.0
-
-
 def _distances(subject: ImageSubject) -> NDArray[np.float64]:
     """Distances from every scatterer (rows) to every point (columns), in Rayleigh cells."""
     cloud, truth = subject.cloud, subject.scene.scenario.truth
     if not len(cloud):
         raise CheckFailedError(f"no point of {len(truth)} scatterers")
     return cells_apart(subject.scene.scenario, truth, cloud)
-
-
-def _farthest_miss(subject: ImageSubject) -> float:
-    return float(_distances(subject).min(axis=1).max())
-
-
-def _miss_of_first(subject: ImageSubject) -> float:
-    return float(_distances(subject)[0].min())
 
 
 def _power_off_db(subject: ImageSubject) -> float:
@@ -217,36 +177,40 @@ def _power_off_db(subject: ImageSubject) -> float:
     return float(np.abs(10 * np.log10(ratio)).max())
 
 
-def _scaled(odd: float, subject: ImageSubject) -> float:
+# What is asked of an estimator that looks at the cells: generators of differences.
+
+
+def _no_point(subject: ImageSubject) -> Iterator[float]:
+    if len(subject.cloud):
+        raise CheckFailedError(f"{len(subject.cloud)} points of no echo")
+    yield 0.0
+
+
+def _scaled(odd: float, subject: ImageSubject) -> Iterator[float]:
     """Difference after scaling the largest amplitude to either limit, by a power of two times `odd`."""
     cells = subject.scene.seen.cells
     largest = math.frexp(float(np.abs(cells).max()))[1]
-    factors = [odd * 2.0 ** (limit - largest) for limit in LIMITS]
-    return max(subject.difference(subject.image_of(cells * factor), factor) for factor in factors)
+    for limit in LIMITS:
+        factor = odd * 2.0 ** (limit - largest)
+        yield subject.difference(subject.image_of(cells * factor), factor)
 
 
-@_of_cells
-def _with_two_threads(subject: ImageSubject) -> float:
+def _with_two_threads(subject: ImageSubject) -> Iterator[float]:
     """Difference with two BLAS threads, for an estimator that does not keep to one itself."""
     with threadpool_limits(2):
         image = subject.image(subject.scene.observation())
-    return subject.difference(image)
+    yield subject.difference(image)
 
 
-@_of_cells
-def _in_other_layouts(subject: ImageSubject) -> float:
+def _in_other_layouts(subject: ImageSubject) -> Iterator[float]:
     """Difference for cells in Fortran order, with elements first in memory, and backwards in memory."""
     cells = subject.scene.seen.cells
     elements_first = np.ascontiguousarray(cells.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1)
-    backwards = cells[::-1].copy()[::-1]
-    return max(
-        subject.difference(subject.image_of(laid))
-        for laid in (np.asfortranarray(cells), elements_first, backwards)
-    )
+    for laid in (np.asfortranarray(cells), elements_first, cells[::-1].copy()[::-1]):
+        yield subject.difference(subject.image_of(laid))
 
 
-@_of_cells
-def _in_other_element_orders(subject: ImageSubject) -> float:
+def _in_other_element_orders(subject: ImageSubject) -> Iterator[float]:
     """Difference with reversed columns, with reversed rows, and with columns and rows exchanged.
 
     For a panel without yaw and tilt this mirrors the scene about the base station. Each mirror is its own
@@ -257,51 +221,180 @@ def _in_other_element_orders(subject: ImageSubject) -> float:
         raise NotApplicableError("its mirrored scenes are known for a panel without yaw and tilt alone")
     cells, array, base_station_m = observation.cells, observation.array, scenario.base_station_m
     swapped = dataclasses.replace(array, tx_shape=array.tx_shape[::-1], rx_shape=array.rx_shape[::-1])
-    differences = []
     for seen, counted, mirror in (
-        (cells[:, :, ::-1], array, [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        (cells[:, :, :, ::-1], array, [[1, 0, 0], [0, 1, 0], [0, 0, -1]]),
-        (cells.transpose(0, 1, 3, 2), swapped, [[0, 0, -1], [0, 1, 0], [-1, 0, 0]]),
+        (cells[:, :, ::-1], array, np.diag([-1, 1, 1])),
+        (cells[:, :, :, ::-1], array, np.diag([1, 1, -1])),
+        (cells.transpose(0, 1, 3, 2), swapped, np.array([[0, 0, -1], [0, 1, 0], [-1, 0, 0]])),
     ):
         corners = base_station_m + (scenario.region.corners_m - base_station_m) @ mirror
         x_m, y_m, z_m = zip(corners.min(axis=0).tolist(), corners.max(axis=0).tolist(), strict=True)
+        region = Region(x_m, y_m, z_m, scenario.region.speed_mps)
         mirrored = dataclasses.replace(
-            observation,
-            cells=np.ascontiguousarray(seen),
-            array=counted,
-            region=Region(x_m, y_m, z_m, scenario.region.speed_mps),
+            observation, cells=np.ascontiguousarray(seen), array=counted, region=region
         )
         cloud = subject.image(mirrored)
         xyz = base_station_m + (cloud.xyz - base_station_m) @ mirror
-        differences.append(subject.difference(PointCloud(xyz, cloud.velocity, cloud.power)))
-    return max(differences)
+        yield subject.difference(PointCloud(xyz, cloud.velocity, cloud.power))
 
 
-@_of_cells
-def _in_single_precision(subject: ImageSubject) -> float:
-    return subject.difference(subject.image_of(subject.scene.seen.cells.astype(np.complex64)))
+def _in_single_precision(subject: ImageSubject) -> Iterator[float]:
+    yield subject.difference(subject.image_of(subject.scene.seen.cells.astype(np.complex64)))
+
+
+def _of_cells(name: str, differences: Callable[[ImageSubject], Iterator[float]], bound: float = 0.0) -> Check:
+    """Check of the largest of some differences; it says nothing about an estimator that sees the truth."""
+
+    def measure(subject: ImageSubject) -> float:
+        if sees_truth(subject.plugin):
+            raise NotApplicableError("it sees the truth")
+        return max(differences(subject))
+
+    return Check(name, measure, bound)
 
 
 IN_REGION = Check("region", _is_in_region)
 SPEEDS = Check("velocity", _has_possible_speeds)
 POWERS = Check("power", _has_possible_powers)
 FINITE = Check("finite", _is_possible)
-REPEAT = Check("repeat", _repeats)
+REPEAT = Check("repeat", lambda subject: subject.difference(subject.image(subject.scene.observation())))
 NO_FALSE_POINT = Check("no false point", _farthest_false_point, FALSE_POINT_CELLS)
-NO_POINT = Check("no point", _has_no_point)
-FOUND = Check("found", _farthest_miss, FALSE_POINT_CELLS)
-FOUND_FIRST = Check("strongest found", _miss_of_first, FALSE_POINT_CELLS)
+NO_POINT = _of_cells("no point", _no_point)
+FOUND = Check("found", lambda subject: float(_distances(subject).min(axis=1).max()), FALSE_POINT_CELLS)
+FOUND_FIRST = Check("strongest found", lambda subject: float(_distances(subject)[0].min()), FALSE_POINT_CELLS)
 POWER = Check("power", _power_off_db, POWER_DB)
-RESOLVED_ECHOES = NO_FALSE_POINT, FOUND
-TWO_POWER_SCALE = Check("scale by powers of two", _of_cells(partial(_scaled, 1.0)))
-ANY_SCALE = Check("scale", _of_cells(partial(_scaled, ODD)), 1e-10)
-THREADS = Check("threads", _with_two_threads, INVARIANCE)
-LAYOUT = Check("memory order", _in_other_layouts, INVARIANCE)
-ELEMENT_ORDER = Check("element order", _in_other_element_orders, INVARIANCE)
-SINGLE_PRECISION = Check("single precision", _in_single_precision, SINGLE_POINT)
+TWO_POWER_SCALE = _of_cells("scale by powers of two", partial(_scaled, 1.0))
+ANY_SCALE = _of_cells("scale", partial(_scaled, ODD), 1e-10)
+THREADS = _of_cells("threads", _with_two_threads, INVARIANCE)
+LAYOUT = _of_cells("memory order", _in_other_layouts, INVARIANCE)
+ELEMENT_ORDER = _of_cells("element order", _in_other_element_orders, INVARIANCE)
+SINGLE_PRECISION = _of_cells("single precision", _in_single_precision, SINGLE_POINT)
 
 EVERY = FINITE, REPEAT
 """Checks of every image."""
 
+RESOLVED_ECHOES = NO_FALSE_POINT, FOUND
+"""Checks of images of which all is known."""
+
+LEAKAGE = THREADS, LAYOUT
+"""What must not change an image of what is no echo."""
+
 INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, LAYOUT, ELEMENT_ORDER
 """Checks of images without ties."""
+
+
+# The contract.
+
+
+class EstimatorSubject(PluginSubject):
+    """An estimator under check."""
+
+    def of(self, scene: SmallScene, plugin: Any = None) -> ImageSubject:
+        """Let the estimator, or another instance, image a scene."""
+        return ImageSubject(plugin or self.plugin, scene)
+
+    def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
+        """Image three scatterers: points (n, 5)."""
+        return [self.of(scenes.other() if other else scenes.ordinary(), plugin).cloud.to_array()]
+
+
+def _sees_no_truth(subject: EstimatorSubject) -> None:
+    if sees_truth(subject.plugin_class) and not subject.plugin_module.startswith("isacbench_algorithms."):
+        raise CheckFailedError(
+            "needs_truth asks for the truth, which only the built-in references may see: remove it, "
+            "and estimate from the observation"
+        )
+
+
+def _returns_a_cloud(subject: EstimatorSubject) -> str:
+    return f"{len(subject.of(scenes.ordinary()).cloud)} points of 3 scatterers"
+
+
+def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
+    if sees_truth(subject.plugin):
+        return "not asked of what sees the truth"
+    return require_lone_scatterer(subject.plugin)
+
+
+def _reads_what_it_declares(subject: EstimatorSubject) -> str:
+    try:
+        needs = needs_of(subject.plugin)
+    except TypeError as error:
+        raise CheckFailedError(f"{error}") from error
+    if needs.elements == "plane":
+        return "all elements"
+    image = subject.of(scenes.ordinary())
+    cells = image.scene.seen.cells
+    withheld = np.zeros_like(cells)
+    if needs.elements == "cross":
+        p, q = cross_elements(image.scene.scenario.array.shape).T
+        withheld[:, :, p, q] = cells[:, :, p, q]
+    if not np.array_equal(image.cloud.to_array(), image.image_of(withheld).to_array()):
+        raise CheckFailedError(
+            f"its image depends on elements that needs.elements = {needs.elements!r} leaves out, so that "
+            "they are not computed for it: declare what it reads"
+        )
+    return {"cross": "one column and one row", "none": "no echo"}[needs.elements]
+
+
+def _leaves_the_observation(subject: EstimatorSubject) -> None:
+    image = subject.of(scenes.ordinary())
+    observation = image.scene.observation(writable=False)
+    class_checks.refuse_writes(lambda: image.image(observation), "the observation")
+
+
+def _images(*chosen: Callable[[], SmallScene]) -> Callable[[EstimatorSubject], None]:
+    """Make a measurement that images scenes; it fails where the estimator raises."""
+
+    def measure(subject: EstimatorSubject) -> None:
+        for scene in chosen:
+            subject.of(scene()).cloud  # noqa: B018  imaged here first
+
+    return measure
+
+
+def _images_no_echo(scene: Callable[[], SmallScene], subject: EstimatorSubject) -> str:
+    """Image a scene without an echo: hardly a point, and no warning."""
+    image, n_cells = subject.of(scene()), int(scene().seen.gate.reachable.sum())
+    with warnings_fail(": expect input without any echo"):
+        n_points = len(image.cloud)
+    if n_points > n_cells // 2:
+        raise CheckFailedError(
+            f"{n_points} points where there is no echo, in {n_cells} cells: test cells against a threshold "
+            "that follows from the noise"
+        )
+    return f"{n_points} points"
+
+
+def _is_fast(subject: EstimatorSubject) -> str:
+    image = subject.of(scenes.ordinary())
+    observation = image.scene.observation()
+    return class_checks.timed_call(lambda: image.image(observation), "a small scene")
+
+
+def _in_every_scene(subject: EstimatorSubject) -> Iterator[ImageSubject]:
+    """Let the estimator image scenes in both frames, of many echoes and of one."""
+    lone = map(scenes.lone, scenes.LONE_VIEWS)
+    return map(subject.of, (scenes.ordinary(), scenes.other(), scenes.paper_frame(), *lone))
+
+
+IMAGED = "image"
+ESTIMATOR_CHECKS = (
+    *class_checks.CLASS_CHECKS,
+    Check("truth", _sees_no_truth, needs=("import",)),
+    Check(IMAGED, _returns_a_cloud, needs=(CALLABLE,)),
+    *(check.of(_in_every_scene, IMAGED) for check in (IN_REGION, SPEEDS, POWERS)),
+    Check("lone scatterer", _finds_a_lone_scatterer, needs=("region", "velocity", "power")),
+    Check("needs", _reads_what_it_declares, needs=(IMAGED,)),
+    Check("observation unchanged", _leaves_the_observation, needs=(IMAGED,)),
+    *class_checks.conduct_checks(IMAGED),
+    Check("minimal gate", _images(scenes.minimal), needs=(IMAGED,)),
+    Check("noise alone", partial(_images_no_echo, scenes.noise), needs=(IMAGED,)),
+    Check("silence", partial(_images_no_echo, scenes.silence), needs=(IMAGED,)),
+    Check("2 x 2 array", _images(partial(scenes.with_array, 2, 2)), needs=(IMAGED,)),
+    Check(
+        "other arrays",
+        _images(partial(scenes.with_array, 7, 3), partial(scenes.with_array, 3, 7)),
+        needs=(IMAGED,),
+    ),
+    Check("time", _is_fast, needs=(IMAGED,)),
+)

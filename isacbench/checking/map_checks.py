@@ -1,23 +1,24 @@
-"""Checks of detections: what every tested map must be, its rate of false alarms, what must change nothing."""
+"""Checks of detectors: of maps anywhere, and the contract, which asks for more on a few of them."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError
+from isacbench.checking import checks, class_checks
+from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, NotApplicableError, Subject
+from isacbench.checking.class_checks import CALLABLE, PluginSubject
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection, Detector
-
-Power = NDArray[np.floating[Any]]
 
 EXACT = 1e-12
 """Largest drift that another order of summation may cause."""
@@ -63,27 +64,38 @@ BORDERS: dict[str, Any] = {
 """Cells within two of a border, where the window lacks most cells, and in the next six rows and columns."""
 
 
+SEED = 70_000_000_000
+SHAPE = 40, 24
+"""Shape of an ordinary map: not square, and wider than the usual windows."""
+
+LARGE = 512, 512
+RATE = 1e-2
+"""Probability of false alarm to measure at, if the detector has a field for it."""
+
+BORDER_RATE = 0.1
+"""The same at the borders of maps, which have few cells."""
+
+LOOKS = 1, 16
+
+SAME_FACTOR = 1e-3
+"""Relative difference of two factors: rounding stays below it, a change of looks exceeds it."""
+
+
 @dataclass(frozen=True, eq=False)
-class MapSubject:
+class MapSubject(Subject):
     """A detector and the power map that it tests."""
 
-    detector: Detector
     power: NDArray[np.float64]
     looks: int = 1
-
-    @property
-    def plugin_module(self) -> str:
-        """Module of the detector's class."""
-        return type(self.detector).__module__
 
     @cached_property
     def found(self) -> Detection:
         """Detection of the map."""
         return self.detect(self.power.copy())
 
-    def detect(self, power: Power) -> Detection:
+    def detect(self, power: NDArray[np.floating[Any]]) -> Detection:
         """Test another map, given to the detector as it lies in memory; fail if it returns no detection."""
-        found = self.detector.detect(power, self.looks)
+        found = self.plugin.detect(power, self.looks)
         if not isinstance(found, Detection):
             raise CheckFailedError(f"detect() must return a Detection, not {type(found).__name__}")
         return found
@@ -99,7 +111,7 @@ class MapSubject:
             differs &= np.abs(self.power - self.found.threshold) > TIE * self.found.threshold
         if differs.any():
             raise CheckFailedError(f"{differs.sum()} of {differs.size} cells are decided otherwise")
-        return max(_relative(self.found.noise, other.noise), _relative(self.found.threshold, other.threshold))
+        return _apart(self.found, other)
 
 
 def white_noise_map(shape: tuple[int, ...], seed: int, looks: int = 1) -> NDArray[np.float64]:
@@ -113,7 +125,11 @@ def _relative(one: NDArray[Any], two: NDArray[Any]) -> float:
     return float(np.max(np.divide(apart, one, out=apart.copy(), where=one > 0), initial=0.0))
 
 
-def _has_shapes(subject: MapSubject) -> float:
+def _apart(one: Detection, two: Detection) -> float:
+    return max(_relative(one.noise, two.noise), _relative(one.threshold, two.threshold))
+
+
+def _has_shapes(subject: MapSubject) -> None:
     shape = subject.power.shape
     for name, dtype in (("mask", np.bool_), ("threshold", np.float64), ("noise", np.float64)):
         array = getattr(subject.found, name)
@@ -122,48 +138,40 @@ def _has_shapes(subject: MapSubject) -> float:
             raise CheckFailedError(
                 f"{name} is {given}, not {np.dtype(dtype)} {shape}: an array of the map's shape is needed"
             )
-    return 0.0
 
 
-def _has_possible_powers(subject: MapSubject) -> float:
+def _has_possible_powers(subject: MapSubject) -> None:
     for name in ("threshold", "noise"):
         array = getattr(subject.found, name)
         if not np.isfinite(array).all() or (array < 0).any():
             raise CheckFailedError(
                 f"{name} has NaN, infinite or negative values: both are powers, in the map's unit"
             )
-    return 0.0
 
 
-def _compares_with_its_threshold(subject: MapSubject) -> float:
+def _compares_with_its_threshold(subject: MapSubject) -> None:
     differing = int(np.sum(subject.found.mask != (subject.power > subject.found.threshold)))
     if differing:
         raise CheckFailedError(
             f"mask is not power > threshold in {differing} of {subject.power.size} cells: a cell is detected "
             "where its power exceeds its threshold, nowhere else"
         )
-    return 0.0
 
 
-def _finite(subject: MapSubject) -> float:
-    return max(
-        measure(subject) for measure in (_has_shapes, _has_possible_powers, _compares_with_its_threshold)
-    )
-
-
-def _repeats(subject: MapSubject) -> float:
-    return subject.difference(subject.detect(subject.power.copy()))
+def _finite(subject: MapSubject) -> None:
+    for measure in (_has_shapes, _has_possible_powers, _compares_with_its_threshold):
+        measure(subject)
 
 
 def _listed(subject: MapSubject) -> float:
     """Difference if all cells are listed from the last to the first, and if one is listed alone."""
-    if "cells" not in inspect.signature(subject.detector.detect).parameters:
+    if "cells" not in inspect.signature(subject.plugin.detect).parameters:
         raise NotApplicableError("takes whole maps only")
     differences = []
     n_cells = subject.power.size
     for order in (np.arange(n_cells)[::-1], np.array([n_cells // 2])):
         cells = np.unravel_index(order, subject.power.shape)
-        listed = detect_listed(subject.detector, subject.power.copy(), subject.looks, cells)
+        listed = detect_listed(subject.plugin, subject.power.copy(), subject.looks, cells)
         for name in ("mask", "threshold", "noise"):
             part, whole = getattr(listed, name), getattr(subject.found, name)[cells]
             if part.shape != whole.shape:
@@ -174,19 +182,13 @@ def _listed(subject: MapSubject) -> float:
 
 def _layout(subject: MapSubject) -> float:
     """Difference for maps in Fortran order, with gaps, backwards, in the other byte order, and read-only."""
-    power = subject.power
-    read_only = power.copy()
+    power, read_only = subject.power, subject.power.copy()
     read_only.flags.writeable = False
-    return max(
-        subject.difference(subject.detect(laid))
-        for laid in (
-            np.asfortranarray(power),
-            np.repeat(power, 2, axis=-1)[..., ::2],
-            power[::-1].copy()[::-1],
-            power.astype(power.dtype.newbyteorder()),
-            read_only,
-        )
-    )
+    layouts = [
+        *(np.asfortranarray(power), np.repeat(power, 2, axis=-1)[..., ::2], power[::-1].copy()[::-1]),
+        *(power.astype(power.dtype.newbyteorder()), read_only),
+    ]
+    return max(subject.difference(subject.detect(laid)) for laid in layouts)
 
 
 def _scaled(subject: MapSubject, factor: float, *, has_ties: bool = False) -> float:
@@ -195,39 +197,35 @@ def _scaled(subject: MapSubject, factor: float, *, has_ties: bool = False) -> fl
     return subject.difference(scaled, has_ties=has_ties)
 
 
-def _nothing(subject: MapSubject) -> float:
+def _nothing(subject: MapSubject) -> None:
     n_detected = int(np.count_nonzero(subject.found.mask))
     if n_detected:
         raise CheckFailedError(
             f"detects {n_detected} of {subject.power.size} cells: a detected cell exceeds its threshold, "
             "strictly"
         )
-    return 0.0
 
 
 def _single_precision(subject: MapSubject) -> float:
     """Difference of noise and thresholds only: cells near their threshold may be decided differently."""
     if max(np.abs(np.log2(subject.power[subject.power > 0])), default=0.0) > -np.finfo(np.float32).minexp:
         raise NotApplicableError("float32 does not hold it in full")
-    found = subject.detect(subject.power.astype(np.float32))
-    return max(
-        _relative(subject.found.noise, found.noise), _relative(subject.found.threshold, found.threshold)
-    )
+    return _apart(subject.found, subject.detect(subject.power.astype(np.float32)))
 
 
 def _rate_order(subject: MapSubject) -> float:
     """Largest relative fall of a threshold when the rate is halved; thresholds must not fall."""
-    detector: Any = subject.detector
-    strict = MapSubject(dataclasses.replace(detector, pfa=detector.pfa / 2), subject.power, subject.looks)
+    rarer = dataclasses.replace(subject.plugin, pfa=subject.plugin.pfa / 2)
+    strict = dataclasses.replace(subject, plugin=rarer)
     _finite(strict)
     if np.any(strict.found.mask & ~subject.found.mask):
         raise CheckFailedError("a cell is detected at half the rate that is not at the whole one")
     if not np.any(strict.found.threshold > subject.found.threshold):
         raise CheckFailedError("no threshold rises at half the rate")
-    between = MapSubject(detector, subject.power.copy(), subject.looks)
+    between = dataclasses.replace(subject, power=subject.power.copy())
     middle = tuple(n // 2 for n in subject.power.shape)
     between.power[middle] = (subject.found.threshold[middle] + strict.found.threshold[middle]) / 2
-    for one in (between, dataclasses.replace(between, detector=strict.detector)):
+    for one in (between, dataclasses.replace(between, plugin=strict.plugin)):
         _compares_with_its_threshold(one)
     fallen = np.maximum(subject.found.threshold - strict.found.threshold, 0.0)
     return _relative(subject.found.threshold, subject.found.threshold - fallen)
@@ -263,32 +261,17 @@ def _rate_limits(pfa: float, n_cells: int) -> tuple[float, float]:
     return (1 - APPROXIMATION) * low / n_trials, (1 + APPROXIMATION) * high / n_trials
 
 
-def border_rates(detector: Detector, looks: int, seed: int = 0) -> dict[str, tuple[float, float, float]]:
-    """Measure false-alarm rates at the borders of maps, where a mean over the whole map hides them.
-
-    By the part of the border, of `BORDERS`: the rate and its limits. Says nothing where the detector's `pfa`
-    is too rare.
-    """
-    noise = white_noise_map(BORDER_MAPS, seed, looks)
-    pfa: float = getattr(detector, "pfa")  # noqa: B009, no part of the protocol
-    _rate_limits(pfa, noise[BORDERS["corners"]].size)
-    masks = np.stack([MapSubject(detector, power, looks).found.mask for power in noise])
-    parts = {name: masks[where] for name, where in BORDERS.items()}
-    return {name: (float(part.mean()), *_rate_limits(pfa, part.size)) for name, part in parts.items()}
-
-
-def _keeps_its_rate(subject: MapSubject) -> float:
-    if getattr(subject.detector, "threshold", "exact") != "exact":
+def _keeps_an_exact_rate(subject: MapSubject) -> None:
+    if getattr(subject.plugin, "threshold", "exact") != "exact":
         raise NotApplicableError("its threshold is not meant to keep the rate")
-    require_rate(subject.detector, subject.looks)
-    return 0.0
+    require_rate(subject.plugin, subject.looks)
 
 
-def _refused(subject: MapSubject) -> float:
+def _refused(subject: MapSubject) -> None:
     try:
         subject.detect(subject.power)
     except InputError:
-        return 0.0
+        return
     raise CheckFailedError(f"a map of {subject.power.shape} cells is smaller than the window, and tested")
 
 
@@ -296,19 +279,19 @@ MAP_SHAPES = Check("shapes", _has_shapes)
 MAP_POWERS = Check("threshold and noise", _has_possible_powers)
 MASK = Check("mask", _compares_with_its_threshold)
 MAP_FINITE = Check("finite", _finite)
-MAP_REPEAT = Check("repeat", _repeats)
+MAP_REPEAT = Check("repeat", lambda subject: subject.difference(subject.detect(subject.power.copy())))
 LISTED = Check("listed cells", _listed, EXACT, "cells says where to test, and changes no test")
 MAP_LAYOUT = Check("memory order", _layout, EXACT)
-MAP_TWO_POWER_SCALE = Check[MapSubject](
+MAP_TWO_POWER_SCALE = Check(
     "scale by powers of two",
     lambda subject: max(_scaled(subject, 2.0**exponent) for exponent in SCALES),
     hint="thresholds follow from the noise of the map, without constants in the map's unit",
 )
-MAP_ANY_SCALE = Check[MapSubject]("scale", lambda subject: _scaled(subject, ODD, has_ties=True), 1e-10)
+MAP_ANY_SCALE = Check("scale", lambda subject: _scaled(subject, ODD, has_ties=True), 1e-10)
 NOTHING = Check("nothing detected", _nothing)
 MAP_SINGLE_PRECISION = Check("single precision", _single_precision, 2.0**-23)
 RATE_ORDER = Check("order of rates", _rate_order)
-FALSE_ALARM_RATE = Check("false-alarm rate", _keeps_its_rate)
+FALSE_ALARM_RATE = Check("false-alarm rate", _keeps_an_exact_rate)
 REFUSED = Check("refused", _refused)
 
 EVERY_MAP = MAP_FINITE, MAP_REPEAT, LISTED, MAP_LAYOUT
@@ -316,3 +299,178 @@ EVERY_MAP = MAP_FINITE, MAP_REPEAT, LISTED, MAP_LAYOUT
 
 MAP_INVARIANT = MAP_TWO_POWER_SCALE, MAP_ANY_SCALE
 """Checks of maps without ties."""
+
+
+# The contract.
+
+
+@cache
+def _noise_with_echoes(stream: int) -> NDArray[np.float64]:
+    """Map of noise with three echoes, read-only."""
+    power = white_noise_map(SHAPE, SEED + stream)
+    power[5, 7], power[20, 12], power[39, 0] = 300.0, 1000.0, 100.0
+    power.setflags(write=False)
+    return power
+
+
+class DetectorSubject(PluginSubject):
+    """A detector under check."""
+
+    @cached_property
+    def ordinary(self) -> MapSubject:
+        """Noise with three echoes, tested by the detector."""
+        return MapSubject(self.plugin, _noise_with_echoes(0))
+
+    def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
+        """Test a map of noise with three echoes: mask, threshold and noise."""
+        power = 10 * _noise_with_echoes(1) if other else _noise_with_echoes(0).copy()
+        found = MapSubject(plugin or self.plugin, power).found
+        return [found.mask, found.threshold, found.noise]
+
+
+def _has_a_rate(subject: DetectorSubject) -> None:
+    pfa = getattr(subject.plugin, "pfa", None)
+    if not isinstance(pfa, (float, np.floating)) or not 0 < pfa < 1:
+        raise CheckFailedError(
+            f"pfa is {pfa!r}: give it a field pfa, the probability of false alarm per cell, between 0 and 1"
+        )
+
+
+def _returns_a_detection(subject: DetectorSubject) -> str:
+    mask = subject.ordinary.found.mask
+    return f"{np.count_nonzero(mask)} of {np.size(mask)} cells of a map with 3 echoes"
+
+
+def _leaves_the_map(subject: DetectorSubject) -> None:
+    class_checks.refuse_writes(lambda: subject.plugin.detect(_noise_with_echoes(0)), "the map")
+
+
+def _takes_looks(subject: DetectorSubject) -> None:
+    power = _noise_with_echoes(0)
+    unsaid, one = (subject.plugin.detect(power.copy(), *looks) for looks in ((), (1,)))
+    if not np.array_equal(unsaid.threshold, one.threshold):
+        raise CheckFailedError("looks=1 is not the default: let it be")
+    many = subject.plugin.detect(power.copy(), looks=max(LOOKS))
+    # Compare threshold / noise of both, multiplied out because the noise may be 0.
+    if np.allclose(many.threshold * one.noise, one.threshold * many.noise, rtol=SAME_FACTOR, atol=0):
+        raise CheckFailedError(
+            "the factor between noise and threshold does not depend on looks: noise averaged over more looks "
+            "strays less, gamma-distributed with that shape"
+        )
+
+
+def _takes_maps(*maps: NDArray[np.float64]) -> Callable[[DetectorSubject], str]:
+    """Make a measurement that takes unusual maps; the detector may refuse them with an `InputError`."""
+
+    def measure(subject: DetectorSubject) -> str:
+        refused = ""
+        for power in maps:
+            try:
+                _has_shapes(MapSubject(subject.plugin, power))
+            except InputError as error:
+                refused = f"refused in words: {error}"
+        return refused
+
+    return measure
+
+
+def _takes_silence(subject: DetectorSubject) -> None:
+    with checks.warnings_fail(": expect a map without any power"):
+        _nothing(MapSubject(subject.plugin, np.zeros(SHAPE)))
+
+
+def _refuses_bad_maps(subject: DetectorSubject) -> None:
+    nan, negative = _noise_with_echoes(0).copy(), _noise_with_echoes(0).copy()
+    nan[3, 4], negative[3, 4] = np.nan, -1.0
+    for what, power in (("complex", _noise_with_echoes(0) + 1j), ("NaN", nan), ("negative", negative)):
+        try:
+            subject.plugin.detect(power)
+        except Exception:
+            continue
+        raise CheckFailedError(
+            f"accepts a map with {what} cells; raise InputError instead, as "
+            "isacbench.dsp.cfar.checked_power does"
+        )
+
+
+def _keeps_its_rate(subject: DetectorSubject) -> str:
+    detector = _at_rate(subject.plugin, RATE)
+    rates = [require_rate(detector, looks, LARGE, SEED, margin=LARGE[0] // 16) for looks in LOOKS]
+    measured = ", ".join(f"{rate:.4f} at {looks} looks" for rate, looks in zip(rates, LOOKS, strict=True))
+    return f"{detector.pfa:g} nominal, {measured}"
+
+
+def _keeps_its_rate_at_borders(subject: DetectorSubject) -> str:
+    """Measure at borders, where a mean over the whole map hides it; at a rate of 0, no cell is tested."""
+    try:
+        detector = _at_rate(subject.plugin, BORDER_RATE)
+        measured = {looks: _border_rates(detector, looks) for looks in LOOKS}
+    except InputError as error:
+        return f"refused in words: {error}"
+    for looks, rates in measured.items():
+        wrong = {name: rate for name, (rate, low, high) in rates.items() if not low <= rate <= high}
+        untested = [name for name, rate in wrong.items() if not rate]
+        if wrong and (not untested or any(rate > rates[name][2] for name, rate in wrong.items())):
+            shares = ", ".join(f"{rate:.3g} in the {name}" for name, rate in wrong.items())
+            raise CheckFailedError(
+                f"at pfa = {detector.pfa:g} and {looks} looks, the share of detected cells of white noise is "
+                f"{shares}: pad maps with nothing, let the window shift inwards there, and take the factor "
+                "of the cells that it then has (isacbench.dsp.cfar.windows_of)"
+            )
+        if untested:
+            raise DoubtfulError(
+                f"detects nothing in the {', '.join(untested)} of maps: echoes there are lost; let the "
+                "window shift inwards (isacbench.dsp.cfar.windows_of)"
+            )
+    every = [rate for rates in measured.values() for rate, *_ in rates.values()]
+    return f"{detector.pfa:g} nominal, {min(every):.3f} to {max(every):.3f} in rows, columns and corners"
+
+
+def _border_rates(detector: Any, looks: int) -> dict[str, tuple[float, float, float]]:
+    """Rate of false alarms and its limits, by the part of the border."""
+    noise = white_noise_map(BORDER_MAPS, SEED, looks)
+    _rate_limits(detector.pfa, noise[BORDERS["corners"]].size)
+    masks = np.stack([MapSubject(detector, power, looks).found.mask for power in noise])
+    parts = {name: masks[where] for name, where in BORDERS.items()}
+    return {
+        name: (float(part.mean()), *_rate_limits(detector.pfa, part.size)) for name, part in parts.items()
+    }
+
+
+def _at_rate(detector: Any, pfa: float) -> Any:
+    """Give a detector another rate, if it has a field for it."""
+    has_field = any(field.name == "pfa" for field in dataclasses.fields(detector))
+    return dataclasses.replace(detector, pfa=pfa) if has_field else detector
+
+
+def _is_fast(subject: DetectorSubject) -> str:
+    power = white_noise_map(LARGE, SEED)
+    return class_checks.timed_call(lambda: subject.plugin.detect(power), f"{LARGE[0]} x {LARGE[1]} cells")
+
+
+def _ordinary(subject: DetectorSubject) -> tuple[MapSubject]:
+    return (subject.ordinary,)
+
+
+TESTED = "detection"
+SHAPED = "shapes"
+DETECTOR_CHECKS = (
+    *class_checks.CLASS_CHECKS,
+    Check("pfa", _has_a_rate, needs=(class_checks.BUILT,)),
+    Check(TESTED, _returns_a_detection, needs=(CALLABLE,)),
+    MAP_SHAPES.of(_ordinary, TESTED),
+    MASK.of(_ordinary, SHAPED),
+    MAP_POWERS.of(_ordinary, SHAPED),
+    Check("map unchanged", _leaves_the_map, needs=(TESTED,)),
+    *class_checks.conduct_checks(SHAPED),
+    MAP_TWO_POWER_SCALE.of(_ordinary, "no memory", name="scale"),
+    Check("looks", _takes_looks, needs=("no memory", "threshold and noise")),
+    Check("1-D map", _takes_maps(_noise_with_echoes(0)[:, 7]), needs=(SHAPED,)),
+    Check("small maps", _takes_maps(np.ones((1, 1)), _noise_with_echoes(0)[:2, :3]), needs=(SHAPED,)),
+    Check("silence", _takes_silence, needs=(SHAPED,)),
+    Check("bad maps", _refuses_bad_maps, needs=(TESTED,)),
+    Check("false-alarm rate", _keeps_its_rate, needs=("pfa", SHAPED, "looks")),
+    Check("rate at borders", _keeps_its_rate_at_borders, needs=("false-alarm rate",)),
+    LISTED.of(_ordinary, SHAPED),
+    Check("time", _is_fast, needs=(TESTED,)),
+)

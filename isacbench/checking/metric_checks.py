@@ -4,33 +4,22 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isacbench.bench.kinds.kind import taken_columns
 from isacbench.bench.suites.suite_kinds import KINDS
+from isacbench.checking import class_checks
 from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError
-from isacbench.checking.class_checks import (
-    BUILT,
-    CALLABLE,
-    CLASS_CHECKS,
-    PluginSubject,
-    conduct_checks,
-    input_errors_fail,
-    refuse_writes,
-    timed_call,
-)
+from isacbench.checking.class_checks import BUILT, CALLABLE, PluginSubject
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.scoring import metric_scores, object_kinds
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.model.scene import Scenario
 
 SCENES = "street[seed=7]", "town[seed=7]"
 """Scenes whose images are scored."""
@@ -54,27 +43,22 @@ class MetricSubject(PluginSubject):
         """Scene with objects of several kinds."""
         return load_scenario(SCENES[0])
 
-    @cached_property
-    def image(self) -> PointCloud:
-        """Every third scatterer, a little beside its place."""
-        return _image(self.scenario)
-
     def scores(self, cloud: PointCloud) -> dict[str, float]:
         """Score an image of the scene."""
         return metric_scores(self.plugin, CloudPair.of(self.scenario, cloud))
 
     def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
         """Score an image of one of two scenes."""
-        scenario = load_scenario(SCENES[other])
-        scores = metric_scores(plugin or self.plugin, CloudPair.of(scenario, _image(scenario)))
+        scores = metric_scores(plugin or self.plugin, _pair(load_scenario(SCENES[other])))
         return [np.nan_to_num([*scores.values()], nan=-1.0)]
 
 
-def _image(scenario: Scenario) -> PointCloud:
-    truth = scenario.truth
-    rng = np.random.default_rng(len(truth))
-    xyz = truth.xyz[::3] + rng.normal(0, JITTER_M, truth.xyz[::3].shape)
-    return PointCloud(xyz, truth.velocity[::3], truth.power[::3])
+def _pair(scenario: Scenario) -> CloudPair:
+    """Pair a scene with an image of every third scatterer, a little beside its place."""
+    truth = scenario.truth.select(np.arange(0, len(scenario.truth), 3))
+    rng = np.random.default_rng(len(scenario.truth))
+    xyz = truth.xyz + rng.normal(0, JITTER_M, truth.xyz.shape)
+    return CloudPair.of(scenario, PointCloud(xyz, truth.velocity, truth.power))
 
 
 def _describes_its_columns(subject: MetricSubject) -> str:
@@ -88,9 +72,8 @@ def _describes_its_columns(subject: MetricSubject) -> str:
         raise CheckFailedError("columns has none, or two of one name: give each score a name of its own")
     if bare := [column.name for column in columns if not column.description]:
         raise CheckFailedError(f"column {bare[0]} has no description: say in a line what it is")
-    if taken := taken_columns(
-        subject.plugin_class, [name for kind in KINDS.values() for name in kind.columns]
-    ):
+    of_kinds = [name for kind in KINDS.values() for name in kind.columns]
+    if taken := taken_columns(subject.plugin_class, of_kinds):
         raise CheckFailedError(f"rows of a run have a column {taken[0]} already: give the score another name")
     for column in columns:
         suffix = SUFFIXES.get(column.unit, "")
@@ -104,8 +87,8 @@ def _describes_its_columns(subject: MetricSubject) -> str:
 
 
 def _scores_an_image(subject: MetricSubject) -> str:
-    with input_errors_fail():
-        scores = subject.scores(subject.image)
+    with class_checks.input_errors_fail():
+        scores = metric_scores(subject.plugin, _pair(subject.scenario))
     infinite = [name for name, value in scores.items() if math.isinf(value)]
     if infinite:
         raise CheckFailedError(f"{infinite[0]} is infinite: score it finite, or NaN where it has no value")
@@ -113,13 +96,14 @@ def _scores_an_image(subject: MetricSubject) -> str:
 
 
 def _leaves_the_clouds(subject: MetricSubject) -> None:
-    refuse_writes(lambda: subject.plugin.score(CloudPair.of(subject.scenario, subject.image)), "the clouds")
+    pair = _pair(subject.scenario)
+    class_checks.refuse_writes(lambda: subject.plugin.score(pair), "the clouds")
 
 
 def _knows_no_order(subject: MetricSubject) -> None:
-    order = np.random.default_rng(1).permutation(len(subject.image))
-    mixed = subject.scores(subject.image.select(order))
-    for name, value in subject.scores(subject.image).items():
+    image = _pair(subject.scenario).estimate
+    mixed = subject.scores(image.select(np.random.default_rng(1).permutation(len(image))))
+    for name, value in subject.scores(image).items():
         if not np.isclose(value, mixed[name], rtol=ROUNDING, atol=ROUNDING, equal_nan=True):
             raise CheckFailedError(
                 f"{name} depends on the order of points ({value:.6g} or {mixed[name]:.6g}): sort them, or do "
@@ -159,19 +143,18 @@ def _is_worse_far_off(subject: MetricSubject) -> None:
 
 
 def _is_fast(subject: MetricSubject) -> str:
-    pair = CloudPair.of(subject.scenario, subject.image)
-    return timed_call(
-        lambda: subject.plugin.score(pair), f"{len(pair.truth)} and {len(pair.estimate)} points"
-    )
+    pair = _pair(subject.scenario)
+    n_points = f"{len(pair.truth)} and {len(pair.estimate)} points"
+    return class_checks.timed_call(lambda: subject.plugin.score(pair), n_points)
 
 
 SCORED = "scores"
-METRIC_CHECKS: tuple[Check[Any], ...] = (
-    *CLASS_CHECKS,
+METRIC_CHECKS = (
+    *class_checks.CLASS_CHECKS,
     Check("columns", _describes_its_columns, needs=(BUILT,)),
     Check(SCORED, _scores_an_image, needs=(CALLABLE, "columns")),
     Check("clouds unchanged", _leaves_the_clouds, needs=(SCORED,)),
-    *conduct_checks(SCORED),
+    *class_checks.conduct_checks(SCORED),
     Check("order of points", _knows_no_order, needs=(SCORED,)),
     Check("no points", _scores_nothing, needs=(SCORED,)),
     Check("moved image", _is_worse_far_off, needs=(SCORED,)),

@@ -8,29 +8,28 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Timer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking.checks import Check, Finding, Status, run_checks
+from isacbench.checking.class_checks import PluginSubject
+from isacbench.checking.image_checks import ESTIMATOR_CHECKS, EstimatorSubject
+from isacbench.checking.map_checks import DETECTOR_CHECKS, DetectorSubject
+from isacbench.checking.metric_checks import METRIC_CHECKS, MetricSubject
 from isacbench.cores import one_blas_thread
-from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, did_you_mean, unknown_name
 from isacbench.files.escaping import quoted, visible
-from isacbench.plugins.discovery import (
-    GROUPS,
-    METHODS,
-    PluginFile,
-    PluginKind,
-    RegisteredPlugin,
-    entries,
-    entries_of,
-    isolated_plugins,
-    local_plugins,
-    register_plugin,
-)
+from isacbench.plugins import discovery
+from isacbench.plugins.contracts import Detector, Estimator, Metric
+from isacbench.plugins.discovery import GROUPS, METHODS, PluginFile, PluginKind, RegisteredPlugin, entries
+from isacbench.process_state import process_state_kept
 
-if TYPE_CHECKING:
-    from isacbench.plugins.contracts import Detector, Estimator, Metric
+CONTRACTS: dict[PluginKind, tuple[tuple[Check, ...], type[PluginSubject]]] = {
+    "estimator": (ESTIMATOR_CHECKS, EstimatorSubject),
+    "detector": (DETECTOR_CHECKS, DetectorSubject),
+    "metric": (METRIC_CHECKS, MetricSubject),
+}
+"""Checks of each kind of plugin, and the class of their subject."""
 
 CHECK_TIMEOUT_S = 120.0
 """Longest time of a check in s; it images small scenes a few times."""
@@ -69,7 +68,7 @@ class PluginFindings:
 
 
 @dataclass(frozen=True, repr=False)
-class CheckReport(Displayed):
+class CheckReport:
     """Findings about the plugins that were checked."""
 
     plugins: tuple[PluginFindings, ...]
@@ -88,28 +87,16 @@ class CheckReport(Displayed):
 
     def __repr__(self) -> str:
         """Write the counts, and a line for each warning and each failure."""
-        lines = [self._title]
+        counts = ", ".join(f"{number} {status}" for status, number in self.counts.items() if number)
+        lines = [f"Check of {', '.join(map(str, self.plugins))}: {counts}"]
         for plugin in self.plugins:
             of = f"{plugin.name}, " if len(self.plugins) > 1 else ""
             lines += [
-                visible(f"  {finding.status}: {of}{finding.check}: {finding.message}")
+                f"  {finding.status}: {of}{finding.check}: {finding.message}"
                 for finding in plugin.findings
                 if finding.status in ("warning", "failed")
             ]
-        return "\n".join(lines)
-
-    @property
-    def _title(self) -> str:
-        counts = ", ".join(f"{number} {status}" for status, number in self.counts.items() if number)
-        return visible(f"Check of {', '.join(map(str, self.plugins))}: {counts}")
-
-    def _description(self) -> Description:
-        facts = {
-            f"{plugin.name}: {finding.check}": f"{finding.status} {finding.message}"
-            for plugin in self.plugins
-            for finding in plugin.findings
-        }
-        return Description(self._title, facts)
+        return "\n".join(map(visible, lines))
 
 
 def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> CheckReport:
@@ -143,7 +130,7 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> Che
     True
     """
     if isinstance(plugin, (str, Path)):
-        with isolated_plugins():
+        with discovery.isolated_plugins():
             found = [entries(kind)[name] for kind, name in find_plugins(str(plugin))]
             return CheckReport(tuple(map(_findings, found)))
     plugin_class = plugin if isinstance(plugin, type) else type(plugin)
@@ -161,30 +148,17 @@ def check_plugin(kind: PluginKind, name: str) -> Iterator[Finding]:
 
 def check_names(kind: PluginKind) -> list[str]:
     """Names of the checks of a kind of plugin, in their order."""
-    return [check.name for check in _checks_of(kind)[0]]
-
-
-def _checks_of(kind: PluginKind) -> tuple[tuple[Check[Any], ...], type[Any]]:
-    """Checks of a kind of plugin, and the class of their subject."""
-    from isacbench.checking import detector_checks, estimator_checks, metric_checks
-
-    if kind == "estimator":
-        return estimator_checks.ESTIMATOR_CHECKS, estimator_checks.EstimatorSubject
-    if kind == "metric":
-        return metric_checks.METRIC_CHECKS, metric_checks.MetricSubject
-    return detector_checks.DETECTOR_CHECKS, detector_checks.DetectorSubject
+    return [check.name for check in CONTRACTS[kind][0]]
 
 
 def _checked(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding]:
     """Findings about a class, or about an instance of it."""
-    checks, subject_class = _checks_of(entry.kind)
-    return run_checks(checks, subject_class(entry, plugin))
+    checks, subject = CONTRACTS[entry.kind]
+    return run_checks(checks, subject(entry, plugin))
 
 
 def _findings(entry: RegisteredPlugin, plugin: object = None) -> PluginFindings:
     """All findings about a class, or about an instance of it, which leave this process as it was."""
-    from isacbench.process_state import process_state_kept
-
     with process_state_kept(), one_blas_thread():
         return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checked(entry, plugin)))
 
@@ -201,8 +175,8 @@ def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
     """
     if package_or_file.endswith(".py"):
         file = PluginFile.read(package_or_file)
-        register_plugin(file)
-        return [(entry.kind, entry.name) for entry in entries_of(file)]
+        discovery.register_plugin(file)
+        return [(entry.kind, entry.name) for entry in discovery.entries_of(file)]
     registered = [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
     found = [entry for entry in registered if package_or_file in _names(entry)]
     if not found:
@@ -250,17 +224,17 @@ def check_guarded(
     """
     names = check_names(kind)
     found: list[Finding] = []
-    with GuardedProcess(_start, kind, name, local_plugins()) as process:
-        try:
-            while len(found) < len(names):
-                timer = Timer(LONG_S, still_at, [names[len(found)]])
-                timer.start()
-                try:
-                    found.append(process.call(_next, timeout_s=timeout_s))
-                finally:
-                    timer.cancel()
-        except ProcessLostError as loss:
-            found.append(Finding(names[len(found)], "failed", LOSSES[loss.status].format(loss.reason)))
+    with GuardedProcess(_start, kind, name, discovery.local_plugins()) as process:
+        for running in names:
+            timer = Timer(LONG_S, still_at, [running])
+            timer.start()
+            try:
+                found.append(process.call(_next, timeout_s=timeout_s))
+            except ProcessLostError as loss:
+                found.append(Finding(running, "failed", LOSSES[loss.status].format(loss.reason)))
+                break
+            finally:
+                timer.cancel()
     return found + [Finding(name, "skipped", f"needs {found[-1].check!r}") for name in names[len(found) :]]
 
 
@@ -272,7 +246,7 @@ _checks: Iterator[Finding] = iter(())
 def _start(kind: PluginKind, name: str, plugins: tuple[PluginFile, ...]) -> None:
     global _checks
     for plugin in plugins:
-        register_plugin(plugin)
+        discovery.register_plugin(plugin)
     _checks = check_plugin(kind, name)
 
 

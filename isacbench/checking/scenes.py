@@ -72,11 +72,7 @@ little shows in their mean. The amplitudes differ, so that a power that follows 
 logarithm, differs from a power that lacks a factor.
 """
 
-RESOLVED = (
-    Echo(6.3, -2.2, -0.45, 0.31),
-    Echo(9.7, 1.4, 0.5, -0.42),
-    Echo(12.4, 3.1, 0.1, 0.55),
-)
+RESOLVED = (Echo(6.3, -2.2, -0.45, 0.31), Echo(9.7, 1.4, 0.5, -0.42), Echo(12.4, 3.1, 0.1, 0.55))
 """Three echoes that differ in range, velocity and direction."""
 
 
@@ -147,10 +143,9 @@ LONE_SNR_DB = 20.0
 SIX = Layout(array=(6, 6))
 
 
-@cache
 def ordinary() -> SmallScene:
     """Three scatterers seen by 6 x 6 elements."""
-    return observed(RESOLVED, SNR_DB, layout=SIX)
+    return with_array(6, 6)
 
 
 @cache

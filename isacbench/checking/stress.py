@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import math
+import platform
 import shlex
+import sys
 from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, suppress
+from itertools import product
+from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import pandas as pd
+
+import isacbench
 from isacbench.bench.cells.cell import seed_global_generators
+from isacbench.bench.store.provenance import git_state, machine, package_versions
+from isacbench.bench.store.run_folder import open_folder, replacing
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking import image_cases, map_cases
 from isacbench.checking.case import Case, Choice, Family, Whole
@@ -22,14 +32,17 @@ from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.process_state import process_state_kept
 from isacbench.specifications import parse_spec
 
-if TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
-
 TIMEOUT_S = 120.0
 """Longest time of a case in s; most take milliseconds, thousands of scatterers seconds."""
 
 BROKEN: frozenset[Status] = frozenset({"failed", "timeout", "killed"})
 """Ends of a case that are to be reported."""
+
+KEY = ["kind", "case", "estimator", "params", "seed"]
+CASE_COLUMNS = [*KEY, "outcome", "promise", "drift", "bound", "time_s", "message", "reproduce"]
+CHECK_COLUMNS = [*KEY, "promise", "outcome", "drift", "bound", "time_s", "message"]
+
+TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 
 FAMILIES: dict[str, Family] = {
     family.name: family
@@ -40,8 +53,10 @@ FAMILIES: dict[str, Family] = {
 """Families by name: all that the modules of cases define, in the order of the table."""
 
 
-def find_cases(text: str) -> list[Case]:
+def find_cases(text: str, kinds: Set[PluginKind] = frozenset()) -> list[Case]:
     """Cases of a specification: all of a family's table, or one, ``name[param=value,...]``.
+
+    Those of other kinds of plugins than are given are refused.
 
     Examples
     --------
@@ -54,6 +69,10 @@ def find_cases(text: str) -> list[Case]:
     if spec.name not in FAMILIES:
         raise unknown_name("family of cases", spec.name, FAMILIES)
     family = FAMILIES[spec.name]
+    if kinds and family.kind not in kinds:
+        raise InputError(
+            f"case {text!r} is a case for {family.kind}s, but only {' and '.join(kinds)}s were selected"
+        )
     return [family.case(**spec.params)] if "[" in text else family.cases()
 
 
@@ -62,18 +81,10 @@ def find_families(names: Sequence[str], kinds: Set[PluginKind]) -> list[Family]:
     for name in names:
         if "[" in name:
             raise InputError(f"case {name!r}: a search draws from families; give {name.partition('[')[0]}")
-        find_cases(name)
-        _require_kind(name, FAMILIES[name], kinds)
+        find_cases(name, kinds)
     return [
         family for family in FAMILIES.values() if family.kind in kinds and (family.name in names or not names)
     ]
-
-
-def _require_kind(text: str, family: Family, kinds: Set[PluginKind]) -> None:
-    if family.kind not in kinds:
-        raise InputError(
-            f"case {text!r} is a case for {family.kind}s, but only {' and '.join(kinds)}s were selected"
-        )
 
 
 class Target(NamedTuple):
@@ -90,20 +101,11 @@ class Target(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A case that a target is to go through.
-
-    Attributes
-    ----------
-    seed : int
-        Seed of what is random in the case.
-    options : tuple of str
-        Further options of the command that runs it alone: where the plugin is found.
-    """
+    """A case that a target is to go through; the seed is that of what is random in the case."""
 
     target: Target
     case: Case
     seed: int
-    options: tuple[str, ...] = ()
 
 
 class CaseResult(NamedTuple):
@@ -135,10 +137,11 @@ class CaseResult(NamedTuple):
     @property
     def reproduce(self) -> str:
         """Command that runs this case alone."""
-        target, case, seed, options = self.task
+        target, case, seed = self.task
+        plugins = [part for file in local_plugins() if file.path for part in ("--plugin", file.path)]
         option = "-e" if target.kind == "estimator" else "-d"
         return shlex.join(
-            ["isacbench", "stress", *options, option, target.spec, "--case", case.spec, "--seed", str(seed)]
+            ["isacbench", "stress", *plugins, option, target.spec, "--case", case.spec, "--seed", str(seed)]
         )
 
 
@@ -159,25 +162,16 @@ def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
     return list(dict.fromkeys(found))
 
 
-def tasks_of(
-    targets: Sequence[Target], cases: Sequence[str], seed: int, options: tuple[str, ...] = ()
-) -> list[Task]:
+def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list[Task]:
     """Every target through every case that is meant for it: of families or cases, without any of all tables.
 
     Refuses a case that is unknown, or meant for none of the targets.
     """
     kinds = {target.kind for target in targets}
-    chosen = [] if cases else [case for family in find_families([], kinds) for case in family.cases()]
-    for text in dict.fromkeys(cases):
-        members = find_cases(text)
-        _require_kind(text, members[0].family, kinds)
-        chosen += members
-    return [
-        Task(target, case, seed, options)
-        for target in targets
-        for case in chosen
-        if case.family.kind == target.kind
-    ]
+    texts = dict.fromkeys(cases) if cases else [family.name for family in find_families([], kinds)]
+    chosen = [case for text in texts for case in find_cases(text, kinds)]
+    pairs = product(targets, chosen)
+    return [Task(target, case, seed) for target, case in pairs if case.family.kind == target.kind]
 
 
 def run_case(case: Case, plugin: Any, seed: int = 0) -> list[Finding]:
@@ -186,41 +180,35 @@ def run_case(case: Case, plugin: Any, seed: int = 0) -> list[Finding]:
     There is one of the "input" alone where plugin and case do not come together.
     """
     made: list[Any] = []
-    put_together = Check[Any]("input", lambda one: made.extend(case.make(one, seed)))
-    finding = run_check(put_together, plugin, is_strict=True, may_refuse=case.may_refuse)
+    put_together = Check("input", lambda one: made.extend(case.make(one, seed)))
+    finding = run_check(put_together, plugin, is_strict=True)
     if not made:
         return [finding]
     subject, checks = made
     findings: list[Finding] = []
     for check in checks:
-        findings.append(run_check(check, subject, is_strict=True, may_refuse=case.may_refuse))
+        findings.append(run_check(check, subject, is_strict=True))
         if findings[0].status != "ok":
             break
     return findings
 
 
-class CaseRunner:
-    """One guarded process that runs cases of at most that many seconds; to be closed."""
+class CaseProcess(GuardedProcess):
+    """A guarded process that runs cases of at most that many seconds."""
 
-    def __init__(self, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, timeout_s: float) -> None:
+        super().__init__(_start, local_plugins())
         self._timeout_s = timeout_s
         self._target: Target | None = None
-        self._process = GuardedProcess(_start, local_plugins())
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.stop()
 
     def run(self, task: Task) -> CaseResult:
         """Put a target through a case; a plugin that hangs or dies has a finding, too."""
-        target, case, seed = task[:3]
+        target, case, seed = task
         if self._target not in (None, target):
-            self._process.renew()  # whatever one plugin has done to its process, the next has another
+            self.renew()  # whatever one plugin has done to its process, the next has another
         self._target = target
         try:
-            findings = self._process.call(
-                _run, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s
-            )
+            findings = self.call(_run, target.kind, target.spec, case.spec, seed, timeout_s=self._timeout_s)
         except ProcessLostError as loss:
             time_s = self._timeout_s if loss.status == "timeout" else math.nan
             findings = [Finding("finite", loss.status, loss.reason, time_s=time_s)]
@@ -229,28 +217,28 @@ class CaseRunner:
 
 def run_cases(tasks: Sequence[Task], jobs: int = 1, timeout_s: float = TIMEOUT_S) -> Iterator[CaseResult]:
     """Run tasks in that many processes side by side; results come in the order of the tasks."""
-    idle: SimpleQueue[CaseRunner] = SimpleQueue()
+    idle: SimpleQueue[CaseProcess] = SimpleQueue()
     with ExitStack() as stack:
         threads = stack.enter_context(ThreadPoolExecutor(jobs))
         for _ in range(jobs):
-            idle.put(stack.enter_context(closing(CaseRunner(timeout_s))))
+            idle.put(stack.enter_context(CaseProcess(timeout_s)))
         stack.callback(threads.shutdown, wait=False, cancel_futures=True)
 
         def run_one(task: Task) -> CaseResult:
-            runner = idle.get()
+            process = idle.get()
             try:
-                return runner.run(task)
+                return process.run(task)
             finally:
-                idle.put(runner)
+                idle.put(process)
 
         yield from threads.map(run_one, tasks)
 
 
-def cases_from(family: Family) -> SearchStrategy[Case]:
-    """Strategy of all cases of a family, from its spaces."""
+def cases_from(family: Family) -> Any:
+    """Make the strategy of hypothesis that draws from all cases of a family."""
     from hypothesis import strategies as st
 
-    def values(space: Any) -> SearchStrategy[Any]:
+    def values(space: Any) -> Any:
         if isinstance(space, Choice):
             return st.sampled_from(space.values)
         if isinstance(space, Whole):
@@ -270,7 +258,6 @@ def search(
     n_examples: int,
     seed: int,
     timeout_s: float,
-    options: tuple[str, ...] = (),
     progress: Callable[[Target, Family], None] = lambda target, family: None,
 ) -> Iterator[CaseResult]:
     """Draw that many cases for each target and family, and yield the simplest that is broken, if any is.
@@ -278,49 +265,91 @@ def search(
     The seed is that of the draws and of what is random in a case. `progress` is called with each target and
     family before they are searched.
     """
-    with closing(CaseRunner(timeout_s)) as runner:
-        for target in targets:
-            for family in families:
-                if family.kind == target.kind:
-                    progress(target, family)
-                    yield from _simplest_broken(runner, target, family, n_examples, seed, options)
-
-
-def _simplest_broken(
-    runner: CaseRunner,
-    target: Target,
-    family: Family,
-    n_examples: int,
-    seed: int,
-    options: tuple[str, ...],
-) -> list[CaseResult]:
-    """Simplest broken case of a family that can be found: the last one that hypothesis tries."""
     import hypothesis
-    from hypothesis import HealthCheck, Phase
 
-    found: list[CaseResult] = []
-
-    @hypothesis.seed(seed)
-    @hypothesis.settings(
+    settings = hypothesis.settings(
         max_examples=n_examples,
         deadline=None,
         database=None,
-        phases=(Phase.generate, Phase.shrink),
-        suppress_health_check=list(HealthCheck),
+        phases=(hypothesis.Phase.generate, hypothesis.Phase.shrink),
+        suppress_health_check=list(hypothesis.HealthCheck),
         report_multiple_bugs=False,
     )
-    @hypothesis.given(cases_from(family))
-    def attempt(case: Case) -> None:
-        result = runner.run(Task(target, case, seed, options))
-        if result.is_broken:
-            found[:] = [result]
-            raise _FoundError
+    found: list[CaseResult] = []
+    with CaseProcess(timeout_s) as process:
+        for target, family in product(targets, families):
+            if family.kind != target.kind:
+                continue
 
-    try:
-        attempt()
-    except _FoundError:
-        return found
-    return []
+            @hypothesis.seed(seed)
+            @settings
+            @hypothesis.given(cases_from(family))
+            def attempt(case: Case) -> None:
+                result = process.run(Task(target, case, seed))  # noqa: B023, called in this turn
+                if result.is_broken:
+                    found[:] = [result]  # the last one that is tried is the simplest
+                    raise _FoundError
+
+            progress(target, family)
+            found.clear()
+            with suppress(_FoundError):
+                attempt()
+            yield from found
+
+
+def case_table(results: Sequence[CaseResult]) -> pd.DataFrame:
+    """A row a case and target, with the check that is broken, or came closest to its bound."""
+    rows = [
+        _columns(result, result.worst)
+        | {"outcome": result.status, "time_s": result.time_s, "reproduce": result.reproduce}
+        for result in results
+    ]
+    return pd.DataFrame(rows, columns=CASE_COLUMNS)
+
+
+def check_table(results: Sequence[CaseResult]) -> pd.DataFrame:
+    """A row a check, case and target."""
+    rows = [_columns(result, finding) for result in results for finding in result.findings]
+    return pd.DataFrame(rows, columns=CHECK_COLUMNS)
+
+
+def _columns(result: CaseResult, finding: Finding) -> dict[str, Any]:
+    target, case, seed = result.task
+    values = [
+        *(target.kind, case.spec, target.name, target.params, seed, finding.check, finding.status),
+        *(finding.difference, finding.bound, finding.time_s, finding.message),
+    ]
+    return dict(zip(CHECK_COLUMNS, values, strict=True))
+
+
+def write_stress_tables(folder: Path, results: Sequence[CaseResult], *, timeout_s: float) -> list[Path]:
+    """Write both tables, and what made them, in place of older ones."""
+    about = {
+        "isacbench": isacbench.__version__,
+        "git": git_state(),
+        "python": platform.python_version(),
+        "packages": package_versions(),
+        "machine": machine(),
+        "argv": sys.argv,
+        "seeds": sorted({result.task.seed for result in results}),
+        "timeout_s": timeout_s,
+        "n_cases": len(results),
+        "n_findings": sum(result.is_broken for result in results),
+    }
+    content = {
+        TABLE: case_table(results).to_csv(index=False),
+        PROMISES: check_table(results).to_csv(index=False),
+        ABOUT: json.dumps(about, indent=2, ensure_ascii=False) + "\n",
+    }
+    for name, text in content.items():
+        with replacing(folder / name) as path:
+            path.write_text(text, encoding="utf-8")
+    return [folder / name for name in content]
+
+
+def open_stress_folder(folder: Path) -> AbstractContextManager[Path]:
+    """Create the folder of a stress run, or enter one to replace its tables, and keep others out."""
+    return open_folder(folder, {TABLE, PROMISES, ABOUT}, "a stress run")
 
 
 # What follows runs in the process.

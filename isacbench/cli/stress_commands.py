@@ -66,7 +66,7 @@ def stress_command(
 
     start_process_server()
     from isacbench.bench.store.run_folder import default_folder
-    from isacbench.checking import stress, stress_tables
+    from isacbench.checking import stress
     from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
     from isacbench.report import findings as stress_findings
 
@@ -77,17 +77,16 @@ def stress_command(
         *stress.find_targets("estimator", estimator or ()),
         *stress.find_targets("detector", detector or ()),
     ]
-    options = tuple(part for path in plugin or () for part in ("--plugin", str(path)))
     if search is None:
-        running = stress.run_cases(stress.tasks_of(targets, case or [], seed, options), jobs, timeout)
+        running = stress.run_cases(stress.tasks_of(targets, case or [], seed), jobs, timeout)
     else:
         _require_search(search, jobs)
         families = stress.find_families(case or [], {target.kind for target in targets})
-        running = stress.search(targets, families, search, seed, timeout, options, _say_family)
+        running = stress.search(targets, families, search, seed, timeout, _say_family)
     results: list[CaseResult] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
-    with stress_tables.open_stress_folder(folder):
+    with stress.open_stress_folder(folder):
         try:
             if not as_json:
                 say(stress_findings.HEADER)
@@ -99,13 +98,13 @@ def stress_command(
             interrupted = True
         finally:
             # Whatever ends this, a terminal that is gone included.
-            paths = stress_tables.write_stress_tables(folder, results, timeout_s=timeout)
+            paths = stress.write_stress_tables(folder, results, timeout_s=timeout)
     if as_json:
         print_json(stress_findings.describe_stress(results))
     else:
         if search is None and results:
-            print_table(stress_findings.promise_grid(stress_tables.check_table(results)))
-            print_table(stress_findings.family_grid(stress_tables.case_table(results)))
+            print_table(stress_findings.promise_grid(stress.check_table(results)))
+            print_table(stress_findings.family_grid(stress.case_table(results)))
         if search is None or interrupted:
             say(stress_findings.summary(results))
         else:

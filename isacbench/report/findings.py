@@ -14,8 +14,7 @@ from rich.text import Text
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.charts import Table, text_table
-from isacbench.checking.stress import BROKEN, CaseResult
-from isacbench.checking.stress_tables import case_table
+from isacbench.checking.stress import BROKEN, CaseResult, case_table
 from isacbench.files.escaping import counted, visible, visible_lines
 
 if TYPE_CHECKING:

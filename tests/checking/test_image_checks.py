@@ -138,10 +138,11 @@ def test_an_exception_fails_the_first_check_with_its_place_and_the_others_are_no
 
 
 def _optional(plugin, seed):
-    return ImageSubject(plugin, observed(RESOLVED, 60.0, seed)), (FINITE, Check("never", lambda subject: 1.0))
+    subject = ImageSubject(plugin, observed(RESOLVED, 60.0, seed), may_refuse=True)
+    return subject, (FINITE, Check("never", lambda subject: 1.0))
 
 
-OPTIONAL = Family("optional", "estimator", _optional, [{}], {}, lambda: True).case()
+OPTIONAL = Family("optional", "estimator", _optional, [()], {}).case()
 """A case that may be refused."""
 
 

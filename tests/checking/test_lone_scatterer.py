@@ -9,9 +9,12 @@ import pytest
 
 from isacbench.checking import scenes
 from isacbench.checking.checks import CheckFailedError, DoubtfulError
-from isacbench.checking.image_checks import ImageSubject
-from isacbench.checking.known_mistakes import places_of_mistakes
-from isacbench.checking.lone_scatterer import AXES, MISS_CELLS, require_lone_scatterer
+from isacbench.checking.lone_scatterer import (
+    AXES,
+    MISS_CELLS,
+    places_of_mistakes,
+    require_lone_scatterer,
+)
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from tests.conftest import slow_but
@@ -75,8 +78,7 @@ ALIKE = {"sidelobes as strong": {"lowest_db": -20.0, "alike": True}}
 
 def judged(**options):
     """Look at the image of a beamformer."""
-    estimator = Beamformer(**options)
-    return require_lone_scatterer({name: ImageSubject(estimator, scenes.lone(name)) for name in VIEWS})
+    return require_lone_scatterer(Beamformer(**options))
 
 
 def message(error, **options):

@@ -12,7 +12,7 @@ from isacbench_algorithms import references
 from typer.testing import CliRunner
 
 import isacbench
-from isacbench.checking import detector_checks, estimator_checks, plugin_check
+from isacbench.checking import image_checks, map_checks, plugin_check
 from isacbench.checking.plugin_check import check_guarded, check_names, check_plugin, find_plugins
 from isacbench.cli import app
 from isacbench.errors import InputError
@@ -93,7 +93,7 @@ class Blind:
 @pytest.fixture
 def small_maps(monkeypatch):
     """Measure rates on a sixteenth of the map."""
-    monkeypatch.setattr(detector_checks, "LARGE", (128, 128))
+    monkeypatch.setattr(map_checks, "LARGE", (128, 128))
 
 
 @pytest.fixture
@@ -102,14 +102,14 @@ def small_maps_and_few_images(small_maps, monkeypatch):
 
     What asks for an answer of the plugin, in order to compare two, gets an image of its own.
     """
-    monkeypatch.setattr(detector_checks, "LOOKS", (1, 4))
+    monkeypatch.setattr(map_checks, "LOOKS", (1, 4))
     monkeypatch.setattr(references, "N_REALISATIONS", 8)
-    image, images = estimator_checks.EstimatorSubject.of, {}
+    image, images = image_checks.EstimatorSubject.of, {}
 
     def of(subject, scene, *asked):
         return image(subject, scene, *asked) if asked else images.setdefault(scene, image(subject, scene))
 
-    monkeypatch.setattr(estimator_checks.EstimatorSubject, "of", of)
+    monkeypatch.setattr(image_checks.EstimatorSubject, "of", of)
 
 
 @pytest.mark.parametrize(("kind", "name"), find_plugins("isacbench"))

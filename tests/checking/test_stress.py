@@ -13,13 +13,18 @@ from typer.testing import CliRunner
 
 import isacbench
 from isacbench.checking import stress
-from isacbench.checking.stress import BROKEN, FAMILIES, find_targets, run_cases, search, tasks_of
-from isacbench.checking.stress_tables import (
+from isacbench.checking.stress import (
+    BROKEN,
+    FAMILIES,
     PROMISES,
     TABLE,
     case_table,
     check_table,
+    find_targets,
     open_stress_folder,
+    run_cases,
+    search,
+    tasks_of,
     write_stress_tables,
 )
 from isacbench.cli import app

@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 
 import isacbench
-from isacbench.checking import detector_checks
+from isacbench.checking import map_checks
 from tests.documents.sources import FILES
 
 WITH_EXAMPLES = [name for name, path in FILES.items() if ">>> " in path.read_text(encoding="utf-8")]
@@ -19,7 +19,7 @@ def scenes_made_once():
     with pytest.MonkeyPatch.context() as patch:
         for name in ("load_scenario", "observe"):
             patch.setattr(isacbench, name, cache(getattr(isacbench, name)))
-        patch.setattr(detector_checks, "LARGE", (128, 128))
+        patch.setattr(map_checks, "LARGE", (128, 128))
         yield
 
 
