@@ -255,6 +255,25 @@ def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]
     return list(found.values())
 
 
+def tables_of_columns(
+    title: str,
+    first: Sequence[Column],
+    rows: Sequence[Mapping[Any, Any]],
+    headings: Mapping[Any, str],
+    form: Callable[[Any], str],
+    n_columns: int,
+) -> list[Table]:
+    """Tabulate rows as `spread_rows` gives them: some first columns, then at most `n_columns` a table.
+
+    Those are named by their keys in the rows and have their headings and a form in common.
+    """
+    found = []
+    for keys in batched(headings, n_columns):
+        columns = [Column(headings[key], key, form, part=part) for part, key in enumerate(keys, start=1)]
+        found.append(Table(title, [*first, *columns], rows))
+    return found
+
+
 def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
     """Cut a list into parts of at most `n`."""
     listed = list(items)

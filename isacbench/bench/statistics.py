@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
 from isacbench.bench.cells.statuses import failed
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 TIME = "time_estimate_s"
 CONFIDENCE = 0.95
@@ -70,6 +66,16 @@ def mean_band(values: Floats) -> tuple[float, float]:
     return float(values.mean()), float(student_band(values.std(ddof=1), values.size))
 
 
+def means_and_bands(groups: Any, names: Sequence[str]) -> pd.DataFrame:
+    """Mean of each column in groups of a table, ``<name>_mean``, and its ``<name>_band`` (`student_band`)."""
+    mean, deviation, count = (getattr(groups[[*names]], what)() for what in ("mean", "std", "count"))
+    bands = student_band(deviation, count)
+    columns: dict[str, Any] = {}
+    for place, name in enumerate(names):
+        columns |= {f"{name}_mean": mean[name], f"{name}_band": bands[:, place]}
+    return pd.DataFrame(columns, index=mean.index)
+
+
 def median_interval(values: Floats) -> tuple[float, float, float]:
     """Median and its 95 % confidence interval, for any distribution.
 
@@ -98,10 +104,10 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
     ordered = np.sort(values)
     # Rank of the ends of the interval, counted from either end of the values.
     outside = int((2 * bdtr(np.arange(n // 2), n, 0.5) <= 1 - CONFIDENCE).sum())
-    low, high = (
-        (float(ordered[outside - 1]), float(ordered[n - outside])) if outside else (math.nan, math.nan)
-    )
-    return float(np.median(ordered)), low, high
+    median = float(np.median(ordered))
+    if not outside:
+        return median, math.nan, math.nan
+    return median, float(ordered[outside - 1]), float(ordered[n - outside])
 
 
 def rms_interval(values: Floats) -> tuple[float, float, float]:
@@ -219,6 +225,12 @@ def time_words(rows: pd.DataFrame) -> str:
     """Say what the times of a run are: those of cells that ran beside others mislead."""
     is_alone = rows["timing"].astype(bool)[~failed(rows)].all()
     return "median processor time" + ("" if is_alone else " (not measured alone)")
+
+
+def time_notes(rows: pd.DataFrame, by: Sequence[str]) -> dict[Any, str]:
+    """End of the title of each group of rows: the median time of its cells, where any did not fail."""
+    words, times_s = time_words(rows), median_times(rows, by)[f"{TIME}_median"]
+    return {key: f"; {words} {1e3 * time_s:.1f} ms" for key, time_s in times_s.items()}
 
 
 def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] = (TIME,)) -> pd.DataFrame:

@@ -10,7 +10,7 @@ import pandas as pd
 from isacbench.bench.cells.statuses import failed
 from isacbench.bench.compare.estimator_pairs import spell_apart
 from isacbench.bench.compare.statistics import MIN_INTERVAL_TRIALS
-from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios
+from isacbench.bench.kinds.scores import POINT_FAMILIES, hausdorff_ratios
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class SceneScores(NamedTuple):
 
 
 def with_ratios(run: Run) -> pd.DataFrame:
-    """Add the column ``ratio``, that of `isacbench.bench.kinds.ratios.hausdorff_ratios`.
+    """Add the column ``ratio``, that of `isacbench.bench.kinds.scores.hausdorff_ratios`.
 
     Counts of lone scatterers become NaN in scenes of other families.
     """

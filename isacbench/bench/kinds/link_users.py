@@ -6,32 +6,26 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 from isacbench.bench.cells.isolation import array_digest
-from isacbench.bench.cells.timing import Trial
-from isacbench.bench.kinds.scenes import Scene, SharedObservation, distinct_entries, entry_of
+from isacbench.bench.cells.record import Outcome
+from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation, distinct_entries, entry_of
 from isacbench.bench.suites.scenario_digest import described_fields, digest
+from isacbench.bench.suites.suite import Suite
+from isacbench.choices import Modulation
 from isacbench.errors import InputError, unknown_name
-from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, require_closed_form
+from isacbench.link.reception.channel import Awgn, Channel, TappedDelay, TwoRay, require_closed_form
 from isacbench.link.reception.channel_estimation import require_estimable
-from isacbench.link.reception.receiver import Knowledge, expected_ber, receive
+from isacbench.link.reception.receiver import Knowledge, Reception, expected_ber, receive
 from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.echo import random_stream
+from isacbench.model.numerology import System
 from isacbench.plugins.parameters import canonical_params
 from isacbench.plugins.registry import construct
 from isacbench.specifications import parse_spec
-
-if TYPE_CHECKING:
-    from isacbench.bench.cells.record import Cell, Outcome
-    from isacbench.bench.kinds.scenes import Entry
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.choices import Modulation
-    from isacbench.link.reception.channel import Channel
-    from isacbench.link.reception.receiver import Reception
-    from isacbench.model.numerology import System
 
 
 @dataclass(frozen=True)
@@ -64,64 +58,37 @@ class Arrival(SharedObservation):
     system: System
     channel: Channel
 
-    @property
-    def n_true(self) -> int:
-        """Number of bits of the frame."""
-        return self.grid.bits.size
-
     def digest(self) -> str:
         """Digest of the frame."""
         return digest([array_digest(self.grid.symbols), array_digest(self.grid.bits)])
 
-    def _outcome(self, cell: Cell, plugin: OneTap) -> Outcome:
-        return self._counted_outcome(cell, partial(self._receive, plugin), partial(self._count, plugin))
+    def _call(self, plugin: OneTap, prepared: None) -> Reception:
+        return receive(self.grid, self.system, self.channel, self.cell.snr_db, **self._given(plugin))
 
-    def _trial(
-        self, plugin: OneTap, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        def receive_again(_: None) -> Reception:
-            return self._receive(plugin)
-
-        def is_same(reception: Reception) -> bool:
-            return bool(reception.n_bit_errors == met.extras["n_bit_errors"])
-
-        return Trial(before_each, receive_again), is_same
-
-    def _receive(self, receiver: OneTap) -> Reception:
-        return receive(self.grid, self.system, self.channel, self.cell.snr_db, **self._given(receiver))
+    def _same_as(self, met: Outcome) -> Callable[[Reception], bool]:
+        return lambda reception: bool(reception.n_bit_errors == met.extras["n_bit_errors"])
 
     def _given(self, receiver: OneTap) -> dict[str, Any]:
         """Conditions of a reception besides frame, channel and SNR."""
         return {**dataclasses.asdict(receiver), "trial": self.cell.trial, "seed": self.cell.seed}
 
-    def _count(self, receiver: OneTap, reception: Reception) -> tuple[int, dict[str, Any]]:
+    def _count(self, plugin: OneTap, result: Reception) -> tuple[int, dict[str, Any]]:
         """Number of bits that came out right, and the columns of a reception."""
-        modulation = self.grid.modulation
+        modulation, snr_db = self.grid.modulation, self.cell.snr_db
         rates = frame_rates(self.system, modulation)
-        ber_expected = expected_ber(
-            modulation, self.system, self.channel, self.cell.snr_db, **self._given(receiver)
-        )
-        return reception.n_bits - reception.n_bit_errors, {
-            "n_bits": reception.n_bits,
-            "n_bit_errors": reception.n_bit_errors,
-            "ber_expected": ber_expected,
-            "rate_bps": float(rates.achievable_rate_bps(min(reception.ber, 0.5))),
-            "evm_db": reception.evm_db,
-            "channel_error_db": reception.channel_error_db,
+        expected = expected_ber(modulation, self.system, self.channel, snr_db, **self._given(plugin))
+        return result.n_bits - result.n_bit_errors, {
+            "n_bits": result.n_bits,
+            "n_bit_errors": result.n_bit_errors,
+            "ber_expected": expected,
+            "rate_bps": float(rates.achievable_rate_bps(min(result.ber, 0.5))),
+            "evm_db": result.evm_db,
+            "channel_error_db": result.channel_error_db,
         }
 
 
 class UserScene(Scene):
-    """Channel, modulation, and the receivers behind them.
-
-    Parameters
-    ----------
-    text : str
-        Channel as the suite writes it.
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    entries : sequence of Entry
-        Receivers.
-    """
+    """Channel (`text` as the suite writes it), modulation, and the receivers behind them."""
 
     def __init__(
         self,
@@ -134,9 +101,11 @@ class UserScene(Scene):
     ) -> None:
         self._system, self._channel = system, channel
         self._labels = {"channel": text, "modulation": modulation}
-        draw = partial(draw_grid, system, modulation, seed=suite.seed)
-        name = f"user-{text}-{modulation}"
-        super().__init__(suite, name, entries, suite.snr_db or (), lambda trial: draw(trial=trial))
+
+        def draw(trial: int) -> ResourceGrid:
+            return draw_grid(system, modulation, seed=suite.seed, trial=trial)
+
+        super().__init__(suite, f"user-{text}-{modulation}", entries, suite.snr_db or (), draw)
 
     @cached_property
     def content(self) -> str:
@@ -146,8 +115,8 @@ class UserScene(Scene):
 
     def observe(self, snr_db: float, trial: int) -> Arrival:
         """Send a frame, for all receivers."""
-        grid = self._drawn_once(trial)
-        return Arrival(self._cell(snr_db, trial), self._labels, grid, self._system, self._channel)
+        grid, cell = self._drawn_once(trial), self._cell(snr_db, trial)
+        return Arrival(cell, self._labels, grid.bits.size, grid, self._system, self._channel)
 
 
 def user_scenes(

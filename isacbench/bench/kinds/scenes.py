@@ -12,7 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -67,13 +67,7 @@ class Entry(Generic[Plugin]):
     labels: Mapping[str, Any] = field(default_factory=dict)
 
     def cell(self, of: Cell) -> Cell:
-        """Key of its row.
-
-        Parameters
-        ----------
-        of : Cell
-            Key that it shares with the other entries.
-        """
+        """Key of its row, from that which it shares with the other entries."""
         return dataclasses.replace(of, estimator=self.name, params=self.params)
 
 
@@ -87,89 +81,72 @@ class SharedObservation(ABC):
         Key of its rows, without an entry.
     labels : mapping of str to Any
         Further columns of every row.
+    n_true : int
+        Number of things to be found, the column ``n_true`` of a failure.
     """
 
     cell: Cell
     labels: Mapping[str, Any]
-
-    @property
-    @abstractmethod
-    def n_true(self) -> int:
-        """Number of things to be found, the column ``n_true`` of a failure."""
+    n_true: int
 
     @abstractmethod
     def digest(self) -> str:
         """Digest of the observation: another one as soon as an entry has changed it."""
 
     @abstractmethod
-    def _outcome(self, cell: Cell, plugin: Any) -> Outcome:
-        """Row of a plugin that meets the observation; an exception becomes its reason."""
+    def _call(self, plugin: Any, prepared: Any) -> Any:
+        """Let a plugin work on the observation, or on what was prepared of it for one repeat."""
 
     @abstractmethod
-    def _trial(
-        self, plugin: Any, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        """Trial to time, and a function that tells whether its result is the one that `met` tells of."""
+    def _same_as(self, met: Outcome) -> Callable[[Any], bool]:
+        """Function that tells whether the result of a repeat is the one that `met` tells of."""
+
+    def _prepared(self) -> Any:
+        """Input of one repeat, which is made anew and not timed."""
+        return None
+
+    def _count(self, plugin: Any, result: Any) -> tuple[int, Mapping[str, Any]]:
+        """Number of things that were found, and further columns of the row; not of images."""
+        raise NotImplementedError
 
     def meet(self, entry: Entry[Any]) -> Outcome:
-        """Let an entry work on the observation.
-
-        Returns
-        -------
-        Outcome
-            A failure with its reason where the entry raises.
-        """
+        """Let an entry work on the observation; an exception becomes the reason of a failure."""
         return self._labelled(entry, self._outcome(entry.cell(self.cell), entry.plugin))
 
     def time_repeats(
         self, entry: Entry[Any], met: Outcome, n: int, before_each: Callable[[], None]
     ) -> Outcome:
-        """Time repeats of what an entry has made of the observation.
+        """Time `n` repeats of what an entry has made of the observation, `met`; add their times to it.
 
-        Parameters
-        ----------
-        met : Outcome
-            Of the entry when it met the observation.
-        n : int
-            Repeats.
-        before_each : callable
-            Called before each repeat.
-
-        Returns
-        -------
-        Outcome
-            With the times of the repeats.
+        `before_each` is called before each repeat.
         """
-        trial, is_same = self._trial(entry.plugin, met, before_each)
-        return self._labelled(entry, timed(met, entry.cell(self.cell), trial, n, is_same))
+
+        def prepare() -> Any:
+            before_each()
+            return self._prepared()
+
+        trial = Trial(prepare, partial(self._call, entry.plugin))
+        return self._labelled(entry, timed(met, entry.cell(self.cell), trial, n, self._same_as(met)))
 
     def failure_row(self, entry: Entry[Any], status: CellStatus, reason: str, time_s: float) -> Outcome:
-        """Row of an entry that left no other trace.
-
-        Parameters
-        ----------
-        time_s : float
-            Until it failed.
-        """
+        """Row of an entry that failed after a time and left no other trace."""
         return self._labelled(entry, failure(entry.cell(self.cell), status, reason, self.n_true, time_s))
 
     def _labelled(self, entry: Entry[Any], outcome: Outcome) -> Outcome:
         return outcome.labelled({**self.labels, **entry.labels})
 
-    def _counted_outcome(
-        self, cell: Cell, work: Callable[[], Any], count: Callable[[Any], tuple[int, Mapping[str, Any]]]
-    ) -> Outcome:
-        """Row of an entry without a cloud: its work timed, the number that it found, and further columns."""
+    def _outcome(self, cell: Cell, plugin: Any) -> Outcome:
+        """Row of a plugin: its work timed, what it found counted, and no cloud."""
         start = time.perf_counter()
         try:
             started_s = time.process_time()
-            result = work()
+            result = self._call(plugin, None)
             time_s = time.process_time() - started_s
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             return failed_by(error, cell, self.n_true, time.perf_counter() - start)
-        n_found, extras = count(result)
+        n_found, extras = self._count(plugin, result)
         record = Record(
             **vars(cell),
             status="ok" if n_found else "no_detection",
@@ -209,8 +186,7 @@ class Scene(ABC):
         snr_db: Sequence[float],
         draw: Callable[[int], Any],
     ) -> None:
-        self.name, self.entries, self.snr_db = name, entries, snr_db
-        self._suite = suite
+        self.name, self.entries, self.snr_db, self._suite = name, entries, snr_db, suite
         self._drawn_once = lru_cache(maxsize=1)(draw)
 
     @property
@@ -227,13 +203,7 @@ class Scene(ABC):
         self._drawn_once.cache_clear()
 
     def draws(self, n_trials: int) -> pd.DataFrame:
-        """Tabulate the scatterers that were drawn; by default none.
-
-        Returns
-        -------
-        DataFrame
-            One row a scatterer, columns as in `isacbench.bench.store.run.Run.draws`.
-        """
+        """Tabulate the scatterers that were drawn, with the columns `DRAW_COLUMNS`; by default none."""
         return pd.DataFrame(columns=DRAW_COLUMNS)
 
     def _cell(self, snr_db: float, trial: int) -> Cell:
@@ -261,11 +231,6 @@ class SharedImage(SharedObservation):
     measure: Measure | None
     metrics: Metrics = PAPER_ALONE
 
-    @property
-    def n_true(self) -> int:
-        """Number of true scatterers."""
-        return len(self.scenario.truth)
-
     def digest(self) -> str:
         """Digest of the observation."""
         shown = self.observation
@@ -277,20 +242,14 @@ class SharedImage(SharedObservation):
     def _outcome(self, cell: Cell, plugin: Estimator) -> Outcome:
         return run_cell(cell, self.scenario, self.observation, plugin, self.measure, self.metrics)
 
-    def _trial(
-        self, plugin: Estimator, met: Outcome, before_each: Callable[[], None]
-    ) -> tuple[Trial, Callable[[Any], bool]]:
-        def prepare() -> Observation:
-            before_each()
-            return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
+    def _prepared(self) -> Observation:
+        return dataclasses.replace(self.observation)  # what an observation remembers is not passed on
 
-        def estimate(observation: Observation) -> PointCloud:
-            return estimate_cloud(plugin, observation, self.scenario.truth)
+    def _call(self, plugin: Estimator, prepared: Observation) -> PointCloud:
+        return estimate_cloud(plugin, prepared, self.scenario.truth)
 
-        def is_same(cloud: PointCloud) -> bool:
-            return np.array_equal(cloud.to_array(), met.cloud.to_array())
-
-        return Trial(prepare, estimate), is_same
+    def _same_as(self, met: Outcome) -> Callable[[PointCloud], bool]:
+        return lambda cloud: np.array_equal(cloud.to_array(), met.cloud.to_array())
 
 
 def _values(part: object) -> tuple[str, object]:
@@ -302,6 +261,8 @@ def _values(part: object) -> tuple[str, object]:
 
 class ImagedScene(Scene):
     """Scene that estimators image: the same in every trial, or drawn anew.
+
+    An `InputError` if nothing can be scored, for there are no scatterers.
 
     Parameters
     ----------
@@ -337,7 +298,6 @@ class ImagedScene(Scene):
         suite: Suite,
         scenario: Scenario,
         entries: Sequence[Entry[Estimator]],
-        snr_db: Sequence[float],
         *,
         name: str | None = None,
         draw: Callable[[int], Scenario] | None = None,
@@ -349,8 +309,13 @@ class ImagedScene(Scene):
         self.template, self.measure, self.metrics, self.labels = scenario, measure, metrics, labels or {}
         self.is_drawn = draw is not None
         self._draw = draw
-        name = scenario.name if name is None else name
-        super().__init__(suite, name, entries, snr_db, lambda trial: simulator(self.drawn(trial)))
+        first = self.drawn(0)
+        if not len(first.scatterers):
+            raise InputError(f"scenarios: {scenario.name!r} has no scatterers, so that nothing can be scored")
+        snrs_db = element_snrs_db(suite, gain_db(first))
+        super().__init__(
+            suite, name or scenario.name, entries, snrs_db, lambda trial: simulator(self.drawn(trial))
+        )
 
     @cached_property
     def content(self) -> str:
@@ -360,32 +325,26 @@ class ImagedScene(Scene):
     def observe(self, snr_db: float, trial: int) -> SharedImage:
         """Observe once, for all estimators."""
         simulator = self._drawn_once(trial if self.is_drawn else 0)
+        scenario = simulator.scenario
         return SharedImage(
             self._cell(snr_db, trial),
-            {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))},
-            simulator.scenario,
+            {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(scenario))},
+            len(scenario.truth),
+            scenario,
             simulator.observe(snr_db, trial, self._suite.seed),
             self.measure,
             self.metrics,
         )
 
     def draws(self, n_trials: int) -> pd.DataFrame:
-        """Tabulate the scatterers of the first trials, none where every trial has the same.
-
-        Returns
-        -------
-        DataFrame
-            One row a scatterer, columns as in `isacbench.bench.store.run.Run.draws`.
-        """
+        """Tabulate the scatterers of the first trials, none where every trial has the same."""
         if not self.is_drawn:
             return super().draws(n_trials)
-        scenarios = [self.drawn(trial) for trial in range(n_trials)]
-        tables = [
-            drawn.truth.to_dataframe().assign(
-                scenario=self.name, trial=trial, phase_rad=drawn.scatterers.phase_rad
-            )
-            for trial, drawn in enumerate(scenarios)
-        ]
+        tables = []
+        for trial in range(n_trials):
+            drawn = self.drawn(trial)
+            truth, phase_rad = drawn.truth.to_dataframe(), drawn.scatterers.phase_rad
+            tables.append(truth.assign(scenario=self.name, trial=trial, phase_rad=phase_rad))
         return pd.concat(tables, ignore_index=True)[DRAW_COLUMNS]
 
     def drawn(self, trial: int) -> Scenario:
@@ -409,31 +368,15 @@ def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
 
 
 def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
-    """Entry of a plugin.
-
-    Parameters
-    ----------
-    **labels : Any
-        Further columns that tell it from others.
-    """
+    """Entry of a plugin, with further columns that tell it from others."""
     params = canonical_params(plugin)
     return Entry(plugin.name, params, plugin, {"label": variant_label(plugin.name, params), **labels})
 
 
 def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) -> list[Entry[Plugin]]:
-    """List entries, and refuse two with equal parameters.
+    """List entries, each given with what the suite writes for it, and refuse two with equal parameters.
 
-    Parameters
-    ----------
-    what : str
-        ``"estimator"``, ``"detector"`` or ``"receiver"``.
-    written : iterable of (str, Entry)
-        Entries with what the suite writes for each.
-
-    Raises
-    ------
-    InputError
-        Quoting the one that repeats another.
+    `what` they are: ``"estimator"``, ``"detector"`` or ``"receiver"``.
     """
     found: dict[tuple[str, str], Entry[Plugin]] = {}
     for text, entry in written:
@@ -444,53 +387,13 @@ def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) ->
     return list(found.values())
 
 
-def require_scatterers(scenarios: Mapping[str, Scenario]) -> None:
-    """Refuse scenarios in which nothing can be scored.
-
-    Parameters
-    ----------
-    scenarios : mapping of str to Scenario
-        By name.
-
-    Raises
-    ------
-    InputError
-        Naming the first scenario without scatterers.
-    """
-    for name, scenario in scenarios.items():
-        if not len(scenario.scatterers):
-            raise InputError(f"scenarios: {name!r} has no scatterers, so that nothing can be scored")
-
-
 def element_snrs_db(suite: Suite, gain: float) -> list[float]:
-    """SNRs of a suite per resource element and virtual element.
-
-    Parameters
-    ----------
-    gain : float
-        Of the scene, in dB.
-
-    Returns
-    -------
-    list of float
-        In dB.
-    """
+    """SNRs of a suite per resource element and virtual element, of a scene with some gain in dB."""
     if suite.snr_gain_db is None:
         return list(suite.snr_db or ())
     return [round(snr_db - gain, SNR_DECIMALS) for snr_db in suite.snr_gain_db]
 
 
 def gained_snr_db(snr_db: float, gain: float) -> float:
-    """SNR after a gain.
-
-    Parameters
-    ----------
-    snr_db, gain : float
-        In dB.
-
-    Returns
-    -------
-    float
-        In dB.
-    """
+    """SNR after a gain in dB."""
     return round(snr_db + gain, SNR_DECIMALS) + 0.0

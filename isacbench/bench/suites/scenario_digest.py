@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,9 +17,6 @@ from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario, warned_before
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
