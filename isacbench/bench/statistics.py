@@ -202,23 +202,19 @@ def exact_interval(n_successes: float, n: int) -> tuple[float, float]:
     return low, high
 
 
-def share_band(n_successes: int, n: int, n_trials: int) -> tuple[float, float]:
-    """Wilson's interval of a share counted in trials; NaN for fewer than five trials.
+def share_columns(name: str, n_successes: int, n: int, n_trials: int) -> dict[str, float]:
+    """Share counted in trials, ``<name>``, and Wilson's interval of it, ``<name>_low`` to ``<name>_high``.
 
-    Parameters
-    ----------
-    n_successes, n : int
-        Counts over all trials.
-    n_trials : int
-        Number of trials in which was counted. One trial can have many of the n (bits of a frame,
-        cells of a map), which are then only one draw.
+    NaN of nothing, and an interval of fewer than five trials: one trial can have many of the `n` (bits of a
+    frame, cells of a map), which are then only one draw.
 
     Examples
     --------
-    >>> [round(limit, 4) for limit in share_band(9, 10, n_trials=10)], share_band(9, 10, n_trials=2)
-    ([0.5958, 0.9821], (nan, nan))
+    >>> {name: round(value, 4) for name, value in share_columns("p", 9, 10, n_trials=10).items()}
+    {'p': 0.9, 'p_low': 0.5958, 'p_high': 0.9821}
     """
-    return wilson_interval(n_successes, n) if n_trials >= MIN_TRIALS else (math.nan, math.nan)
+    low, high = wilson_interval(n_successes, n) if n_trials >= MIN_TRIALS else (math.nan, math.nan)
+    return {name: n_successes / n if n else math.nan, f"{name}_low": low, f"{name}_high": high}
 
 
 def time_words(rows: pd.DataFrame) -> str:

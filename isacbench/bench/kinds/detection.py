@@ -41,7 +41,6 @@ from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
 from isacbench.files.file_names import file_stems
 from isacbench.instrument.stages import stage
-from isacbench.metrics.descriptions import Direction
 from isacbench.model.numerology import System
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser, Estimator
 from isacbench.plugins.registry import get_detector, get_estimator
@@ -99,13 +98,13 @@ class DetectionKind(Kind):
 
     name = "detection"
     suite = DetectionSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         "detector": "",
         "pfa": math.nan,
         **dict.fromkeys(COUNTS, 0),
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "n_hits": "higher",
         **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),
     }
@@ -137,7 +136,8 @@ class DetectionKind(Kind):
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
         found = []
-        for scenario, part in self.summary(rows).groupby("scenario", sort=False):
+        for key, part in self.summary(rows).groupby("scenario", sort=False):
+            scenario = str(key)
             columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
             if scenario in MAPS:
                 part = part[part["pfa"] == reference_rate(part["pfa"])]
@@ -154,11 +154,8 @@ class DetectionKind(Kind):
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Detectors on the maps over SNR and over their nominal rate, and in front of estimators."""
         # A count of none has a place on a logarithmic axis.
-        summary = self.summary(rows).assign(
-            false=lambda table: table["pfa_measured"].clip(lower=NONE_FOUND / table["n_clear"].clip(lower=1)),
-            false_low=lambda table: table["pfa_measured_low"],
-            false_high=lambda table: table["pfa_measured_high"],
-        )
+        summary = self.summary(rows)
+        summary["false"] = summary["pfa_measured"].clip(lower=NONE_FOUND / summary["n_clear"].clip(lower=1))
         is_on_map = summary["scenario"].isin(list(MAPS))
         on_maps, found = summary[is_on_map], []
         if len(on_maps):
@@ -191,7 +188,7 @@ def _map_charts(summary: pd.DataFrame) -> ChartGroup:
     for name, own in part.groupby("scenario", sort=False):
         series = _detector_series(summary, own, "snr_gain_db", "pd", "pd")
         above.append(Chart(str(name), x, DETECTED_AXIS, [*series, limit]))
-        series = _detector_series(summary, own, "snr_gain_db", "false", "false")
+        series = _detector_series(summary, own, "snr_gain_db", "false", "pfa_measured")
         below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
     trials = statistics.trials_and_band(int(part["n_cells"].max()))
     title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials}"
@@ -224,10 +221,11 @@ def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
     lines = dict(zip(labels, charts.assign_lines(named).values(), strict=True))
     over_snr, snr = partial(charts.line_series, part, lines, "snr_db"), Axis("SNR [dB]")
     deviation, rates = Axis("imaging deviation", log=True), sorted(part["pfa"].unique())
+    false = over_snr("false", "pfa_measured")
     panels = [
         Chart("Images", snr, deviation, over_snr("deviation_mean", "deviation")),
         Chart("Cells of scatterers", snr, DETECTED_AXIS, over_snr("pd", "pd")),
-        Chart("Cells far from scatterers", snr, _false_axis(part), over_snr("false", "false"), lines=rates),
+        Chart("Cells far from scatterers", snr, _false_axis(part), false, lines=rates),
     ]
     behind = f"{', '.join(part['estimator'].unique())} behind each detector"
     title = f"{name}: {behind}; {statistics.trials_and_band(int(part['n_cells'].max()))}"
@@ -366,12 +364,10 @@ def count_cells(shot: MeasuredImage) -> dict[str, int]:
 
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts and rates of one group, and the deviation of its images."""
-    counts, n_failed = part[COUNTS].sum().to_dict(), int(failed(part).sum())
+    counts, n_failed = {name: int(part[name].sum()) for name in COUNTS}, int(failed(part).sum())
     found = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed, **counts}
     for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
-        low, high = statistics.share_band(counts[hits], counts[of], len(part) - n_failed)
-        share = counts[hits] / counts[of] if counts[of] else math.nan
-        found |= {name: share, f"{name}_low": low, f"{name}_high": high}
+        found |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
     mean, band = statistics.mean_band(part["deviation"].dropna().to_numpy())
     return found | {"deviation_mean": mean, "deviation_band": band}
 

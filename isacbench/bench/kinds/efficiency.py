@@ -28,7 +28,6 @@ from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.dsp.bounds import single_bound
-from isacbench.metrics.descriptions import Direction
 from isacbench.model.radio_coordinates import draw_place, radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers, Scenario
 
@@ -67,13 +66,13 @@ class EfficiencyKind(Kind):
     """Errors of one scatterer, compared with the Cramér-Rao bound."""
 
     name = "efficiency"
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         "hit": False,
         "n_false": 0,
         **dict.fromkeys([*ERRORS, *BOUNDS], math.nan),
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "hit": "higher",
         **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither"),
     }

@@ -11,16 +11,10 @@ import pandas as pd
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.kinds import kind
+from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import (
-    MANY_SCENARIOS,
-    VARIANT,
-    average_scenarios,
-    object_tables,
-    summarise_scores,
-)
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, average_scenarios, summarise_scores
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Table, Variant
@@ -119,7 +113,7 @@ class ImagingKind(Kind):
                 title += "; ± of references: spread over realisations"
             tables = _estimators_over_snr(part, title, labels, rows[rows["scenario"] == scenario])
             found += [replace(table, is_detail=is_detail) for table in tables]
-        return [*found, *object_tables(rows, labels)]
+        return [*found, *scores.object_tables(rows, labels)]
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Deviation of all scenarios, all scores of each, and run time against error where the time counts.
@@ -134,8 +128,8 @@ class ImagingKind(Kind):
         note = statistics.mean_of_trials(int(summary["n_cells"].max()))
         found = [deviation_charts(summary, lines, note)]
         for name, stem, part in kind.title_stems(summary, "scenario"):
-            scores = [score for score in SCORE_AXES if f"{score}_mean" in part]
-            found.append(score_charts(part, scores, f"curves-{stem}", lines, scenarios.get(name)))
+            drawn = [score for score in SCORE_AXES if f"{score}_mean" in part]
+            found.append(score_charts(part, drawn, f"curves-{stem}", lines, scenarios.get(name)))
         return [*found, *time_charts(rows, lines)]
 
 
@@ -151,7 +145,7 @@ def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note:
 
 def score_charts(
     part: pd.DataFrame,
-    scores: Sequence[str],
+    shown: Sequence[str],
     stem: str,
     lines: Mapping[Variant, Line],
     scenario: Scenario | None,
@@ -164,7 +158,7 @@ def score_charts(
     if scenario is not None:
         title += f"\na median scatterer after all gains: SNR {median_gain_db(scenario):+.1f} dB"
     panels = []
-    for score in scores:
+    for score in shown:
         heading, name, is_log = SCORE_AXES.get(score, ScoreAxis(score, score))
         mean = part[f"{score}_mean"]
         if is_log:

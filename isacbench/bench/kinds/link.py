@@ -38,7 +38,6 @@ from isacbench.files.escaping import counted
 from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.qam import awgn_ber
-from isacbench.metrics.descriptions import Direction
 from isacbench.model.numerology import System
 from isacbench.model.scene import Scenario
 
@@ -97,13 +96,13 @@ class LinkKind(Kind):
 
     name = "link"
     suite = LinkSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         **dict.fromkeys(["template", "modulation", "sensing", "division", "channel"], ""),
         **dict.fromkeys(["n_bits", "n_bit_errors"], 0),
         **dict.fromkeys(["ber_expected", "evm_db", "channel_error_db", "rate_bps"], math.nan),
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "rate_bps": "higher",
         **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
     }
@@ -193,20 +192,20 @@ class LinkKind(Kind):
 
 def _error_series(part: pd.DataFrame) -> list[Series]:
     """Bit error rates behind a channel, and the closed form of white noise."""
-    found = []
-    names = receiver_labels(part)
-    for modulation, own in part.groupby("modulation", sort=False):
-        colour, name = MODULATION_COLOURS[modulation], modulation.upper()
-        for place, (variant, receiver) in enumerate(names.items()):
-            rows = charts.rows_of(own, variant)
-            rows = rows[rows["n_bit_errors"] > 0]
+    found, receivers = [], receiver_labels(part)
+    for modulation in part["modulation"].unique():
+        colour, own = MODULATION_COLOURS[modulation], part[part["modulation"] == modulation]
+        for place, (variant, receiver) in enumerate(receivers.items()):
+            rows = charts.rows_of(own[own["n_bit_errors"] > 0], variant)
+            limits = charts.interval(rows, "ber")
             style = LineStyle(colour, RECEIVER_DASHES[place % len(RECEIVER_DASHES)], "circle")
-            values = (rows[column] for column in ("snr_db", "ber", "ber_low", "ber_high"))
-            found.append(Series(f"{name}, {receiver}", *values, style=style))
+            label = f"{modulation.upper()}, {receiver}"
+            found.append(Series(label, rows["snr_db"], rows["ber"], *limits, style=style))
         snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
-        drawn, style = np.where(rates >= LOWEST_BER, rates, np.nan), LineStyle(colour, "dot", "")
-        found.append(Series(f"{name}, closed form in white noise", snrs_db, drawn, style=style))
+        drawn = np.where(rates >= LOWEST_BER, rates, np.nan)
+        label = f"{modulation.upper()}, closed form in white noise"
+        found.append(Series(label, snrs_db, drawn, style=LineStyle(colour, "dot", "")))
     return found
 
 
@@ -220,7 +219,7 @@ def _signal_series(part: pd.DataFrame) -> list[Series]:
     return found
 
 
-def _signal_style(signal: Sequence[str]) -> LineStyle:
+def _signal_style(signal: tuple[Any, ...]) -> LineStyle:
     sensing, modulation, division = signal
     if sensing == "prs":
         return PRS_STYLE
@@ -269,7 +268,7 @@ def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
     return points.assign(rate_gbps=points["rate_bps"] / 1e9, path=path).sort_values(["path", "snr_db"])
 
 
-def signal_label(signal: Sequence[str]) -> str:
+def signal_label(signal: tuple[Any, ...]) -> str:
     """Name sensing, modulation and division for people.
 
     Examples
@@ -435,13 +434,10 @@ def _imaged(part: pd.DataFrame) -> dict[str, float]:
 def _received(part: pd.DataFrame) -> dict[str, float]:
     """Bit errors of all trials, and means of the rest."""
     n_bits, n_errors = int(part["n_bits"].sum()), int(part["n_bit_errors"].sum())
-    low, high = statistics.share_band(n_errors, n_bits, len(part))
     return {
         "n_bits": n_bits,
         "n_bit_errors": n_errors,
-        "ber": n_errors / n_bits if n_bits else math.nan,
-        "ber_low": low,
-        "ber_high": high,
+        **statistics.share_columns("ber", n_errors, n_bits, len(part)),
         "ber_expected": part["ber_expected"].mean(),
         **{name: _mean_db(part[name]) for name in ("evm_db", "channel_error_db")},
         "rate_bps": part["rate_bps"].mean(),

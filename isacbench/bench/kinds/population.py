@@ -30,7 +30,6 @@ from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, LineStyle, S
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.files.file_names import file_stems
-from isacbench.metrics.descriptions import Direction
 from isacbench.model.frame import PaperFrame
 from isacbench.model.scenes.scene_families import use_of_seed
 
@@ -73,58 +72,51 @@ OPEN_FRAME = "paper"
 
 
 class Score(NamedTuple):
-    """Number of a summary: its heading and column, and how early a terminal leaves it out."""
+    """Number of a summary, in tables and charts.
+
+    Attributes
+    ----------
+    heading : str
+        In tables; empty: not there.
+    optional : int
+        How early a terminal leaves it out.
+    axis : str
+        In charts; empty: not there.
+    scale : {"share", "positive", "log"}
+        Of the axis.
+    """
 
     heading: str
     column: str
     is_higher_better: bool = False
     optional: int = 0
-
-
-RATIO = Score("median: ratio", "ratio_median")
-HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m_mean")
-SCORES = (
-    RATIO,
-    HAUSDORFF,
-    Score("F-score", "f_score_mean", is_higher_better=True),
-    Score("objects: F-score", "objects_f_score_mean", is_higher_better=True),
-    Score("GOSPA: skill", "gospa_skill_mean", is_higher_better=True, optional=1),
-    Score("velocity: error [m/s]", "velocity_error_mps_mean", optional=2),
-    Score("precision", "precision_mean", is_higher_better=True, optional=4),
-    Score("recall", "recall_mean", is_higher_better=True, optional=3),
-)
-AIMED = (
-    Score("false points: an image", "n_false_mean"),
-    Score("images: without any", "share_clean_mean", is_higher_better=True),
-    Score("scatterers: resolved", "share_resolved_mean", is_higher_better=True),
-    Score("images: all met", "share_met_mean", is_higher_better=True),
-)
-JUDGED = (*SCORES, Score("deviation", "deviation_mean"), *AIMED)
-
-
-class Drawn(NamedTuple):
-    """Number of a summary over SNR: title of its axis, its column, and sort of axis."""
-
-    axis: str
-    column: str
+    axis: str = ""
     scale: str = "share"
 
 
 RATIO_AXIS = "ratio to the oracle"
-DRAWN = (
-    Drawn(RATIO_AXIS, "ratio_median", "log"),
-    Drawn("F-score", "f_score_mean"),
-    Drawn("objects detected", "objects_detected_mean"),
-    Drawn("velocity error [m/s]", "velocity_error_mps_mean", "positive"),
-    Drawn("precision", "precision_mean"),
-    Drawn("recall", "recall_mean"),
+RATIO = Score("median: ratio", "ratio_median", axis=RATIO_AXIS, scale="log")
+HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m_mean")
+SPEED = "velocity error [m/s]"
+SCORES = (
+    RATIO,
+    HAUSDORFF,
+    Score("F-score", "f_score_mean", is_higher_better=True, axis="F-score"),
+    Score("objects: F-score", "objects_f_score_mean", is_higher_better=True),
+    Score("", "objects_detected_mean", axis="objects detected"),
+    Score("GOSPA: skill", "gospa_skill_mean", is_higher_better=True, optional=1),
+    Score("velocity: error [m/s]", "velocity_error_mps_mean", optional=2, axis=SPEED, scale="positive"),
+    Score("precision", "precision_mean", is_higher_better=True, optional=4, axis="precision"),
+    Score("recall", "recall_mean", is_higher_better=True, optional=3, axis="recall"),
 )
-DRAWN_TARGETS = (
-    Drawn("false points an image", "n_false_mean", "positive"),
-    Drawn("images without false points", "share_clean_mean"),
-    Drawn("scatterers resolved", "share_resolved_mean"),
-    Drawn("images with all met", "share_met_mean"),
+AIMED = (
+    Score("false points: an image", "n_false_mean", axis="false points an image", scale="positive"),
+    Score("images: without any", "share_clean_mean", True, axis="images without false points"),
+    Score("scatterers: resolved", "share_resolved_mean", True, axis="scatterers resolved"),
+    Score("images: all met", "share_met_mean", True, axis="images with all met"),
 )
+JUDGED = [one for one in (*SCORES, Score("deviation", "deviation_mean"), *AIMED) if one.heading]
+DRAWN = [one for one in SCORES if one.axis]
 
 
 class PopulationSuite(Suite):
@@ -171,7 +163,7 @@ class PopulationKind(Kind):
 
     name = "population"
     suite = PopulationSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         "family": "",
         "frame": "",
         "coherent_phase": False,
@@ -179,7 +171,7 @@ class PopulationKind(Kind):
         "n_resolved": 0,
         "n_false": 0,
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "n_resolved": "higher",
         "n_resolvable": "neither",
         "coherent_phase": "neither",
@@ -267,7 +259,7 @@ class PopulationKind(Kind):
         lone = by_snr.loc[by_snr["n_false_mean"].notna(), "family"].unique()
         for family, stem in file_stems(lone).items():
             part = by_snr[by_snr["family"] == family]
-            panels = [_over_snr(one.axis, one, part, lines, part) for one in DRAWN_TARGETS]
+            panels = [_over_snr(one.axis, one, part, lines, part) for one in AIMED]
             title = f"{family}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
             found.append(ChartGroup(f"targets-{stem}", title, panels))
         return [*found, *time_charts(rows, lines)]
@@ -337,7 +329,7 @@ def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartG
 
 
 def _over_snr(
-    title: str, one: Drawn, part: pd.DataFrame, lines: Mapping[Variant, Line], compared: pd.DataFrame
+    title: str, one: Score, part: pd.DataFrame, lines: Mapping[Variant, Line], compared: pd.DataFrame
 ) -> Chart:
     """One number of a part over SNR; charts of positive ones share the scale of all that is compared."""
     stem, series = one.column.removesuffix("_mean").removesuffix("_median"), []
@@ -375,7 +367,8 @@ def _row_labels(labels: Mapping[Variant, str], summary: pd.DataFrame) -> dict[Va
 def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Table:
     """Scores of some scenes, a row an estimator."""
     # Where all cells failed, an empty column has their number.
-    shown = [one for one in SCORES if one.column in part and part[one.column].notna().any()] or [HAUSDORFF]
+    has_values = part.notna().any()
+    shown = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
     columns = _score_columns(shown, part)
 
     def with_failures(row: Mapping[Any, Any]) -> str:

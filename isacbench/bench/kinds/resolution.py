@@ -32,15 +32,9 @@ from isacbench.bench.kinds.scores import VARIANT
 from isacbench.bench.suites.suite import Listed, Suite
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Table
 from isacbench.choices import Dimension
-from isacbench.metrics.descriptions import Direction
+from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase
-from isacbench.model.radio_coordinates import (
-    DIMENSIONS,
-    draw_place,
-    radio_places,
-    rayleigh_cells,
-    space_places,
-)
+from isacbench.model.radio_coordinates import DIMENSIONS, radio_places, rayleigh_cells
 from isacbench.model.scene import Scatterers, Scenario, warned_before
 
 Separation = Annotated[float, Field(gt=0, le=10)]
@@ -78,7 +72,7 @@ class ResolutionKind(Kind):
 
     name = "resolution"
     suite = ResolutionSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         "template": "",
         "dimension": "",
@@ -87,7 +81,7 @@ class ResolutionKind(Kind):
         "resolved": False,
         "n_false": 0,
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "resolved": "higher",
         **dict.fromkeys([*SNR_GAIN, "separation_cells", "phase_deg"], "neither"),
     }
@@ -187,7 +181,7 @@ def _scene(
     }
 
     def draw(trial: int) -> Scenario:
-        centre = draw_place(template, trial, suite.seed, margin_cells)
+        centre = radio_coordinates.draw_place(template, trial, suite.seed, margin_cells)
         return pair(template, name, centre, dimension, separation_cells, phase_deg)
 
     with warned_before():
@@ -224,7 +218,7 @@ def pair(
     index = DIMENSIONS.index(dimension)
     places = np.stack([centre, centre])
     places[:, index] += np.array([-0.5, 0.5]) * separation_cells * rayleigh_cells(template)[index]
-    xyz, velocity = space_places(template, places)
+    xyz, velocity = radio_coordinates.space_places(template, places)
     scatterers = Scatterers(xyz, velocity, np.ones(2))
     scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
     phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
@@ -277,7 +271,5 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     in_phase = part[part["phase_deg"] == 0]
     for name, chosen in (("resolved", part), ("resolved_in_phase", in_phase)):
-        resolved = chosen["resolved"]
-        low, high = statistics.share_band(int(resolved.sum()), len(resolved), n_trials)
-        found |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
+        found |= statistics.share_columns(name, int(chosen["resolved"].sum()), len(chosen), n_trials)
     return found
