@@ -19,6 +19,9 @@ Item = TypeVar("Item")
 Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
+VARIANT = ["estimator", "params"]
+"""Columns that have them."""
+
 # Okabe and Ito's palette without its yellow, too pale for a line, and four of Paul Tol's muted colours.
 COLOURS = (
     "#0072B2",
@@ -383,11 +386,7 @@ def interval(table: pd.DataFrame, column: str, stem: str = "") -> tuple[pd.Serie
 
 
 def line_series(
-    table: pd.DataFrame,
-    lines: Mapping[Variant, Line],
-    x: str,
-    y: str,
-    stem: str | None = None,
+    table: pd.DataFrame, lines: Mapping[Variant, Line], x: str, y: str, stem: str | None = None
 ) -> list[Series]:
     """Draw a column of a summary over another, a line an estimator.
 

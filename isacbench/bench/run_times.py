@@ -19,9 +19,9 @@ from isacbench import charts
 from isacbench.bench import statistics
 from isacbench.bench.cells.record import TIMING_COLUMNS
 from isacbench.bench.cells.statuses import failed
-from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, summarise_scores
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
-from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.files.file_names import file_stems
 from isacbench.instrument.stages import STAGES
 

@@ -32,10 +32,9 @@ from isacbench.bench.kinds import scenes
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.power_maps import MAPS, Mask, PowerMap, draw_power_map, near
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
-from isacbench.bench.kinds.scores import VARIANT
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
-from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
 from isacbench.choices import MapName
 from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
@@ -98,12 +97,7 @@ class DetectionKind(Kind):
 
     name = "detection"
     suite = DetectionSuite
-    columns: ClassVar = {
-        **SNR_GAIN,
-        "detector": "",
-        "pfa": math.nan,
-        **dict.fromkeys(COUNTS, 0),
-    }
+    columns: ClassVar = {**SNR_GAIN, "detector": "", "pfa": math.nan, **dict.fromkeys(COUNTS, 0)}
     better: ClassVar = {
         "n_hits": "higher",
         **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),

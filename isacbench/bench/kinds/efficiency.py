@@ -72,10 +72,7 @@ class EfficiencyKind(Kind):
         "n_false": 0,
         **dict.fromkeys([*ERRORS, *BOUNDS], math.nan),
     }
-    better: ClassVar = {
-        "hit": "higher",
-        **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither"),
-    }
+    better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
     def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario: one scatterer in its region."""

@@ -14,10 +14,10 @@ from isacbench.bench import statistics
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, average_scenarios, summarise_scores
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, average_scenarios, summarise_scores
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, Table, Variant
 from isacbench.metrics.paper import Paper
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.radio_coordinates import median_gain_db

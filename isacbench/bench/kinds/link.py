@@ -29,9 +29,8 @@ from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.link_users import user_scenes
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, build_estimators
-from isacbench.bench.kinds.scores import VARIANT
 from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
-from isacbench.charts import COLOURS, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
@@ -52,7 +51,7 @@ SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
 DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
 KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
-MODULATION_COLOURS = dict(zip(get_args(Modulation), COLOURS, strict=False))
+MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
 DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
 RECEIVER_DASHES = "solid", "dash", "dashdot"
 PRS_STYLE = LineStyle("", "dashdot", "diamond")
@@ -279,7 +278,7 @@ def signal_label(signal: tuple[Any, ...]) -> str:
     sensing, modulation, division = signal
     if sensing == "prs":
         return "PRS alone"
-    return modulation.upper() + (f", {DIVISIONS[division]}" if division else "")
+    return str(modulation).upper() + (f", {DIVISIONS[division]}" if division else "")
 
 
 def _modulation(key: tuple[str]) -> str:
@@ -356,11 +355,7 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
 
 
 def _sensed_scene(
-    suite: LinkSuite,
-    scenario: Scenario,
-    name: str,
-    signal: Signal,
-    entries: Sequence[Entry[Any]],
+    suite: LinkSuite, scenario: Scenario, name: str, signal: Signal, entries: Sequence[Entry[Any]]
 ) -> ImagedScene:
     """Scene of a scenario that is sensed with a signal."""
     labels = {

@@ -22,11 +22,11 @@ from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.lone_targets import measure_lone_scatterers
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import COUNTS, POINT_FAMILIES, VARIANT, over_snrs
+from isacbench.bench.kinds.scores import COUNTS, POINT_FAMILIES, over_snrs
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.files.file_names import file_stems
@@ -171,11 +171,7 @@ class PopulationKind(Kind):
         "n_resolved": 0,
         "n_false": 0,
     }
-    better: ClassVar = {
-        "n_resolved": "higher",
-        "n_resolvable": "neither",
-        "coherent_phase": "neither",
-    }
+    better: ClassVar = {"n_resolved": "higher", "n_resolvable": "neither", "coherent_phase": "neither"}
     metrics = OF_IMAGES
     has_images = True
 
@@ -285,9 +281,10 @@ def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Cha
         series: list[Series] = []
         for place, (variant, line) in enumerate(rows.items()):
             series += _strip(charts.rows_of(part, variant), place, line)
-        for variant in lines.keys() - rows.keys():
-            middle, ends = charts.rows_of(part, variant)["ratio"].median(), [-0.5, len(rows) - 0.5]
-            series.append(Series(lines[variant].label, 2 * [middle], ends, style=lines[variant].style))
+        for variant, line in lines.items():
+            if variant not in rows:
+                middle, ends = charts.rows_of(part, variant)["ratio"].median(), [-0.5, len(rows) - 0.5]
+                series.append(Series(line.label, 2 * [middle], ends, style=line.style))
         panels.append(Chart(f"{family}, {snr_db:g} dB", x, y, series))
     title = (
         "Hausdorff sum of each scene, divided by that of the oracle (0.3 m or more)\n"

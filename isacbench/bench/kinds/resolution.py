@@ -28,9 +28,8 @@ from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.efficiency import DIMENSION_TITLES
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import VARIANT
 from isacbench.bench.suites.suite import Listed, Suite
-from isacbench.charts import Axis, Chart, ChartGroup, Column, Table
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
 from isacbench.choices import Dimension
 from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase

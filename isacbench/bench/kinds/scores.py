@@ -13,13 +13,12 @@ from isacbench.bench.cells.statuses import failed
 from isacbench.bench.kinds.kind import SNR_GAIN
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.statistics import means_and_bands, median_times
-from isacbench.charts import Column, Table, Variant
+from isacbench.charts import VARIANT, Column, Table, Variant
 from isacbench.files.escaping import counted
 from isacbench.metrics.object_scores import ERRORS, UNITS
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 
-VARIANT = ["estimator", "params"]
 GROUP = ["scenario", *VARIANT, "snr_db"]
 COUNTS = ["n_cells", "n_no_detection", "n_failed"]
 AVERAGED = [
