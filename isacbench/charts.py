@@ -19,6 +19,9 @@ Item = TypeVar("Item")
 Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
+VARIANT = ["estimator", "params"]
+"""Columns that have them."""
+
 # Okabe and Ito's palette without its yellow, too pale for a line, and four of Paul Tol's muted colours.
 COLOURS = (
     "#0072B2",
@@ -255,6 +258,25 @@ def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]
     return list(found.values())
 
 
+def tables_of_columns(
+    title: str,
+    first: Sequence[Column],
+    rows: Sequence[Mapping[Any, Any]],
+    headings: Mapping[Any, str],
+    form: Callable[[Any], str],
+    n_columns: int,
+) -> list[Table]:
+    """Tabulate rows as `spread_rows` gives them: some first columns, then at most `n_columns` a table.
+
+    Those are named by their keys in the rows and have their headings and a form in common.
+    """
+    found = []
+    for keys in batched(headings, n_columns):
+        columns = [Column(headings[key], key, form, part=part) for part, key in enumerate(keys, start=1)]
+        found.append(Table(title, [*first, *columns], rows))
+    return found
+
+
 def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
     """Cut a list into parts of at most `n`."""
     listed = list(items)
@@ -364,11 +386,7 @@ def interval(table: pd.DataFrame, column: str, stem: str = "") -> tuple[pd.Serie
 
 
 def line_series(
-    table: pd.DataFrame,
-    lines: Mapping[Variant, Line],
-    x: str,
-    y: str,
-    stem: str | None = None,
+    table: pd.DataFrame, lines: Mapping[Variant, Line], x: str, y: str, stem: str | None = None
 ) -> list[Series]:
     """Draw a column of a summary over another, a line an estimator.
 

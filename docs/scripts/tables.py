@@ -21,10 +21,9 @@ from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
 from isacbench.bench.kinds.detection import DetectionKind
 from isacbench.bench.kinds.efficiency import EfficiencyKind
 from isacbench.bench.kinds.kind import lines_of
-from isacbench.bench.kinds.objects import object_means
 from isacbench.bench.kinds.population import ALL, ratio_charts, scene_cells, summarise_population
 from isacbench.bench.kinds.resolution import ResolutionKind
-from isacbench.bench.kinds.scores import summarise_scores
+from isacbench.bench.kinds.scores import object_means, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run

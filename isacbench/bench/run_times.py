@@ -7,44 +7,28 @@ more than 12 scenarios, on all of them, each of which counts as a trial.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
+from isacbench import charts
+from isacbench.bench import statistics
 from isacbench.bench.cells.record import TIMING_COLUMNS, failed
-from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, summarise_scores
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
-from isacbench.bench.statistics import TIME, median_interval, median_times, trials_and_band
-from isacbench.charts import (
-    COLOURS,
-    NO_SCORE,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    LineStyle,
-    Series,
-    Table,
-    short_labels,
-    variants_in,
-)
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.files.file_names import file_stems
 from isacbench.instrument.stages import STAGES
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.charts import Line, Variant
 
 PANEL = ["scenario", "snr_db"]
 POINT = ["scenario", "estimator", "params", "snr_db"]
 """Key of a point."""
 
-MEDIANS = [TIME, *TIMING_COLUMNS]
+MEDIANS = [statistics.TIME, *TIMING_COLUMNS]
 MEMORY = "peak_memory_mib"
 
 MOST_PANELS = 4
@@ -55,7 +39,7 @@ FRONTIER_STYLE = LineStyle("#737373", "solid", "")
 REST = "none of these"
 STAGE_STYLES = {
     stage: LineStyle(colour, "solid", "")
-    for stage, colour in zip((*STAGES, REST), (*COLOURS[: len(STAGES)], "#B8B8B8"), strict=True)
+    for stage, colour in zip((*STAGES, REST), (*charts.COLOURS[: len(STAGES)], "#B8B8B8"), strict=True)
 }
 
 
@@ -94,7 +78,7 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
 
 
 def _stage_table(name: str, table: pd.DataFrame) -> Table:
-    labels = short_labels(estimator_labels(variants_in(table)))
+    labels = charts.short_labels(estimator_labels(charts.variants_in(table)))
     milliseconds: dict[str, Any] = {"form": "{:.2f}", "scale": 1e3}
     columns = [
         Column("estimator", "label", part=0),
@@ -105,12 +89,12 @@ def _stage_table(name: str, table: pd.DataFrame) -> Table:
         Column("memory", "peak_memory_mib_median", "{:.1f}"),
     ]
     title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"
-    return Table(title, columns, table.assign(label=[labels[one] for one in variants_in_order(table)]))
+    return Table(title, columns, table.assign(label=_of_variants(table, labels)))
 
 
-def variants_in_order(table: pd.DataFrame) -> list[Variant]:
-    """Name and parameters of every row."""
-    return list(zip(table["estimator"], table["params"], strict=True))
+def _of_variants(table: pd.DataFrame, values: Mapping[Variant, Any]) -> list[Any]:
+    """Values of the estimators in the rows of a table."""
+    return [values[variant] for variant in zip(table["estimator"], table["params"], strict=True)]
 
 
 def _stage_text(time_s: float) -> str:
@@ -121,7 +105,7 @@ def _stage_text(time_s: float) -> str:
 def _medians(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     timed = rows[rows["timing"] & ~failed(rows)]
     n_timed = timed.groupby(list(by), sort=False).size().rename("n_timed")
-    return pd.concat([n_timed, median_times(timed, by, MEDIANS)], axis=1).reset_index()
+    return pd.concat([n_timed, statistics.median_times(timed, by, MEDIANS)], axis=1).reset_index()
 
 
 def time_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
@@ -162,7 +146,8 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
     n_trials, scenario = int(part["n_trials"].max()), part["scenario"].iloc[0]
     note = "one trial"
     if n_trials > 1:
-        note = f"mean Hausdorff sum over median processor time of {trials_and_band(n_trials, 'interval')}"
+        trials = statistics.trials_and_band(n_trials, "interval")
+        note = f"mean Hausdorff sum over median processor time of {trials}"
     snrs_db = shown_snrs(part["snr_db"].tolist())
     shown = part[part["snr_db"].isin(snrs_db)]
     errors = shown["hausdorff_sum_m_mean"].dropna()
@@ -174,17 +159,13 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
         y_limits = (0.8 * errors.min(), 1.25 * errors.max()) if is_log else (0.0, 1.25 * errors.max() or 1.0)
     x_limits = (0.8 * times_ms.min(), 1.25 * times_ms.max()) if len(times_ms) else None
     x = Axis("median processor time of an image [ms]", log=True, limits=x_limits)
-    charts = [
-        Chart(
-            f"{snr_db:g} dB",
-            x,
-            Axis("Hausdorff sum [m]", log=is_log, limits=y_limits),
-            _pareto_series(shown[shown["snr_db"] == snr_db], lines, x_limits),
-        )
-        for snr_db in snrs_db
-    ]
+    y = Axis("Hausdorff sum [m]", log=is_log, limits=y_limits)
+    panels = []
+    for snr_db in snrs_db:
+        series = _pareto_series(shown[shown["snr_db"] == snr_db], lines, x_limits)
+        panels.append(Chart(f"{snr_db:g} dB", x, y, series))
     n_columns = 3 if len(snrs_db) == 3 else 2
-    return ChartGroup(stem, f"{scenario}: {note}", charts, n_columns, panel_in=(4.6, 3.6))
+    return ChartGroup(stem, f"{scenario}: {note}", panels, n_columns, panel_in=(4.6, 3.6))
 
 
 def _pareto_series(
@@ -201,7 +182,7 @@ def _pareto_series(
             continue
         label, symbol = line.label, line.style.symbol
         if not math.isfinite(error) or not math.isfinite(row["time_s"]):
-            found.append(Series(label + NO_SCORE, [], [], mark="points", style=line.style))
+            found.append(Series(label + charts.NO_SCORE, [], [], mark="points", style=line.style))
             continue
         if not row["is_complete"]:
             symbol = "x"
@@ -229,22 +210,21 @@ def stage_charts(
     shares = _stage_shares(rows, front)
     if shares is None:
         return []
-    charts = []
+    panels = []
     for snr_db, group in front.sort_values("time_s").groupby("snr_db"):
-        names = [
-            f"{lines[row['estimator'], row['params']].label}: {_cost(row)}"
-            for row in group.to_dict("records")
-        ]
+        labels = [line.label for line in _of_variants(group, lines)]
+        costs = map(_cost, group.to_dict("records"))
+        names = [f"{label}: {cost}" for label, cost in zip(labels, costs, strict=True)]
         places = np.arange(len(group))
         bars = [
             Series(stage, shares.loc[group.index, stage], places, mark="bar", style=STAGE_STYLES[stage])
             for stage in map(str, shares)
         ]
         x = Axis("share of the processor time [%]", limits=(0, 100))
-        charts.append(Chart(f"{snr_db:g} dB", x, Axis("", categories=names), bars))
+        panels.append(Chart(f"{snr_db:g} dB", x, Axis("", categories=names), bars))
     title = f"{points['scenario'].iloc[0]}: share of the stages in the processor time"
-    n_bars = max(len(chart.y.categories) for chart in charts)
-    return [ChartGroup(stem, title, charts, n_columns=1, panel_in=(7.0, 0.6 + 0.26 * n_bars))]
+    n_bars = max(len(chart.y.categories) for chart in panels)
+    return [ChartGroup(stem, title, panels, n_columns=1, panel_in=(7.0, 0.6 + 0.26 * n_bars))]
 
 
 def _cost(row: Mapping[Any, Any]) -> str:
@@ -344,22 +324,21 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
         needed of Hausdorff sums, six of times.
     """
     rows = timed_rows(records)
-    columns = ["estimator", "params"]
-    labels = estimator_labels(zip(*(records[name] for name in columns), strict=True))
+    labels = estimator_labels(charts.variants_in(records))
     points = summarise_scores(rows)
-    variants = list(zip(*(points[name] for name in columns), strict=True))
-    points["number"] = [1 + list(labels).index(variant) for variant in variants]
-    points["label"] = [labels[variant] for variant in variants]
+    points["number"] = _of_variants(points, {variant: place for place, variant in enumerate(labels, start=1)})
+    points["label"] = _of_variants(points, labels)
     points = points.rename(columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"})
-    for end, sign in (("low", -1), ("high", 1)):
-        points[f"hausdorff_sum_m_{end}"] = (
-            points["hausdorff_sum_m_mean"] + sign * points["hausdorff_sum_m_band"]
-        )
-    points = points.merge(_times(rows[~failed(rows)]), on=POINT, how="left")
+    low, high = charts.interval(points, "hausdorff_sum_m_mean", "hausdorff_sum_m")
+    points = points.assign(hausdorff_sum_m_low=low, hausdorff_sum_m_high=high)
+    points = points.join(_times(rows[~failed(rows)]), on=POINT)
     points["is_limit"] = points["estimator"].isin(find_limits(records))
     all_trials = points.groupby(PANEL)["n_trials"].transform("max")
     points["is_complete"] = (points["n_failed"] == 0) & (points["n_trials"] == all_trials)
-    points["is_on_frontier"] = _on_frontiers(points)
+    points["is_on_frontier"] = False
+    for _, part in points[points["is_complete"] & ~points["is_limit"]].groupby(PANEL, sort=False):
+        is_on_frontier = pareto_frontier(part["time_s"], part["hausdorff_sum_m_mean"])
+        points.loc[part.index, "is_on_frontier"] = is_on_frontier
     names = [
         *(*POINT, "number", "label", "n_trials", "n_failed", "n_no_detection"),
         *("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
@@ -373,23 +352,10 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
 
 def _times(scored: pd.DataFrame) -> pd.DataFrame:
     """Interval of the median time of every point, its slowest trial, and its peak memory where measured."""
-    rows = []
-    for key, part in scored.groupby(POINT, sort=False):
-        times_s = part["time_estimate_s"].to_numpy(dtype=np.float64)
-        _, low, high = median_interval(times_s)
-        rows.append((*key, low, high, times_s.max()))
-    table = pd.DataFrame(rows, columns=[*POINT, "time_low_s", "time_high_s", "time_slowest_s"])
+    groups = scored.groupby(POINT, sort=False)
+    table = groups[[statistics.TIME]].max().set_axis(["time_slowest_s"], axis=1)
+    limits = [statistics.median_interval(times_s.to_numpy()) for _, times_s in groups[statistics.TIME]]
+    _, table["time_low_s"], table["time_high_s"] = np.reshape(limits, (-1, 3)).T
     if MEMORY in scored:
-        table[MEMORY] = scored.groupby(POINT, sort=False)[MEMORY].median().to_numpy()
+        table[MEMORY] = groups[MEMORY].median()
     return table
-
-
-def _on_frontiers(points: pd.DataFrame) -> NDArray[np.bool_]:
-    """Mark the points on the frontier of their scenario and SNR."""
-    found = np.zeros(len(points), dtype=np.bool_)
-    competes = points["is_complete"] & ~points["is_limit"]
-    for chosen in points[competes].groupby(PANEL, sort=False).indices.values():
-        rows = np.flatnonzero(competes)[chosen]
-        part = points.iloc[rows]
-        found[rows] = pareto_frontier(part["time_s"], part["hausdorff_sum_m_mean"])
-    return found

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
 from isacbench.bench.cells.record import failed
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 TIME = "time_estimate_s"
 CONFIDENCE = 0.95
@@ -70,6 +66,16 @@ def mean_band(values: Floats) -> tuple[float, float]:
     return float(values.mean()), float(student_band(values.std(ddof=1), values.size))
 
 
+def means_and_bands(groups: Any, names: Sequence[str]) -> pd.DataFrame:
+    """Mean of each column in groups of a table, ``<name>_mean``, and its ``<name>_band`` (`student_band`)."""
+    mean, deviation, count = (getattr(groups[[*names]], what)() for what in ("mean", "std", "count"))
+    bands = student_band(deviation, count)
+    columns: dict[str, Any] = {}
+    for place, name in enumerate(names):
+        columns |= {f"{name}_mean": mean[name], f"{name}_band": bands[:, place]}
+    return pd.DataFrame(columns, index=mean.index)
+
+
 def median_interval(values: Floats) -> tuple[float, float, float]:
     """Median and its 95 % confidence interval, for any distribution.
 
@@ -98,10 +104,10 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
     ordered = np.sort(values)
     # Rank of the ends of the interval, counted from either end of the values.
     outside = int((2 * bdtr(np.arange(n // 2), n, 0.5) <= 1 - CONFIDENCE).sum())
-    low, high = (
-        (float(ordered[outside - 1]), float(ordered[n - outside])) if outside else (math.nan, math.nan)
-    )
-    return float(np.median(ordered)), low, high
+    median = float(np.median(ordered))
+    if not outside:
+        return median, math.nan, math.nan
+    return median, float(ordered[outside - 1]), float(ordered[n - outside])
 
 
 def rms_interval(values: Floats) -> tuple[float, float, float]:
@@ -196,29 +202,31 @@ def exact_interval(n_successes: float, n: int) -> tuple[float, float]:
     return low, high
 
 
-def share_band(n_successes: int, n: int, n_trials: int) -> tuple[float, float]:
-    """Wilson's interval of a share counted in trials; NaN for fewer than five trials.
+def share_columns(name: str, n_successes: int, n: int, n_trials: int) -> dict[str, float]:
+    """Share counted in trials, ``<name>``, and Wilson's interval of it, ``<name>_low`` to ``<name>_high``.
 
-    Parameters
-    ----------
-    n_successes, n : int
-        Counts over all trials.
-    n_trials : int
-        Number of trials in which was counted. One trial can have many of the n (bits of a frame,
-        cells of a map), which are then only one draw.
+    NaN of nothing, and an interval of fewer than five trials: one trial can have many of the `n` (bits of a
+    frame, cells of a map), which are then only one draw.
 
     Examples
     --------
-    >>> [round(limit, 4) for limit in share_band(9, 10, n_trials=10)], share_band(9, 10, n_trials=2)
-    ([0.5958, 0.9821], (nan, nan))
+    >>> {name: round(value, 4) for name, value in share_columns("p", 9, 10, n_trials=10).items()}
+    {'p': 0.9, 'p_low': 0.5958, 'p_high': 0.9821}
     """
-    return wilson_interval(n_successes, n) if n_trials >= MIN_TRIALS else (math.nan, math.nan)
+    low, high = wilson_interval(n_successes, n) if n_trials >= MIN_TRIALS else (math.nan, math.nan)
+    return {name: n_successes / n if n else math.nan, f"{name}_low": low, f"{name}_high": high}
 
 
 def time_words(rows: pd.DataFrame) -> str:
     """Say what the times of a run are: those of cells that ran beside others mislead."""
     is_alone = rows["timing"].astype(bool)[~failed(rows)].all()
     return "median processor time" + ("" if is_alone else " (not measured alone)")
+
+
+def time_notes(rows: pd.DataFrame, by: Sequence[str]) -> dict[Any, str]:
+    """End of the title of each group of rows: the median time of its cells, where any did not fail."""
+    words, times_s = time_words(rows), median_times(rows, by)[f"{TIME}_median"]
+    return {key: f"; {words} {1e3 * time_s:.1f} ms" for key, time_s in times_s.items()}
 
 
 def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] = (TIME,)) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from isacbench.cli.printing import print_json
 @app.command("list")
 def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
     """List estimators, detectors, metrics, scenarios, families of scenes and suites."""
-    from isacbench.bench.suites.catalogue import catalogue
+    from isacbench.bench.suites.suite_kinds import catalogue
     from isacbench.specifications import spell_value
 
     register(plugin)

@@ -9,7 +9,7 @@ from isacbench.bench.statistics import (
     mean_band,
     median_interval,
     rms_interval,
-    share_band,
+    share_columns,
     student_band,
     wilson_interval,
 )
@@ -48,7 +48,7 @@ def test_the_interval_covers_the_truth_as_often_as_it_promises(draw):
 def test_five_trials_are_needed_for_any_band(n, has_band):
     values = np.arange(1.0, n + 1)
     halves = [mean_band(values)[1], float(student_band(1.0, n))]
-    limits = [*rms_interval(values)[1:], *share_band(1, 1000 * n, n_trials=n)]
+    limits = [*rms_interval(values)[1:], *[*share_columns("p", 1, 1000 * n, n_trials=n).values()][1:]]
     assert [math.isfinite(number) for number in halves + limits] == [has_band] * 6
     assert mean_band(values)[0] == (n + 1) / 2
     assert rms_interval(values)[0] > 0

@@ -8,7 +8,7 @@ from typing import get_type_hints
 
 import pytest
 
-from isacbench.bench.suites.catalogue import catalogue
+from isacbench.bench.suites.suite_kinds import catalogue
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.discovery import (

@@ -11,8 +11,7 @@ import pandas as pd
 from isacbench.bench.cells.record import failed
 from isacbench.bench.compare.pairs import CURVE, VARIANT, spell_apart
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS, ROUNDING
-from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios
-from isacbench.bench.kinds.scores import LONE_COUNTS
+from isacbench.bench.kinds.scores import LONE_COUNTS, POINT_FAMILIES, hausdorff_ratios
 from isacbench.bench.store.run import Run
 from isacbench.charts import Variant, rows_of, variants_in
 from isacbench.files.escaping import counted
@@ -52,7 +51,7 @@ class SceneScores(NamedTuple):
 
 
 def with_ratios(run: Run) -> pd.DataFrame:
-    """Add the column ``ratio``, that of `isacbench.bench.kinds.ratios.hausdorff_ratios`.
+    """Add the column ``ratio``, that of `isacbench.bench.kinds.scores.hausdorff_ratios`.
 
     Counts of lone scatterers become NaN in scenes of other families.
     """

@@ -7,7 +7,6 @@ __all__ = [
     "kind",
     "link",
     "population",
-    "ratios",
     "resolution",
     "scenes",
     "scores",

@@ -15,47 +15,25 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from isacbench.bench.cells.cell import array_digest
-from isacbench.bench.cells.record import failed, status_of
-from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind
+from isacbench import charts
+from isacbench.bench import statistics
+from isacbench.bench.cells.cell import Found, MeasuredImage, array_digest
+from isacbench.bench.cells.record import Row, failed, status_of
+from isacbench.bench.kinds import scenes
+from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
-from isacbench.bench.kinds.scenes import (
-    ImagedScene,
-    Scene,
-    SharedObservation,
-    distinct_entries,
-    element_snrs_db,
-    entry_of,
-    gained_snr_db,
-    require_scatterers,
-)
-from isacbench.bench.kinds.scores import VARIANT
-from isacbench.bench.statistics import mean_band, share_band, summarise, trials_and_band
+from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
-from isacbench.charts import (
-    SHARE_LIMITS,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    LineStyle,
-    Series,
-    Table,
-    assign_lines,
-    batched,
-    decades,
-    line_series,
-    nearest_values,
-    spread_rows,
-    with_failures,
-)
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
+from isacbench.checked_arrays import Mask
 from isacbench.choices import MapName
 from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
@@ -63,24 +41,9 @@ from isacbench.files.file_names import file_stems
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
-from isacbench.model.radio_coordinates import gain_db
-from isacbench.plugins.contracts import Detection, Detector, Diagnoser
+from isacbench.plugins.contracts import Detection, Detector, Diagnoser, Estimator
 from isacbench.plugins.registry import get_detector, get_estimator
-from isacbench.specifications import spec_variants
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.bench.cells.cell import Found, MeasuredImage
-    from isacbench.bench.cells.record import Row
-    from isacbench.bench.kinds.scenes import Entry
-    from isacbench.charts import Line, Variant
-    from isacbench.metrics.descriptions import Direction
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Estimator
-    from isacbench.specifications import SpelledVariant
-
-    Mask = NDArray[np.bool_]
+from isacbench.specifications import SpelledVariant, spec_variants
 
 Pfa = Annotated[float, Field(gt=0, lt=1)]
 
@@ -106,6 +69,7 @@ NONE_FOUND = 0.1
 
 KNOWN_NOISE = "known noise (closed form)"
 KNOWN_NOISE_STYLE = LineStyle("", "dot", "")
+DETECTED_AXIS = Axis("probability of detection", limits=charts.SHARE_LIMITS)
 
 
 class DetectionSuite(Suite):
@@ -133,31 +97,21 @@ class DetectionKind(Kind):
 
     name = "detection"
     suite = DetectionSuite
-    columns: ClassVar[Mapping[str, Any]] = {
-        **SNR_GAIN,
-        "detector": "",
-        "pfa": math.nan,
-        **dict.fromkeys(COUNTS, 0),
-    }
-    better: ClassVar[Mapping[str, Direction]] = {
+    columns: ClassVar = {**SNR_GAIN, "detector": "", "pfa": math.nan, **dict.fromkeys(COUNTS, 0)}
+    better: ClassVar = {
         "n_hits": "higher",
         **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),
     }
 
-    def scenes(self, suite: DetectionSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
+    def scenes(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Scene]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
         alone, behind = _alone(detectors, suite.pfa), _behind(detectors, suite)
-        require_scatterers(scenarios)
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
-        maps: list[Scene] = [MapScene(suite, name, alone) for name in suite.maps]
-        return maps + [
-            ImagedScene(
-                suite, scenario, behind, element_snrs_db(suite, gain_db(scenario)), measure=count_cells
-            )
-            for scenario in scenarios.values()
-        ]
+        maps = [MapScene(suite, name, alone) for name in suite.maps]
+        imaged = [ImagedScene(suite, one, behind, measure=count_cells) for one in scenarios.values()]
+        return [*maps, *imaged]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probabilities of detection and of false alarm, and the deviation of what was imaged.
@@ -171,7 +125,7 @@ class DetectionKind(Kind):
             with the half width of its 95 % interval ``deviation_band`` (Student's t), NaN for a map;
             ``time_estimate_s_median``. Fewer than five trials have no intervals.
         """
-        return summarise(rows, GROUP, _numbers)
+        return statistics.summarise(rows, GROUP, _numbers)
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
@@ -187,23 +141,15 @@ class DetectionKind(Kind):
                 title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
                 write, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
-            labels = entry_labels(part)
-            lines = spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT)
-            for batch in batched(labels, n_columns):
-                of_batch = [Column(labels[one], one, write, part=place) for place, one in enumerate(batch, 1)]
-                found.append(Table(title, columns + of_batch, lines))
+            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT)
+            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), write, n_columns)
         return found
 
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Detectors on the maps over SNR and over their nominal rate, and in front of estimators."""
         # A count of none has a place on a logarithmic axis.
-        summary = self.summary(rows).assign(
-            false=lambda table: table["pfa_measured"].clip(lower=NONE_FOUND / table["n_clear"].clip(lower=1)),
-            false_low=lambda table: table["pfa_measured_low"],
-            false_high=lambda table: table["pfa_measured_high"],
-        )
+        summary = self.summary(rows)
+        summary["false"] = summary["pfa_measured"].clip(lower=NONE_FOUND / summary["n_clear"].clip(lower=1))
         is_on_map = summary["scenario"].isin(list(MAPS))
         on_maps, found = summary[is_on_map], []
         if len(on_maps):
@@ -213,86 +159,76 @@ class DetectionKind(Kind):
         return found
 
 
-def _detector_lines(summary: pd.DataFrame) -> dict[str, Line]:
-    """Lines of detectors by how the suite writes them, the same for every nominal rate."""
-    texts = list(dict.fromkeys(summary["detector"]))
-    lines = assign_lines({(text.partition("[")[0], text): text for text in texts})
-    return dict(zip(texts, lines.values(), strict=True))
-
-
-def _by_detector(
-    table: pd.DataFrame, lines: Mapping[str, Line], x: str, y: str, stem: str | None
+def _detector_series(
+    summary: pd.DataFrame, part: pd.DataFrame, x: str, y: str, stem: str | None = None
 ) -> list[Series]:
-    """Lines of detectors, whatever their nominal rate."""
-    named = table.assign(estimator=table["detector"], params="")
-    return line_series(named, {(text, ""): line for text, line in lines.items()}, x, y, stem)
+    """Lines of the detectors of a summary by how the suite writes them, the same for every nominal rate."""
+    texts = summary["detector"].unique()
+    lines = charts.assign_lines({(text.partition("[")[0], text): text for text in texts})
+    named = part.assign(estimator=part["detector"], params="")
+    by_text = dict(zip([(text, "") for text in texts], lines.values(), strict=True))
+    return charts.line_series(named, by_text, x, y, stem)
 
 
 def _map_charts(summary: pd.DataFrame) -> ChartGroup:
     """Probabilities of detection above, of false alarm below, over SNR, a column a map."""
-    rate, lines = reference_rate(summary["pfa"]), _detector_lines(summary)
+    rate = reference_rate(summary["pfa"])
     part = summary[summary["pfa"] == rate]
-    x = Axis("SNR of a target in its cell [dB]")
-    detected, false = Axis("probability of detection", limits=SHARE_LIMITS), _false_axis(part)
+    x, false = Axis("SNR of a target in its cell [dB]"), _false_axis(part)
     snrs_db = np.linspace(part["snr_gain_db"].min(), part["snr_gain_db"].max(), 61)
-    limit = Series(KNOWN_NOISE, snrs_db, known_noise_rate(snrs_db, rate), style=KNOWN_NOISE_STYLE)
+    # A detector that knows the noise: no CFAR finds more. Targets fluctuate, and cells have one look.
+    limit = Series(KNOWN_NOISE, snrs_db, detection_rate(snrs_db, rate, swerling=1), style=KNOWN_NOISE_STYLE)
     above, below = [], []
-    for scenario, own in part.groupby("scenario", sort=False):
-        name = str(scenario)
-        series = _by_detector(own, lines, "snr_gain_db", "pd", "pd")
-        above.append(Chart(name, x, detected, [*series, limit]))
-        series = _by_detector(own, lines, "snr_gain_db", "false", "false")
+    for name, own in part.groupby("scenario", sort=False):
+        series = _detector_series(summary, own, "snr_gain_db", "pd", "pd")
+        above.append(Chart(str(name), x, DETECTED_AXIS, [*series, limit]))
+        series = _detector_series(summary, own, "snr_gain_db", "false", "pfa_measured")
         below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
-    n_trials = int(part["n_cells"].max())
-    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials_and_band(n_trials)}"
+    trials = statistics.trials_and_band(int(part["n_cells"].max()))
+    title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials}"
     return ChartGroup("maps", title, [*above, *below], n_columns=len(above))
 
 
 def _roc_charts(summary: pd.DataFrame) -> ChartGroup:
     """Probability of detection over the measured one of false alarm, a column a map, a row an SNR."""
-    lines, names = _detector_lines(summary), list(summary["scenario"].unique())
-    x, y = _false_axis(summary), Axis("probability of detection", limits=SHARE_LIMITS)
-    charts = []
-    for snr_db, name in product(nearest_values(sorted(summary["snr_gain_db"].unique()), ROC_SNRS_DB), names):
+    names, x, panels = list(summary["scenario"].unique()), _false_axis(summary), []
+    rates = np.geomspace(summary["pfa"].min() / 3, 0.3, 61)
+    snrs_db = charts.nearest_values(sorted(summary["snr_gain_db"].unique()), ROC_SNRS_DB)
+    for snr_db, name in product(snrs_db, names):
         part = summary[(summary["snr_gain_db"] == snr_db) & (summary["scenario"] == name)]
-        rates = np.geomspace(summary["pfa"].min() / 3, 0.3, 61)
-        limit = [float(known_noise_rate(snr_db, rate)) for rate in rates.tolist()]
-        series = _by_detector(part, lines, "false", "pd", None)
+        limit = [float(detection_rate(snr_db, rate, swerling=1)) for rate in rates.tolist()]
+        series = _detector_series(summary, part, "false", "pd")
         series.append(Series(KNOWN_NOISE, rates, limit, style=KNOWN_NOISE_STYLE))
-        charts.append(Chart(f"{name}, {snr_db:.4g} dB", x, y, series))
+        panels.append(Chart(f"{name}, {snr_db:.4g} dB", x, DETECTED_AXIS, series))
     title = "Detection over measured false alarms, a point a nominal P_fa"
-    return ChartGroup("roc", title, charts, n_columns=len(names))
+    return ChartGroup("roc", title, panels, n_columns=len(names))
 
 
 def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
     """Effect of detectors on estimators: deviation, detection and false alarms over SNR."""
     labels = entry_labels(part)
-    detectors = (text.partition("[")[0] for text in part.drop_duplicates(VARIANT)["detector"])
+    detectors = part.drop_duplicates(VARIANT)["detector"].str.partition("[")[0]
     named = {
-        (name, str(place)): label
-        for place, (name, label) in enumerate(zip(detectors, labels.values(), strict=True))
+        (detector, str(place)): label
+        for place, (detector, label) in enumerate(zip(detectors, labels.values(), strict=True))
     }
-    lines = dict(zip(labels, assign_lines(named).values(), strict=True))
-    snr, rates = Axis("SNR [dB]"), sorted(part["pfa"].unique())
-    deviation = Axis("imaging deviation", log=True)
-    detected = Axis("probability of detection", limits=SHARE_LIMITS)
-    series = [
-        line_series(part, lines, "snr_db", column, stem)
-        for column, stem in (("deviation_mean", "deviation"), ("pd", "pd"), ("false", "false"))
-    ]
-    charts = [
-        Chart("Images", snr, deviation, series[0]),
-        Chart("Cells of scatterers", snr, detected, series[1]),
-        Chart("Cells far from scatterers", snr, _false_axis(part), series[2], lines=rates),
+    lines = dict(zip(labels, charts.assign_lines(named).values(), strict=True))
+    over_snr, snr = partial(charts.line_series, part, lines, "snr_db"), Axis("SNR [dB]")
+    deviation, rates = Axis("imaging deviation", log=True), sorted(part["pfa"].unique())
+    false = over_snr("false", "pfa_measured")
+    panels = [
+        Chart("Images", snr, deviation, over_snr("deviation_mean", "deviation")),
+        Chart("Cells of scatterers", snr, DETECTED_AXIS, over_snr("pd", "pd")),
+        Chart("Cells far from scatterers", snr, _false_axis(part), false, lines=rates),
     ]
     behind = f"{', '.join(part['estimator'].unique())} behind each detector"
-    title = f"{name}: {behind}; {trials_and_band(int(part['n_cells'].max()))}"
-    return ChartGroup(f"detection-{stem}", title, charts)
+    title = f"{name}: {behind}; {statistics.trials_and_band(int(part['n_cells'].max()))}"
+    return ChartGroup(f"detection-{stem}", title, panels)
 
 
 def _false_axis(part: pd.DataFrame) -> Axis:
     """Axis of false-alarm rates: whole decades around all of them and the nominal ones."""
-    limits = decades(pd.concat([part["false"].dropna(), part["pfa"]]))
+    limits = charts.decades(pd.concat([part["false"].dropna(), part["pfa"]]))
     return Axis("probability of false alarm", log=True, limits=limits)
 
 
@@ -311,7 +247,7 @@ def reference_rate(rates: pd.Series[Any]) -> float:
 def _rates_text(entry: Mapping[Any, Any]) -> str:
     """Probabilities of detection and false alarm."""
     if entry["n_failed"]:
-        return with_failures("", entry["n_failed"])
+        return charts.with_failures("", entry["n_failed"])
     return f"{_rate_text(entry['pd'], '{:.3f}')} {_rate_text(entry['pfa_measured'], '{:.1e}')}"
 
 
@@ -328,14 +264,6 @@ def _rate_text(rate: float, form: str) -> str:
     return form.format(rate).replace("e-0", "e-") if rate else "0"
 
 
-def known_noise_rate(snr_db: ArrayLike, pfa: float) -> NDArray[np.float64]:
-    """Probability that a detector that knows the noise detects a target of a map: no CFAR finds more.
-
-    In closed form: targets of maps fluctuate as Swerling's model 1, and cells have one look.
-    """
-    return detection_rate(snr_db, pfa, swerling=1)
-
-
 @dataclass(frozen=True, eq=False)
 class SharedMap(SharedObservation):
     """Map that detectors test.
@@ -348,11 +276,6 @@ class SharedMap(SharedObservation):
 
     drawn: PowerMap
     power: NDArray[np.float64]
-
-    @property
-    def n_true(self) -> int:
-        """Number of cells with a target."""
-        return int(self.drawn.targets.sum())
 
     def digest(self) -> str:
         """Digest of the map."""
@@ -388,19 +311,11 @@ class SharedMap(SharedObservation):
 
 
 class MapScene(Scene):
-    """Synthetic map and the detectors that test it.
-
-    Parameters
-    ----------
-    name : str
-        Of the map.
-    entries : sequence of Entry
-        Detectors.
-    """
+    """Synthetic map and the detectors that test it."""
 
     def __init__(self, suite: DetectionSuite, name: MapName, entries: Sequence[Entry[Detector]]) -> None:
         draw = partial(draw_power_map, name, seed=suite.seed)
-        super().__init__(suite, name, entries, element_snrs_db(suite, MAP_GAIN_DB), draw)
+        super().__init__(suite, name, entries, scenes.element_snrs_db(suite, MAP_GAIN_DB), draw)
 
     @cached_property
     def content(self) -> str:
@@ -411,10 +326,11 @@ class MapScene(Scene):
 
     def observe(self, snr_db: float, trial: int) -> SharedMap:
         """Draw the map, for all detectors."""
-        drawn, target_snr_db = self._drawn_once(trial), gained_snr_db(snr_db, MAP_GAIN_DB)
-        power = drawn.power(target_snr_db)
+        drawn, target_snr_db = self._drawn_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
+        power, n_true = drawn.power(target_snr_db), int(drawn.targets.sum())
         power.setflags(write=False)
-        return SharedMap(self._key(snr_db, trial), {"snr_gain_db": target_snr_db}, drawn, power)
+        labels = {"snr_gain_db": target_snr_db}
+        return SharedMap(self._key(snr_db, trial), labels, n_true, drawn, power)
 
 
 def count_cells(shot: MeasuredImage) -> dict[str, int]:
@@ -444,36 +360,31 @@ def count_cells(shot: MeasuredImage) -> dict[str, int]:
 
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts and rates of one group, and the deviation of its images."""
-    counts = {name: int(part[name].sum()) for name in COUNTS}
-    n_failed = int(failed(part).sum())
+    counts, n_failed = {name: int(part[name].sum()) for name in COUNTS}, int(failed(part).sum())
     found = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed, **counts}
     for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
-        low, high = share_band(counts[hits], counts[of], len(part) - n_failed)
-        share = counts[hits] / counts[of] if counts[of] else math.nan
-        found |= {name: share, f"{name}_low": low, f"{name}_high": high}
-    mean, band = mean_band(part["deviation"].dropna().to_numpy())
+        found |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
+    mean, band = statistics.mean_band(part["deviation"].dropna().to_numpy())
     return found | {"deviation_mean": mean, "deviation_band": band}
 
 
 def _alone(detectors: Sequence[SpelledVariant], rates: Sequence[float]) -> list[Entry[Detector]]:
     """Every detector at every nominal rate, at its own where none is given."""
-    return _labelled_entries(
-        (text, detector.pfa, detector)
-        for text, (name, params) in detectors
-        for rate in rates or [get_detector(name, **params).pfa]
-        for detector in [get_detector(name, **{**params, "pfa": rate})]
-    )
+    built = []
+    for text, (name, params) in detectors:
+        chosen = [{"pfa": rate} for rate in rates] or [{}]
+        built += [(text, get_detector(name, **{**params, **own})) for own in chosen]
+    return _labelled_entries((text, detector.pfa, detector) for text, detector in built)
 
 
 def _behind(detectors: Sequence[SpelledVariant], suite: DetectionSuite) -> list[Entry[Estimator]]:
     """Every estimator behind every detector."""
     built = []
-    for build in _builders(suite):
-        for text, (name, params) in detectors:
-            detector = get_detector(name, **params)
-            estimator = build(detector=detector)
-            own_pfa = getattr(estimator, "pfa", None)
-            built.append((text, detector.pfa if own_pfa is None else own_pfa, estimator))
+    for build, (text, (name, params)) in product(_builders(suite), detectors):
+        detector = get_detector(name, **params)
+        estimator = build(detector=detector)
+        own_pfa = getattr(estimator, "pfa", None)
+        built.append((text, detector.pfa if own_pfa is None else own_pfa, estimator))
     return _labelled_entries(built)
 
 
@@ -498,14 +409,10 @@ def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
 
 def _labelled_entries(built: Iterable[tuple[str, float, Any]]) -> list[Entry[Any]]:
     """Entries of plugins, labelled with the text of their detector and its nominal rate."""
-    entries = ((text, entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in built)
-    return distinct_entries("detector", entries)
+    entries = ((text, scenes.entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in built)
+    return scenes.distinct_entries("detector", entries)
 
 
-def _counts(
-    mask: NDArray[np.bool_],
-    targets: NDArray[np.bool_],
-    clear: NDArray[np.bool_],
-) -> dict[str, int]:
-    values = (targets.sum(), (mask & targets).sum(), clear.sum(), (mask & clear).sum())
+def _counts(mask: Mask, targets: Mask, clear: Mask) -> dict[str, int]:
+    values = targets.sum(), (mask & targets).sum(), clear.sum(), (mask & clear).sum()
     return dict(zip(COUNTS, map(int, values), strict=True))

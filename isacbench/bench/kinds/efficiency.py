@@ -11,63 +11,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+import pandas as pd
 
+from isacbench import charts
+from isacbench.bench import statistics
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.record import failed
-from isacbench.bench.kinds.kind import (
-    NO_SCENARIOS,
-    SNR_GAIN,
-    Kind,
-    labels_of,
-    lines_of,
-    number_tables,
-    title_stems,
-)
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators, element_snrs_db
-from isacbench.bench.statistics import (
-    TIME,
-    median_times,
-    rms_interval,
-    summarise,
-    time_words,
-    trials_and_band,
-)
-from isacbench.charts import (
-    SHARE_LIMITS,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    LineStyle,
-    Series,
-    Table,
-    line_series,
-    number_or_blank,
-    with_failures,
-)
+from isacbench.bench.kinds import kind
+from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.suites.suite import Suite
+from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.dsp.bounds import single_bound
-from isacbench.model.radio_coordinates import (
-    DIMENSIONS,
-    draw_place,
-    gain_db,
-    radio_places,
-    rayleigh_cells,
-    space_places,
-)
-from isacbench.model.scene import Scatterers
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import pandas as pd
-
-    from isacbench.bench.cells.cell import MeasuredImage
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.metrics.descriptions import Direction
-    from isacbench.model.scene import Scenario
+from isacbench.model.radio_coordinates import draw_place, radio_places, rayleigh_cells, space_places
+from isacbench.model.scene import Scatterers, Scenario
 
 MARGIN_CELLS = 0.5
 """Rayleigh cells between a scatterer and the region's border: beyond it errors would be cut off."""
@@ -96,32 +58,31 @@ RATIO_LIMITS = 0.7, 10.0
 FEWEST_FALSE = 0.1
 """Fewer false points a trial do not stretch their axis."""
 
+BOUND_STYLE = LineStyle("", "dash", "")
+SNR_AXIS = Axis("SNR after gain [dB]")
+
 
 class EfficiencyKind(Kind):
     """Errors of one scatterer, compared with the Cramér-Rao bound."""
 
     name = "efficiency"
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         "hit": False,
         "n_false": 0,
         **dict.fromkeys([*ERRORS, *BOUNDS], math.nan),
     }
-    better: ClassVar[Mapping[str, Direction]] = {
-        "hit": "higher",
-        **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither"),
-    }
+    better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
-    def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario: one scatterer in its region."""
         entries = build_estimators(suite)
-        found = []
         for scenario in scenarios.values():
             scenario.require_default("the Cramér-Rao bound", "noise")
-            draw = partial(_draw, scenario, suite.seed)
-            snr_db = element_snrs_db(suite, gain_db(draw(0)))
-            found.append(ImagedScene(suite, scenario, entries, snr_db, draw=draw, measure=measure_efficiency))
-        return found
+        return [
+            ImagedScene(suite, one, entries, draw=partial(_draw, one, suite.seed), measure=measure_efficiency)
+            for one in scenarios.values()
+        ]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Root mean square errors over the bound, of every estimator at every SNR.
@@ -135,68 +96,50 @@ class EfficiencyKind(Kind):
             95 % interval ``ratio_<x>_low``, ``ratio_<x>_high``, all of the trials with a hit, the interval of
             five or more; ``time_estimate_s_median``.
         """
-        return summarise(rows, [*CURVE, "snr_db"], _numbers)
+        return statistics.summarise(rows, [*CURVE, "snr_db"], _numbers)
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Errors over the bound, one table a scenario and estimator."""
-        summary, labels = self.summary(rows), labels_of(rows)
-        times_s = median_times(rows, CURVE)[f"{TIME}_median"]
+        summary, labels, found = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
+        times = statistics.time_notes(rows, CURVE)
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
             Column("missed", form=_missed),
             Column("false: points", "n_false"),
-            *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in DIMENSIONS),
+            *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in UNITS),
         ]
-        found = number_tables(rows)
         for key, part in summary.groupby(CURVE, sort=False):
             scenario, name, params = map(str, key)
-            band = trials_and_band(int(part["n_trials"].max()), "interval")
+            band = statistics.trials_and_band(int(part["n_trials"].max()), "interval")
             title = f"{scenario}, {labels[name, params]}: error over Cramér-Rao bound, {band}"
-            time_ms = 1e3 * times_s.get(key, math.nan)
-            title += number_or_blank(time_ms, f"; {time_words(rows)} {{:.1f}} ms")
-            found.append(Table(title, columns, part.sort_values("snr_gain_db")))
+            found.append(Table(title + times.get(key, ""), columns, part.sort_values("snr_gain_db")))
         return found
 
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Errors beside their bound, errors over it, misses and false points, over SNR."""
-        summary, lines = (
-            self.summary(rows).assign(missed=_share("n_misses"), false=_share("n_false")),
-            lines_of(rows),
-        )
-        snr = Axis("SNR after gain [dB]")
-        found = []
-        for scenario, stem, part in title_stems(summary, "scenario"):
-            part = _measured(part)
-            errors, ratios = [], []
-            for name in DIMENSIONS:
-                column, unit = UNITS[name]
-                bounds = part.drop_duplicates("snr_gain_db").sort_values("snr_gain_db")
-                bound = Series(
-                    "Cramér-Rao bound", bounds["snr_gain_db"], bounds[f"bound_{column}"], style=BOUND_STYLE
-                )
-                drawn = line_series(part, lines, "snr_gain_db", f"rmse_{column}", f"rmse_{column}")
-                title, axis = DIMENSION_TITLES[name], Axis(f"root mean square error{unit}", log=True)
-                errors.append(Chart(title, snr, axis, [*drawn, bound]))
-                drawn = line_series(part, lines, "snr_gain_db", f"ratio_{name}", f"ratio_{name}")
+        summary, lines, found = _drawn(self.summary(rows)), kind.lines_of(rows), []
+        for scenario, stem, part in kind.title_stems(summary, "scenario"):
+            over_snr = partial(charts.line_series, part, lines, "snr_gain_db")
+            bounds = part.drop_duplicates("snr_gain_db").sort_values("snr_gain_db")
+            above, below = [], []
+            for name, (column, unit) in UNITS.items():
+                title, bound = DIMENSION_TITLES[name], bounds[f"bound_{column}"]
+                errors = over_snr(f"rmse_{column}", f"rmse_{column}")
+                errors.append(Series("Cramér-Rao bound", bounds["snr_gain_db"], bound, style=BOUND_STYLE))
+                axis = Axis(f"root mean square error{unit}", log=True)
+                above.append(Chart(title, SNR_AXIS, axis, errors))
+                ratios = over_snr(f"ratio_{name}", f"ratio_{name}")
                 axis = Axis("error over bound", log=True, limits=RATIO_LIMITS)
-                ratios.append(Chart(f"{title}: error over the bound", snr, axis, drawn, lines=[1.0]))
+                below.append(Chart(f"{title}: error over the bound", SNR_AXIS, axis, ratios, lines=[1.0]))
+            shares = Axis("share of trials", limits=charts.SHARE_LIMITS)
+            above.append(Chart("Missed", SNR_AXIS, shares, over_snr("missed")))
             top = max(1.06 * float(part["false"].max()), FEWEST_FALSE)
-            missed, false = (line_series(part, lines, "snr_gain_db", name) for name in ("missed", "false"))
-            errors.append(Chart("Missed", snr, Axis("share of trials", limits=SHARE_LIMITS), missed))
-            ratios.append(
-                Chart("False points", snr, Axis("number a trial", limits=(-0.03 * top, top)), false)
-            )
-            title = (
-                f"{scenario}: one scatterer, errors where it was found; "
-                f"{trials_and_band(int(part['n_trials'].max()))}"
-            )
-            found.append(ChartGroup(f"efficiency-{stem}", title, [*errors, *ratios], n_columns=5))
+            numbers = Axis("number a trial", limits=(-0.03 * top, top))
+            below.append(Chart("False points", SNR_AXIS, numbers, over_snr("false")))
+            trials = statistics.trials_and_band(int(part["n_trials"].max()))
+            title = f"{scenario}: one scatterer, errors where it was found; {trials}"
+            found.append(ChartGroup(f"efficiency-{stem}", title, [*above, *below], n_columns=5))
         return found
-
-
-BOUND_STYLE = LineStyle("", "dash", "")
 
 
 def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
@@ -225,33 +168,30 @@ def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
     return measured
 
 
-def _share(column: str) -> Any:
-    return lambda table: table[column] / table["n_trials"]
-
-
-def _measured(part: pd.DataFrame) -> pd.DataFrame:
-    """Leave out errors of one hit among many trials, and give errors the relative band of their ratio."""
-    n_hits = part["n_trials"] - part["n_failed"] - part["n_misses"]
-    is_measured = (n_hits > 1) | (part["n_trials"] == 1)
-    columns: dict[str, Any] = {}
+def _drawn(summary: pd.DataFrame) -> pd.DataFrame:
+    """Add shares, and give errors the relative band of their ratio; leave out those of one hit of many."""
+    n_hits = summary["n_trials"] - summary["n_failed"] - summary["n_misses"]
+    is_measured = (n_hits > 1) | (summary["n_trials"] == 1)
+    columns: dict[str, Any] = {
+        "missed": summary["n_misses"] / summary["n_trials"],
+        "false": summary["n_false"] / summary["n_trials"],
+    }
     for name, (column, _) in UNITS.items():
         for end in ("", "_low", "_high"):
-            ratio = part[f"ratio_{name}{end}"].where(is_measured)
-            columns |= {
-                f"ratio_{name}{end}": ratio,
-                f"rmse_{column}{end}": ratio / part[f"ratio_{name}"] * part[f"rmse_{column}"],
-            }
-    return part.assign(**columns)
+            ratio = summary[f"ratio_{name}{end}"].where(is_measured)
+            columns[f"ratio_{name}{end}"] = ratio
+            columns[f"rmse_{column}{end}"] = ratio / summary[f"ratio_{name}"] * summary[f"rmse_{column}"]
+    return summary.assign(**columns)
 
 
 def _missed(row: Mapping[Any, Any]) -> str:
-    return with_failures(f"{row['n_misses'] / row['n_trials']:.3f}", row["n_failed"])
+    return charts.with_failures(f"{row['n_misses'] / row['n_trials']:.3f}", row["n_failed"])
 
 
 def _ratio_text(column: str, row: Mapping[Any, Any]) -> str:
     """Error over bound with its interval, two decimals below 10; empty without a hit."""
     ratio, low, high = (
-        number_or_blank(row[f"{column}{end}"], "{:.2f}" if row[f"{column}{end}"] < 9.995 else "{:.0f}")
+        charts.number_or_blank(row[f"{column}{end}"], "{:.2f}" if row[f"{column}{end}"] < 9.995 else "{:.0f}")
         for end in ("", "_low", "_high")
     )
     return f"{ratio} ({low}-{high})" if low else ratio
@@ -267,12 +207,12 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
         "n_misses": int((~broken & ~part["hit"]).sum()),
         "n_false": int(part["n_false"].sum()),
     }
-    for dimension, error, bound in zip(DIMENSIONS, ERRORS, BOUNDS, strict=True):
-        ratio, low, high = rms_interval((hits[error] / hits[bound]).to_numpy())
-        unit = error.removeprefix("error_")
+    for dimension, (column, _) in UNITS.items():
+        error, bound = hits[f"error_{column}"], hits[f"bound_{column}"]
+        ratio, low, high = statistics.rms_interval((error / bound).to_numpy())
         found |= {
-            f"rmse_{unit}": math.sqrt((hits[error] ** 2).mean()),
-            f"bound_{unit}": part[bound].mean(),
+            f"rmse_{column}": math.sqrt((error**2).mean()),
+            f"bound_{column}": part[f"bound_{column}"].mean(),
             f"ratio_{dimension}": ratio,
             f"ratio_{dimension}_low": low,
             f"ratio_{dimension}_high": high,

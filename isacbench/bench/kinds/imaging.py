@@ -2,64 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
-from isacbench.bench.kinds.kind import (
-    NO_SCENARIOS,
-    OF_IMAGES,
-    Kind,
-    labels_of,
-    lines_of,
-    number_tables,
-    title_stems,
-)
-from isacbench.bench.kinds.objects import object_tables
-from isacbench.bench.kinds.scenes import (
-    ImagedScene,
-    build_estimators,
-    element_snrs_db,
-    require_scatterers,
-)
-from isacbench.bench.kinds.scores import MANY_SCENARIOS, VARIANT, average_scenarios, summarise_scores
+import pandas as pd
+
+from isacbench import charts
+from isacbench.bench import statistics
+from isacbench.bench.kinds import kind, scores
+from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, average_scenarios, summarise_scores
 from isacbench.bench.run_times import time_charts
-from isacbench.bench.statistics import (
-    TIME,
-    mean_of_scenarios,
-    mean_of_trials,
-    median_times,
-    time_words,
-)
-from isacbench.charts import (
-    SHARE_LIMITS,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    Line,
-    Table,
-    Variant,
-    batched,
-    decades,
-    line_series,
-    linear_limits,
-    number_or_blank,
-    spread_rows,
-    variants_in,
-    with_failures,
-)
+from isacbench.bench.suites.suite import Suite
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, Table, Variant
 from isacbench.metrics.paper import Paper
 from isacbench.metrics.realisations import SPREAD_COLUMNS
-from isacbench.model.radio_coordinates import gain_db, median_gain_db
+from isacbench.model.radio_coordinates import median_gain_db
+from isacbench.model.scene import Scenario
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import pandas as pd
-
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scene import Scenario
 DEVIATION_SPREAD = SPREAD_COLUMNS["deviation"]
 ESTIMATORS_A_TABLE = 4
 
@@ -79,8 +42,7 @@ IMAGE_COLUMNS = {  # score: heading, and how early a terminal without room leave
 """Scores that a table shows after the deviation; the last two are its parts."""
 
 
-@dataclass(frozen=True)
-class ScoreAxis:
+class ScoreAxis(NamedTuple):
     """How a score is drawn: title of its chart, and name, unit and sort of its axis."""
 
     title: str
@@ -114,6 +76,7 @@ SCORE_AXES = {
     ),
     "recall": ScoreAxis("Share of true scatterers within {radius_m:g} m of an estimated point", "recall"),
 }
+SNR_AXIS = Axis("SNR [dB]")
 SHARES = "f_score", "objects_detected", "precision", "recall"
 
 
@@ -124,14 +87,10 @@ class ImagingKind(Kind):
     metrics = OF_IMAGES
     has_images = True
 
-    def scenes(self, suite: Suite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario: the scenario as it is."""
         entries, metrics = build_estimators(suite), self.metrics_of(suite)
-        require_scatterers(scenarios)
-        return [
-            ImagedScene(suite, scenario, entries, element_snrs_db(suite, gain_db(scenario)), metrics=metrics)
-            for scenario in scenarios.values()
-        ]
+        return [ImagedScene(suite, scenario, entries, metrics=metrics) for scenario in scenarios.values()]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every scenario, estimator and SNR, see `summarise_scores`."""
@@ -142,105 +101,90 @@ class ImagingKind(Kind):
 
         Of more than 12 scenarios first their mean; the others are details.
         """
-        labels, words = labels_of(rows), time_words(rows)
-        n_scenarios, found = rows["scenario"].nunique(), number_tables(rows)
+        labels, words = kind.labels_of(rows), f"{statistics.time_words(rows)} of an image"
+        n_scenarios, found = rows["scenario"].nunique(), kind.number_tables(rows)
         is_detail = n_scenarios > MANY_SCENARIOS
         if is_detail:
-            title = f"{mean_of_scenarios(n_scenarios)}; {words} of an image"
-            times_s = median_times(rows, VARIANT)[f"{TIME}_median"].to_dict()
-            found += _estimators_over_snr(average_scenarios(rows), title, labels, times_s)
+            title = f"{statistics.mean_of_scenarios(n_scenarios)}; {words}"
+            found += _estimators_over_snr(average_scenarios(rows), title, labels, rows)
         for scenario, part in summarise_scores(rows).groupby("scenario", sort=False):
-            title = f"{scenario}: {mean_of_trials(int(part['n_cells'].max()))}; {words} of an image"
+            title = f"{scenario}: {statistics.mean_of_trials(int(part['n_cells'].max()))}; {words}"
             if DEVIATION_SPREAD in rows and rows[DEVIATION_SPREAD].notna().any():
                 title += "; ± of references: spread over realisations"
-            times_s = median_times(rows[rows["scenario"] == scenario], VARIANT)[f"{TIME}_median"].to_dict()
-            tables = _estimators_over_snr(part, title, labels, times_s)
+            tables = _estimators_over_snr(part, title, labels, rows[rows["scenario"] == scenario])
             found += [replace(table, is_detail=is_detail) for table in tables]
-        return [*found, *object_tables(rows, labels)]
+        return [*found, *scores.object_tables(rows, labels)]
 
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Deviation of all scenarios, all scores of each, and run time against error where the time counts.
 
         Of more than 12 scenarios only the mean of the deviation, and times.
         """
-        lines, n_scenarios = lines_of(rows), rows["scenario"].nunique()
+        lines, n_scenarios = kind.lines_of(rows), rows["scenario"].nunique()
         if n_scenarios > MANY_SCENARIOS:
-            summary, note = average_scenarios(rows), mean_of_scenarios(n_scenarios)
-            return [deviation_charts(summary, lines, note), *time_charts(rows, lines)]
+            note = statistics.mean_of_scenarios(n_scenarios)
+            return [deviation_charts(average_scenarios(rows), lines, note), *time_charts(rows, lines)]
         summary = summarise_scores(rows)
-        note = mean_of_trials(int(summary["n_cells"].max()))
+        note = statistics.mean_of_trials(int(summary["n_cells"].max()))
         found = [deviation_charts(summary, lines, note)]
-        for name, stem, part in title_stems(summary, "scenario"):
-            scores = [score for score in SCORE_AXES if f"{score}_mean" in part]
-            found.append(score_charts(part, scores, f"curves-{stem}", lines, scenarios.get(name)))
+        for name, stem, part in kind.title_stems(summary, "scenario"):
+            drawn = [score for score in SCORE_AXES if f"{score}_mean" in part]
+            found.append(score_charts(part, drawn, f"curves-{stem}", lines, scenarios.get(name)))
         return [*found, *time_charts(rows, lines)]
 
 
 def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note: str) -> ChartGroup:
     """Deviation over SNR, a chart a scenario, all on one scale."""
-    limits = linear_limits(summary, "deviation_mean", "deviation")
-    axis = Axis(SCORE_AXES["deviation"].axis, limits=limits)
-    charts = [
-        Chart(
-            str(name),
-            Axis("SNR [dB]"),
-            axis,
-            line_series(part, lines, "snr_db", "deviation_mean", "deviation"),
-        )
-        for name, part in summary.groupby("scenario", sort=False)
-    ]
-    return ChartGroup("deviation", f"{SCORE_AXES['deviation'].title}\n{note}", charts)
+    y = Axis("imaging deviation", limits=charts.linear_limits(summary, "deviation_mean", "deviation"))
+    panels = []
+    for name, part in summary.groupby("scenario", sort=False):
+        series = charts.line_series(part, lines, "snr_db", "deviation_mean", "deviation")
+        panels.append(Chart(str(name), SNR_AXIS, y, series))
+    return ChartGroup("deviation", f"{SCORE_AXES['deviation'].title}\n{note}", panels)
 
 
 def score_charts(
     part: pd.DataFrame,
-    scores: list[str],
+    shown: Sequence[str],
     stem: str,
     lines: Mapping[Variant, Line],
     scenario: Scenario | None,
 ) -> ChartGroup:
-    """Scores of one scenario over SNR, a chart a score.
+    """Scores of one scenario of `summarise_scores` over SNR, a chart a score.
 
-    Parameters
-    ----------
-    part : DataFrame
-        Rows of the scenario as `summarise_scores` returns them.
-    scenario : Scenario or None
-        None where it is not known: the radius and the gain are not named then.
+    Where the scenario is not known, its radius and gain are not named.
     """
-    title = f"{part['scenario'].iloc[0]}: {mean_of_trials(int(part['n_cells'].max()))}"
+    title = f"{part['scenario'].iloc[0]}: {statistics.mean_of_trials(int(part['n_cells'].max()))}"
     if scenario is not None:
         title += f"\na median scatterer after all gains: SNR {median_gain_db(scenario):+.1f} dB"
-    charts = []
-    for score in scores:
-        shown = SCORE_AXES.get(score, ScoreAxis(score, score))
+    panels = []
+    for score in shown:
+        heading, name, is_log = SCORE_AXES.get(score, ScoreAxis(score, score))
         mean = part[f"{score}_mean"]
-        name, limits = shown.axis, SHARE_LIMITS
-        if score not in SHARES:
-            limits = linear_limits(part, f"{score}_mean", score)
-        if shown.log:
-            limits = decades(mean, PRACTICALLY_ZERO)
+        if is_log:
+            limits = charts.decades(mean, PRACTICALLY_ZERO)
             name += " (less: at the edge)" if (mean < limits[0]).any() else ""
-        axis = Axis(name, shown.log, limits)
-        heading = shown.title.replace("{radius_m:g}", f"{scenario.radius_m:g}" if scenario else "1")
-        series = line_series(part, lines, "snr_db", f"{score}_mean", score)
-        charts.append(Chart(heading, Axis("SNR [dB]"), axis, series))
-    return ChartGroup(stem, title, charts)
+        elif score in SHARES:
+            limits = charts.SHARE_LIMITS
+        else:
+            limits = charts.linear_limits(part, f"{score}_mean", score)
+        heading = heading.replace("{radius_m:g}", f"{scenario.radius_m:g}" if scenario else "1")
+        series = charts.line_series(part, lines, "snr_db", f"{score}_mean", score)
+        panels.append(Chart(heading, SNR_AXIS, Axis(name, is_log, limits), series))
+    return ChartGroup(stem, title, panels)
 
 
 def _estimators_over_snr(
-    summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], times_s: Mapping[Any, float]
+    summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], rows: pd.DataFrame
 ) -> list[Table]:
-    """Tables of one scenario, or of a mean over scenarios, a few estimators in each."""
+    """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with times."""
     summary = summary.assign(spatial_mean=summary["hausdorff_sum_m_mean"] + summary["density_mean"])
     shown = {score: one for score, one in IMAGE_COLUMNS.items() if f"{score}_mean" in summary}
-    rows = spread_rows(summary.sort_values("snr_db", kind="stable"), ["snr_db"], VARIANT)
-    times = {variant: {"time_s": time_s} for variant, time_s in times_s.items()}
-    rows.append({"snr_db": "time [ms]", **times})
+    lines = charts.spread_rows(summary.sort_values("snr_db", kind="stable"), ["snr_db"], VARIANT)
+    times_s = statistics.median_times(rows, VARIANT)[f"{statistics.TIME}_median"]
+    lines.append({"snr_db": "time [ms]", **{one: {"time_s": time_s} for one, time_s in times_s.items()}})
     found = []
-    for batch in batched(variants_in(summary), ESTIMATORS_A_TABLE):
+    for batch in charts.batched(charts.variants_in(summary), ESTIMATORS_A_TABLE):
         columns = [Column("SNR [dB]", "snr_db", "{:g}", part=0)]
         for part, variant in enumerate(batch, start=1):
             columns.append(Column(f"{labels[variant]}: deviation", variant, deviation_text, part=part))
@@ -248,17 +192,18 @@ def _estimators_over_snr(
                 form = "{:.1e}" if score == "velocity_nmse" else "{:.2f}"
                 write = partial(_mean_text, f"{score}_mean", form)
                 columns.append(Column(heading, variant, write, optional=optional, part=part))
-        found.append(Table(title, columns, rows))
+        found.append(Table(title, columns, lines))
     return found
 
 
 def _mean_text(column: str, form: str, entry: Mapping[Any, Any]) -> str:
-    return number_or_blank(entry[column], form) if column in entry else ""
+    return charts.number_or_blank(entry[column], form) if column in entry else ""
 
 
 def deviation_text(entry: Mapping[Any, Any]) -> str:
     """Mean deviation of some trials with its band and the trials that failed, or the time of an image."""
     if "time_s" in entry:
         return f"{1e3 * entry['time_s']:.1f}"
-    mean = number_or_blank(entry["deviation_mean"], "{:.2f}")
-    return with_failures(mean + number_or_blank(entry["deviation_band"], " ±{:.2f}"), entry["n_failed"])
+    mean = charts.number_or_blank(entry["deviation_mean"], "{:.2f}")
+    band = charts.number_or_blank(entry["deviation_band"], " ±{:.2f}")
+    return charts.with_failures(mean + band, entry["n_failed"])

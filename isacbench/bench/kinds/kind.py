@@ -30,7 +30,8 @@ SNR_GAIN: Mapping[str, float] = {"snr_gain_db": math.nan}
 OF_IMAGES = "points", "occupancy", "objects"
 """Metrics beside ``paper`` of suites whose images are scored."""
 
-NO_SCENARIOS: Mapping[str, Any] = {}
+Scenarios = Mapping[str, "Scenario"]
+NO_SCENARIOS: Scenarios = {}
 
 
 class Kind(ABC):
@@ -60,7 +61,7 @@ class Kind(ABC):
     has_images: ClassVar[bool] = False
 
     @abstractmethod
-    def scenes(self, suite: Any, scenarios: Mapping[str, Scenario]) -> Sequence[Scene]:
+    def scenes(self, suite: Any, scenarios: Scenarios) -> Sequence[Scene]:
         """Plan the scenes of a suite on scenarios by name; an `InputError` where it cannot be run on them."""
 
     @abstractmethod
@@ -72,9 +73,7 @@ class Kind(ABC):
         """Tabulate the rows of a run: what is printed, and ``summary.md``."""
 
     @abstractmethod
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Draw the rows of a run, with what its scenarios tell as far as they are known."""
 
     def metric_specs(self, suite: Suite) -> tuple[str, ...]:

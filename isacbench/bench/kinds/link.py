@@ -11,71 +11,34 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+from itertools import product
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
 from pydantic import AfterValidator
 from scipy.special import bdtr, bdtrc
 
+from isacbench import charts
+from isacbench.bench import statistics
 from isacbench.bench.cells.record import failed
+from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.imaging import deviation_text
-from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, number_tables, title_stems
+from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.link_users import user_scenes
-from isacbench.bench.kinds.scenes import (
-    ImagedScene,
-    Scene,
-    build_estimators,
-    element_snrs_db,
-    require_scatterers,
-)
-from isacbench.bench.kinds.scores import VARIANT
-from isacbench.bench.plan.labels import estimator_labels
-from isacbench.bench.statistics import (
-    TIME,
-    mean_band,
-    median_times,
-    share_band,
-    summarise,
-    time_words,
-    trials_and_band,
-)
+from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
-from isacbench.charts import (
-    COLOURS,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    LineStyle,
-    Series,
-    Table,
-    batched,
-    interval,
-    number_or_blank,
-    rows_of,
-    short_labels,
-    spread_rows,
-    variants_in,
-    with_failures,
-)
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.qam import awgn_ber
-from isacbench.model.radio_coordinates import gain_db
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from isacbench.bench.kinds.scenes import Entry
-    from isacbench.charts import Variant
-    from isacbench.metrics.descriptions import Direction
-    from isacbench.model.numerology import System
-    from isacbench.model.scene import Scenario
+from isacbench.model.numerology import System
+from isacbench.model.scene import Scenario
 
 IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
@@ -88,7 +51,7 @@ SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
 DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
 KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
-MODULATION_COLOURS = dict(zip(get_args(Modulation), COLOURS, strict=False))
+MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
 DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
 RECEIVER_DASHES = "solid", "dash", "dashdot"
 PRS_STYLE = LineStyle("", "dashdot", "diamond")
@@ -132,34 +95,33 @@ class LinkKind(Kind):
 
     name = "link"
     suite = LinkSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         **dict.fromkeys(["template", "modulation", "sensing", "division", "channel"], ""),
         **dict.fromkeys(["n_bits", "n_bit_errors"], 0),
         **dict.fromkeys(["ber_expected", "evm_db", "channel_error_db", "rate_bps"], math.nan),
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "rate_bps": "higher",
         **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
     }
 
-    def scenes(self, suite: LinkSuite, scenarios: Mapping[str, Scenario]) -> list[Scene]:
+    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Scene]:
         """Plan every scenario with every signal, and every channel with every modulation."""
         if suite.snr_db is None:
             raise InputError(
                 "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
             )
         entries = build_estimators(suite)
-        require_scatterers(scenarios)
         for scenario in scenarios.values():
             scenario.require_default("a suite of the kind link", "noise", "mimo")
-        sensed: list[Scene] = [
+        sensed = [
             _sensed_scene(suite, scenario, name, signal, entries)
             for scenario in scenarios.values()
             for name, signal in signals_of(suite).items()
         ]
         system = _common_system(scenarios)
-        return sensed + user_scenes(suite, suite.channels, suite.receivers, suite.modulations, system)
+        return [*sensed, *user_scenes(suite, suite.channels, suite.receivers, suite.modulations, system)]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
@@ -175,24 +137,21 @@ class LinkKind(Kind):
             ``ber_expected``, ``evm_db`` and ``channel_error_db`` (of mean powers) and ``rate_bps``, the mean.
             Of all ``time_estimate_s_median``. Fewer than five trials have no intervals.
         """
-        return summarise(rows, GROUP, _numbers)
+        return statistics.summarise(rows, GROUP, _numbers)
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Deviations of every scenario and estimator, and bit error rates of every channel and receiver."""
         summary = self.summary(rows)
         sensed, received = summary[summary["channel"] == ""], summary[summary["channel"] != ""]
-        times_s, found = median_times(rows, IMAGED)[f"{TIME}_median"], number_tables(sensed)
-        labels = short_labels(estimator_labels(variants_in(sensed)))
+        times, labels = statistics.time_notes(rows, IMAGED), kind.labels_of(sensed)
+        found = kind.number_tables(sensed)
         for key, part in sensed.groupby(IMAGED, sort=False):
             template, name, params = map(str, key)
             title = (
                 f"{template}, {labels[name, params]}: mean imaging deviation by what is sensed with, "
-                f"{trials_and_band(int(part['n_cells'].max()), 'interval')}"
+                f"{statistics.trials_and_band(int(part['n_cells'].max()), 'interval')}{times.get(key, '')}"
             )
-            time_ms = 1e3 * times_s.get(key, math.nan)
-            title += number_or_blank(time_ms, f"; {time_words(rows)} {{:.1f}} ms")
-            signals = {signal: signal_label(signal) for signal in signals_of_part(part)}
-            found += _over_snr(title, part, SIGNAL, signals, deviation_text, SIGNALS_A_TABLE)
+            found += _over_snr(title, part, SIGNAL, signal_label, deviation_text, SIGNALS_A_TABLE)
         labels, outside = receiver_labels(received), outside_interval(received)
         for key, part in received.groupby(["channel", *VARIANT], sort=False):
             channel, name, params = map(str, key)
@@ -200,30 +159,28 @@ class LinkKind(Kind):
                 f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
                 f"{counted(part['n_cells'].max(), 'frame')}"
             ) + _expectation(outside.reindex(part.index).dropna())
-            modulations = {(one,): one.upper() for one in part["modulation"].unique()}
-            found += _over_snr(title, part, ["modulation"], modulations, _reception_text, MODULATIONS_A_TABLE)
+            found += _over_snr(title, part, ["modulation"], _modulation, _reception_text, MODULATIONS_A_TABLE)
         return found
 
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Bit errors of every channel beside deviations of every scenario, and the trade between the two."""
         summary = self.summary(rows).sort_values("snr_db", kind="stable")
         received, sensed = summary[summary["channel"] != ""], summary[summary["channel"] == ""]
+        y = Axis("bit error rate", log=True, limits=(LOWEST_BER, 1.0))
         errors = [
-            Chart(f"User behind {channel}", SNR_AXIS, _error_axis(), _error_series(part))
+            Chart(f"User behind {channel}", SNR_AXIS, y, _error_series(part))
             for channel, part in received.groupby("channel", sort=False)
         ]
-        labels, found = short_labels(estimator_labels(variants_in(sensed))), []
-        for template, stem, part in title_stems(sensed, "template"):
+        labels, found = kind.labels_of(sensed), []
+        for template, stem, part in kind.title_stems(sensed, "template"):
             deviation = Axis("imaging deviation", log=bool((part["deviation_mean"] > 0).any()))
-            images = [
-                Chart(f"Image by {labels[one]}", SNR_AXIS, deviation, _signal_series(rows_of(part, one)))
-                for one in variants_in(part)
-            ]
+            images = []
+            for variant in charts.variants_in(part):
+                series = _signal_series(charts.rows_of(part, variant))
+                images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, deviation, series))
             title = (
                 f"{template}: bit errors of the user, and deviations of the image; "
-                f"{trials_and_band(int(summary['n_cells'].max()))}"
+                f"{statistics.trials_and_band(int(summary['n_cells'].max()))}"
             )
             n_columns = max(len(errors), 1) if len(errors) <= 4 else 3
             found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], n_columns, PANEL_IN))
@@ -232,24 +189,17 @@ class LinkKind(Kind):
         return found
 
 
-def _error_axis() -> Axis:
-    return Axis("bit error rate", log=True, limits=(LOWEST_BER, 1.0))
-
-
 def _error_series(part: pd.DataFrame) -> list[Series]:
     """Bit error rates behind a channel, and the closed form of white noise."""
-    found = []
-    names = receiver_labels(part)
+    found, receivers = [], receiver_labels(part)
     for modulation in part["modulation"].unique():
         colour, own = MODULATION_COLOURS[modulation], part[part["modulation"] == modulation]
-        for place, (variant, name) in enumerate(names.items()):
-            rows = rows_of(own, variant)
-            rows = rows[rows["n_bit_errors"] > 0]
+        for place, (variant, receiver) in enumerate(receivers.items()):
+            rows = charts.rows_of(own[own["n_bit_errors"] > 0], variant)
+            limits = charts.interval(rows, "ber")
             style = LineStyle(colour, RECEIVER_DASHES[place % len(RECEIVER_DASHES)], "circle")
-            label = f"{modulation.upper()}, {name}"
-            found.append(
-                Series(label, rows["snr_db"], rows["ber"], rows["ber_low"], rows["ber_high"], style=style)
-            )
+            label = f"{modulation.upper()}, {receiver}"
+            found.append(Series(label, rows["snr_db"], rows["ber"], *limits, style=style))
         snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
         drawn = np.where(rates >= LOWEST_BER, rates, np.nan)
@@ -262,16 +212,13 @@ def _signal_series(part: pd.DataFrame) -> list[Series]:
     """Deviations of one estimator, a line a signal."""
     found = []
     for key, rows in part.groupby(SIGNAL, sort=False):
-        signal = tuple(map(str, key))
-        low, high = interval(rows, "deviation_mean", "deviation")
-        label = f"image, {signal_label(signal)}"
-        found.append(
-            Series(label, rows["snr_db"], rows["deviation_mean"], low, high, style=_signal_style(signal))
-        )
+        limits, style = charts.interval(rows, "deviation_mean", "deviation"), _signal_style(key)
+        label = f"image, {signal_label(key)}"
+        found.append(Series(label, rows["snr_db"], rows["deviation_mean"], *limits, style=style))
     return found
 
 
-def _signal_style(signal: Sequence[str]) -> LineStyle:
+def _signal_style(signal: tuple[Any, ...]) -> LineStyle:
     sensing, modulation, division = signal
     if sensing == "prs":
         return PRS_STYLE
@@ -284,29 +231,29 @@ def _trade_charts(
     """Imaging deviation over the bit rate at the same SNR behind the first channel, a chart an estimator."""
     channel = received["channel"].iloc[0]
     of_channel = received[received["channel"] == channel]
-    receiver = variants_in(of_channel)[-1]
-    rates = rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
-    charts = []
-    for variant in variants_in(sensed):
+    receiver = charts.variants_in(of_channel)[-1]
+    rates = charts.rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
+    panels = []
+    for variant in charts.variants_in(sensed):
         series = []
-        for key, rows in _trade_points(rows_of(sensed, variant), rates).groupby(SIGNAL, sort=False):
-            sensing, modulation, division = map(str, key)
-            style = _signal_style((sensing, modulation, division))
-            label = signal_label((sensing, modulation, division))
-            texts: list[str] = []
+        for key, rows in _trade_points(charts.rows_of(sensed, variant), rates).groupby(SIGNAL, sort=False):
+            sensing, modulation, division = key
+            style = _signal_style(key)
             if sensing == "prs":
-                style, label = LineStyle(MODULATION_COLOURS[modulation], "dashdot", "diamond"), "PRS alone"
-            elif division in ("", "reciprocal"):
-                texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]]
-            series.append(Series(label, rows["rate_gbps"], rows["deviation_mean"], style=style, texts=texts))
+                style = LineStyle(MODULATION_COLOURS[modulation], "dashdot", "diamond")
+            is_named = sensing != "prs" and division in ("", "reciprocal")
+            texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]] if is_named else []
+            x, y = rows["rate_gbps"], rows["deviation_mean"]
+            series.append(Series(signal_label(key), x, y, style=style, texts=texts))
         top = 1.06 * max((float(np.nanmax(np.append(one.y, 0.0))) for one in series), default=0.0) or 1.0
-        y = Axis("imaging deviation", limits=(0.0, top))
-        charts.append(Chart(f"Image by {labels[variant]}", Axis("achievable bit rate [Gbit/s]"), y, series))
+        axis = Axis("imaging deviation", limits=(0.0, top))
+        rate = Axis("achievable bit rate [Gbit/s]")
+        panels.append(Chart(f"Image by {labels[variant]}", rate, axis, series))
     title = (
         f"{template}: image against bit rate behind {channel}, {receiver_labels(received)[receiver]}; "
         "numbers are SNRs in dB"
     )
-    return ChartGroup(f"trade-{stem}", title, charts, panel_in=PANEL_IN)
+    return ChartGroup(f"trade-{stem}", title, panels, panel_in=PANEL_IN)
 
 
 def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
@@ -320,12 +267,7 @@ def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
     return points.assign(rate_gbps=points["rate_bps"] / 1e9, path=path).sort_values(["path", "snr_db"])
 
 
-def signals_of_part(part: pd.DataFrame) -> list[tuple[str, str, str]]:
-    """Sensing, modulation and division of the signals of some rows, each once, in order."""
-    return list(part[SIGNAL].drop_duplicates().itertuples(index=False, name=None))
-
-
-def signal_label(signal: Sequence[str]) -> str:
+def signal_label(signal: tuple[Any, ...]) -> str:
     """Name sensing, modulation and division for people.
 
     Examples
@@ -336,12 +278,16 @@ def signal_label(signal: Sequence[str]) -> str:
     sensing, modulation, division = signal
     if sensing == "prs":
         return "PRS alone"
-    return modulation.upper() + (f", {DIVISIONS[division]}" if division else "")
+    return str(modulation).upper() + (f", {DIVISIONS[division]}" if division else "")
+
+
+def _modulation(key: tuple[str]) -> str:
+    return key[0].upper()
 
 
 def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     """Name receivers by what they know, and by further parameters where two know the same."""
-    params = {variant: json.loads(variant[1]) for variant in variants_in(part)}
+    params = {variant: json.loads(variant[1]) for variant in charts.variants_in(part)}
     known = [own["knowledge"] for own in params.values()]
     return {
         variant: KNOWLEDGE[own["knowledge"]]
@@ -354,21 +300,15 @@ def _over_snr(
     title: str,
     part: pd.DataFrame,
     by: Sequence[str],
-    headings: Mapping[Any, str],
-    write: Any,
-    most: int,
+    label: Callable[[Any], str],
+    write: Callable[[Any], str],
+    n_columns: int,
 ) -> list[Table]:
-    """Tables of texts over SNR, a few columns in each."""
-    rows = spread_rows(part.sort_values("snr_db"), ["snr_db"], by)
-    snr = Column("SNR [dB]", "snr_db", "{:.4g}", part=0)
-    return [
-        Table(
-            title,
-            [snr, *(Column(headings[key], key, write, part=at) for at, key in enumerate(batch, 1))],
-            rows,
-        )
-        for batch in batched(headings, most)
-    ]
+    """Tables of texts over SNR, a column for each value of some columns."""
+    rows = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], by)
+    first = [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
+    headings = {key: label(key) for key in part[[*by]].drop_duplicates().itertuples(index=False, name=None)}
+    return charts.tables_of_columns(title, first, rows, headings, write, n_columns)
 
 
 def _expectation(outside: pd.Series[bool]) -> str:
@@ -383,12 +323,12 @@ def _expectation(outside: pd.Series[bool]) -> str:
 def _reception_text(entry: Mapping[Any, Any]) -> str:
     """Bit error rate beside the expected one, EVM and rate; and what failed."""
     if math.isnan(entry["ber"]):
-        return with_failures("", entry["n_failed"])
+        return charts.with_failures("", entry["n_failed"])
     expected = "-" if math.isnan(entry["ber_expected"]) else _rate_text(entry["ber_expected"])
     figures = (
         f"{_rate_text(entry['ber'])} ({expected}) | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
     )
-    return with_failures(figures, entry["n_failed"])
+    return charts.with_failures(figures, entry["n_failed"])
 
 
 def _rate_text(rate: float) -> str:
@@ -405,26 +345,17 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
     Names are such as ``all-qpsk``, ``all-16qam-matched`` and ``prs``.
     """
     signals: dict[str, Signal] = {}
-    for sensing in suite.sensing:
-        for modulation in suite.modulations:
-            for division in suite.divisions:
-                signal = Signal(modulation, sensing, division)
-                if sensing == "prs":
-                    name = "prs"
-                elif signal.has_unit_modulus:
-                    name = f"{sensing}-{modulation}"
-                else:
-                    name = f"{sensing}-{modulation}-{division}"
-                signals.setdefault(name, signal)
+    for sensing, modulation, division in product(suite.sensing, suite.modulations, suite.divisions):
+        signal = Signal(modulation, sensing, division)
+        name = "prs" if sensing == "prs" else f"{sensing}-{modulation}"
+        if sensing != "prs" and not signal.has_unit_modulus:
+            name += f"-{division}"
+        signals.setdefault(name, signal)
     return signals
 
 
 def _sensed_scene(
-    suite: LinkSuite,
-    scenario: Scenario,
-    name: str,
-    signal: Signal,
-    entries: Sequence[Entry[Any]],
+    suite: LinkSuite, scenario: Scenario, name: str, signal: Signal, entries: Sequence[Entry[Any]]
 ) -> ImagedScene:
     """Scene of a scenario that is sensed with a signal."""
     labels = {
@@ -437,7 +368,6 @@ def _sensed_scene(
         suite,
         scenario,
         entries,
-        element_snrs_db(suite, gain_db(scenario)),
         name=f"{scenario.name}-{name}",
         simulator=partial(SignalSimulator, signal=signal),
         labels=labels,
@@ -488,7 +418,7 @@ def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
 
 def _imaged(part: pd.DataFrame) -> dict[str, float]:
     """Means of the scores of images, and the band of the deviation."""
-    mean, half = mean_band(part["deviation"].dropna().to_numpy())
+    mean, half = statistics.mean_band(part["deviation"].dropna().to_numpy())
     return {
         "deviation_mean": mean,
         "deviation_band": half,
@@ -499,13 +429,10 @@ def _imaged(part: pd.DataFrame) -> dict[str, float]:
 def _received(part: pd.DataFrame) -> dict[str, float]:
     """Bit errors of all trials, and means of the rest."""
     n_bits, n_errors = int(part["n_bits"].sum()), int(part["n_bit_errors"].sum())
-    low, high = share_band(n_errors, n_bits, len(part))
     return {
         "n_bits": n_bits,
         "n_bit_errors": n_errors,
-        "ber": n_errors / n_bits if n_bits else math.nan,
-        "ber_low": low,
-        "ber_high": high,
+        **statistics.share_columns("ber", n_errors, n_bits, len(part)),
         "ber_expected": part["ber_expected"].mean(),
         **{name: _mean_db(part[name]) for name in ("evm_db", "channel_error_db")},
         "rate_bps": part["rate_bps"].mean(),

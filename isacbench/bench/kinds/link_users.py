@@ -6,33 +6,26 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
-from isacbench.bench.cells.cell import array_digest
-from isacbench.bench.cells.record import status_of
-from isacbench.bench.kinds.scenes import Scene, SharedObservation, distinct_entries, entry_of
+from isacbench.bench.cells.cell import Found, array_digest
+from isacbench.bench.cells.record import Row, status_of
+from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation, distinct_entries, entry_of
 from isacbench.bench.suites.scenario_digest import described_fields, digest
+from isacbench.bench.suites.suite import Suite
+from isacbench.choices import Modulation
 from isacbench.errors import InputError, unknown_name
-from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, require_closed_form
+from isacbench.link.reception.channel import Awgn, Channel, TappedDelay, TwoRay, require_closed_form
 from isacbench.link.reception.channel_estimation import require_estimable
-from isacbench.link.reception.receiver import Knowledge, expected_ber, receive
+from isacbench.link.reception.receiver import Knowledge, Reception, expected_ber, receive
 from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
+from isacbench.model.numerology import System
 from isacbench.plugins.registry import canonical_params, construct
 from isacbench.specifications import parse_spec
-
-if TYPE_CHECKING:
-    from isacbench.bench.cells.cell import Found
-    from isacbench.bench.cells.record import Row
-    from isacbench.bench.kinds.scenes import Entry
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.choices import Modulation
-    from isacbench.link.reception.channel import Channel
-    from isacbench.link.reception.receiver import Reception
-    from isacbench.model.numerology import System
 
 
 @dataclass(frozen=True)
@@ -64,11 +57,6 @@ class Arrival(SharedObservation):
     grid: ResourceGrid
     system: System
     channel: Channel
-
-    @property
-    def n_true(self) -> int:
-        """Number of bits of the frame."""
-        return self.grid.bits.size
 
     def digest(self) -> str:
         """Digest of the frame."""
@@ -106,16 +94,7 @@ class Arrival(SharedObservation):
 
 
 class UserScene(Scene):
-    """Channel, modulation, and the receivers behind them.
-
-    Parameters
-    ----------
-    text : str
-        Channel as the suite writes it.
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    entries : sequence of Entry
-        Receivers.
-    """
+    """Channel (`text` as the suite writes it), modulation, and the receivers behind them."""
 
     def __init__(
         self,
@@ -128,9 +107,11 @@ class UserScene(Scene):
     ) -> None:
         self._system, self._channel = system, channel
         self._labels = {"channel": text, "modulation": modulation}
-        draw = partial(draw_grid, system, modulation, seed=suite.seed)
-        name = f"user-{text}-{modulation}"
-        super().__init__(suite, name, entries, suite.snr_db or (), lambda trial: draw(trial=trial))
+
+        def draw(trial: int) -> ResourceGrid:
+            return draw_grid(system, modulation, seed=suite.seed, trial=trial)
+
+        super().__init__(suite, f"user-{text}-{modulation}", entries, suite.snr_db or (), draw)
 
     @cached_property
     def content(self) -> str:
@@ -140,8 +121,8 @@ class UserScene(Scene):
 
     def observe(self, snr_db: float, trial: int) -> Arrival:
         """Send a frame, for all receivers."""
-        grid = self._drawn_once(trial)
-        return Arrival(self._key(snr_db, trial), self._labels, grid, self._system, self._channel)
+        grid, key = self._drawn_once(trial), self._key(snr_db, trial)
+        return Arrival(key, self._labels, grid.bits.size, grid, self._system, self._channel)
 
 
 def user_scenes(

@@ -5,60 +5,33 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from isacbench import charts
+from isacbench.bench import statistics
 from isacbench.bench.cells.record import failed
-from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, labels_of, lines_of, number_tables
+from isacbench.bench.kinds import kind, scores
+from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.lone_targets import measure_lone_scatterers
-from isacbench.bench.kinds.objects import object_tables, over_snrs
-from isacbench.bench.kinds.ratios import POINT_FAMILIES, hausdorff_ratios
-from isacbench.bench.kinds.scenes import (
-    ImagedScene,
-    build_estimators,
-    element_snrs_db,
-    require_scatterers,
-)
-from isacbench.bench.kinds.scores import VARIANT, averaged_columns
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scores import COUNTS, POINT_FAMILIES, over_snrs
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
-from isacbench.bench.statistics import MIN_TRIALS, median_interval, median_times, student_band, time_words
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import (
-    SHARE_LIMITS,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    LineStyle,
-    Series,
-    Table,
-    decades,
-    line_series,
-    linear_limits,
-    number_or_blank,
-    rows_of,
-    with_failures,
-)
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.files.file_names import file_stems
 from isacbench.model.frame import PaperFrame
-from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scenes.scene_families import use_of_seed
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
-
-    from isacbench.charts import Line, Variant
-    from isacbench.metrics.descriptions import Direction
-    from isacbench.model.scene import Scenario
 
 ALL = "all"
 """Value of `family`, `frame` and `phases` in a row over all of them."""
@@ -99,60 +72,51 @@ OPEN_FRAME = "paper"
 
 
 class Score(NamedTuple):
-    """Number of a summary: its heading, column, form, and how early a terminal leaves it out."""
+    """Number of a summary, in tables and charts.
+
+    Attributes
+    ----------
+    heading : str
+        In tables; empty: not there.
+    optional : int
+        How early a terminal leaves it out.
+    axis : str
+        In charts; empty: not there.
+    scale : {"share", "positive", "log"}
+        Of the axis.
+    """
 
     heading: str
     column: str
-    form: str = "{:.2f}"
     is_higher_better: bool = False
     optional: int = 0
-
-
-RATIO = Score("median: ratio", "ratio_median")
-HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m_mean")
-SCORES = (
-    RATIO,
-    HAUSDORFF,
-    Score("F-score", "f_score_mean", is_higher_better=True),
-    Score("objects: F-score", "objects_f_score_mean", is_higher_better=True),
-    Score("GOSPA: skill", "gospa_skill_mean", is_higher_better=True, optional=1),
-    Score("velocity: error [m/s]", "velocity_error_mps_mean", optional=2),
-    Score("precision", "precision_mean", is_higher_better=True, optional=4),
-    Score("recall", "recall_mean", is_higher_better=True, optional=3),
-)
-AIMED = (
-    Score("false points: an image", "n_false_mean"),
-    Score("images: without any", "share_clean_mean", is_higher_better=True),
-    Score("scatterers: resolved", "share_resolved_mean", is_higher_better=True),
-    Score("images: all met", "share_met_mean", is_higher_better=True),
-)
-JUDGED = (*SCORES, Score("deviation", "deviation_mean"), *AIMED)
-
-
-class Drawn(NamedTuple):
-    """Number of a summary over SNR: name of its axis, its column, stem of its interval, and sort of axis."""
-
-    axis: str
-    column: str
-    stem: str
+    axis: str = ""
     scale: str = "share"
 
 
 RATIO_AXIS = "ratio to the oracle"
-DRAWN = (
-    Drawn(RATIO_AXIS, "ratio_median", "ratio", "log"),
-    Drawn("F-score", "f_score_mean", "f_score"),
-    Drawn("objects detected", "objects_detected_mean", "objects_detected"),
-    Drawn("velocity error [m/s]", "velocity_error_mps_mean", "velocity_error_mps", "positive"),
-    Drawn("precision", "precision_mean", "precision"),
-    Drawn("recall", "recall_mean", "recall"),
+RATIO = Score("median: ratio", "ratio_median", axis=RATIO_AXIS, scale="log")
+HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m_mean")
+SPEED = "velocity error [m/s]"
+SCORES = (
+    RATIO,
+    HAUSDORFF,
+    Score("F-score", "f_score_mean", is_higher_better=True, axis="F-score"),
+    Score("objects: F-score", "objects_f_score_mean", is_higher_better=True),
+    Score("", "objects_detected_mean", axis="objects detected"),
+    Score("GOSPA: skill", "gospa_skill_mean", is_higher_better=True, optional=1),
+    Score("velocity: error [m/s]", "velocity_error_mps_mean", optional=2, axis=SPEED, scale="positive"),
+    Score("precision", "precision_mean", is_higher_better=True, optional=4, axis="precision"),
+    Score("recall", "recall_mean", is_higher_better=True, optional=3, axis="recall"),
 )
-DRAWN_TARGETS = (
-    Drawn("false points an image", "n_false_mean", "n_false", "positive"),
-    Drawn("images without false points", "share_clean_mean", "share_clean"),
-    Drawn("scatterers resolved", "share_resolved_mean", "share_resolved"),
-    Drawn("images with all met", "share_met_mean", "share_met"),
+AIMED = (
+    Score("false points: an image", "n_false_mean", axis="false points an image", scale="positive"),
+    Score("images: without any", "share_clean_mean", True, axis="images without false points"),
+    Score("scatterers: resolved", "share_resolved_mean", True, axis="scatterers resolved"),
+    Score("images: all met", "share_met_mean", True, axis="images with all met"),
 )
+JUDGED = [one for one in (*SCORES, Score("deviation", "deviation_mean"), *AIMED) if one.heading]
+DRAWN = [one for one in SCORES if one.axis]
 
 
 class PopulationSuite(Suite):
@@ -199,7 +163,7 @@ class PopulationKind(Kind):
 
     name = "population"
     suite = PopulationSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         "family": "",
         "frame": "",
         "coherent_phase": False,
@@ -207,34 +171,23 @@ class PopulationKind(Kind):
         "n_resolved": 0,
         "n_false": 0,
     }
-    better: ClassVar[Mapping[str, Direction]] = {
-        "n_resolved": "higher",
-        "n_resolvable": "neither",
-        "coherent_phase": "neither",
-    }
+    better: ClassVar = {"n_resolved": "higher", "n_resolvable": "neither", "coherent_phase": "neither"}
     metrics = OF_IMAGES
     has_images = True
 
-    def scenes(self, suite: PopulationSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    def scenes(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario: the scenario as it is, labelled with family, frame and phases."""
-        entries, metrics = build_estimators(suite), self.metrics_of(suite)
-        require_scatterers(scenarios)
-        return [
-            ImagedScene(
-                suite,
-                scenario,
-                entries,
-                element_snrs_db(suite, gain_db(scenario)),
-                measure=measure_lone_scatterers if scenario.family in POINT_FAMILIES else None,
-                metrics=metrics,
-                labels={
-                    "family": scenario.family,
-                    "frame": "paper" if isinstance(scenario.frame, PaperFrame) else "panel",
-                    "coherent_phase": scenario.system.coherent_phase,
-                },
-            )
-            for scenario in scenarios.values()
-        ]
+        entries, metrics, found = build_estimators(suite), self.metrics_of(suite), []
+        for scenario in scenarios.values():
+            measure = measure_lone_scatterers if scenario.family in POINT_FAMILIES else None
+            labels = {
+                "family": scenario.family,
+                "frame": "paper" if isinstance(scenario.frame, PaperFrame) else "panel",
+                "coherent_phase": scenario.system.coherent_phase,
+            }
+            scene = ImagedScene(suite, scenario, entries, measure=measure, metrics=metrics, labels=labels)
+            found.append(scene)
+        return found
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Summarise a population, and mark the numbers in which a baseline comes near the estimators.
@@ -247,11 +200,11 @@ class PopulationKind(Kind):
             is better than, or within 20 % of, the median of the estimators that do not see the truth.
         """
         summary = summarise_population(rows)
-        summary = summary.copy().assign(sees_truth=summary["estimator"].isin(find_limits(rows)))
-        parts = summary.groupby(PART, sort=False, dropna=False)
-        marked = {key: json.dumps(near_chance(part)) for key, part in parts}
-        near = pd.Series(marked).rename_axis(PART).rename("near_chance")
-        return summary.merge(near.reset_index(), how="left", on=PART)
+        summary["sees_truth"] = summary["estimator"].isin(find_limits(rows))
+        summary["near_chance"] = ""
+        for _, part in summary.groupby(PART, sort=False, dropna=False):
+            summary.loc[part.index, "near_chance"] = json.dumps(near_chance(part))
+        return summary
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """All scenes, ratios by family and by frame and phases, and lone scatterers.
@@ -259,14 +212,15 @@ class PopulationKind(Kind):
         As details each family on its own, over all SNRs and at each.
         """
         summary = self.summary(rows)
-        labels = _row_labels(labels_of(rows), summary)
+        labels = _row_labels(kind.labels_of(rows), summary)
         snrs_db = sorted(summary["snr_db"].dropna().unique())
         over = over_snrs(snrs_db)
         # A heading of all tables of scores: times of cells that ran beside others mislead.
-        words = "time [ms]" + time_words(rows).removeprefix("median processor time")
-        found = [*number_tables(rows), _score_table(_part(summary), labels, f"All scenes, {over}", words)]
+        words = "time [ms]" + statistics.time_words(rows).removeprefix("median processor time")
+        found = kind.number_tables(rows)
+        found.append(_score_table(_part(summary), labels, f"All scenes, {over}", words))
         families = [name for name in summary["family"].unique() if name != ALL]
-        lone = [name for name in families if _part(summary, name)[f"{TARGETS[0]}_mean"].notna().any()]
+        lone = [name for name in families if _part(summary, name)["n_false_mean"].notna().any()]
         scattered = {name: _part(summary, name) for name in families if name not in lone}
         found += _ratio_table(scattered, labels, f"Median ratio by family, {over}")
         conditions = {
@@ -275,7 +229,7 @@ class PopulationKind(Kind):
         }
         found += _ratio_table(conditions, labels, f"Median ratio by frame and phases, {over}")
         found += [_target_table(_part(summary, name), labels, f"{name}, {over}") for name in lone]
-        found += object_tables(rows, labels)
+        found += scores.object_tables(rows, labels)
         for name, snr_db in product((ALL, *families), (math.nan, *snrs_db)):
             part = _part(summary, name, snr_db=snr_db)
             if part.empty:  # the run was interrupted before
@@ -288,14 +242,12 @@ class PopulationKind(Kind):
                 found.append(replace(_target_table(part, labels, title), is_detail=True))
         return found
 
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Ratios of all scenes, scores over SNR by family, targets of lone scatterers, and run times."""
         lines = {
             # Bands are over scenes here, and not over the realisations of a reference.
             variant: line._replace(label=line.label.replace(" ± spread", ""))
-            for variant, line in lines_of(rows).items()
+            for variant, line in kind.lines_of(rows).items()
         }
         summary = summarise_population(rows)
         by_snr = summary[(summary["frame"] == ALL) & (summary["phases"] == ALL)].dropna(subset="snr_db")
@@ -303,9 +255,9 @@ class PopulationKind(Kind):
         lone = by_snr.loc[by_snr["n_false_mean"].notna(), "family"].unique()
         for family, stem in file_stems(lone).items():
             part = by_snr[by_snr["family"] == family]
-            charts = [_over_snr(one.axis, one, part, lines) for one in DRAWN_TARGETS]
+            panels = [_over_snr(one.axis, one, part, lines, part) for one in AIMED]
             title = f"{family}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
-            found.append(ChartGroup(f"targets-{stem}", title, charts))
+            found.append(ChartGroup(f"targets-{stem}", title, panels))
         return [*found, *time_charts(rows, lines)]
 
 
@@ -323,25 +275,23 @@ def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Cha
     families, snrs_db = scenes["family"].unique(), sorted(scenes["snr_db"].unique())
     x = Axis(RATIO_AXIS, log=True, limits=(0.8 * scenes["ratio"].min(), 1.2 * scenes["ratio"].max()))
     y = Axis("", categories=[line.label for line in rows.values()])
-    charts = []
+    panels = []
     for snr_db, family in product(snrs_db, families):
         part = scenes[(scenes["snr_db"] == snr_db) & (scenes["family"] == family)]
-        series = [
-            one
-            for place, (variant, line) in enumerate(rows.items())
-            for one in _strip(rows_of(part, variant), place, line)
-        ]
-        for variant in lines.keys() - rows.keys():
-            middle = rows_of(part, variant)["ratio"].median()
-            ends = [-0.5, len(rows) - 0.5]
-            series.append(Series(lines[variant].label, 2 * [middle], ends, style=lines[variant].style))
-        charts.append(Chart(f"{family}, {snr_db:g} dB", x, y, series))
+        series: list[Series] = []
+        for place, (variant, line) in enumerate(rows.items()):
+            series += _strip(charts.rows_of(part, variant), place, line)
+        for variant, line in lines.items():
+            if variant not in rows:
+                middle, ends = charts.rows_of(part, variant)["ratio"].median(), [-0.5, len(rows) - 0.5]
+                series.append(Series(line.label, 2 * [middle], ends, style=line.style))
+        panels.append(Chart(f"{family}, {snr_db:g} dB", x, y, series))
     title = (
         "Hausdorff sum of each scene, divided by that of the oracle (0.3 m or more)\n"
         "a dot a scene, a bar from quartile to quartile, its cross at the median"
     )
     panel_in = 2.1, 0.75 + 0.28 * len(rows)
-    return [ChartGroup("ratios", title, charts, n_columns=len(families), panel_in=panel_in)]
+    return [ChartGroup("ratios", title, panels, n_columns=len(families), panel_in=panel_in)]
 
 
 def _strip(part: pd.DataFrame, place: int, line: Line) -> Iterable[Series]:
@@ -364,39 +314,30 @@ def _strip(part: pd.DataFrame, place: int, line: Line) -> Iterable[Series]:
 def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGroup:
     """Scores over SNR, a row of charts for each score, a column for each family."""
     families = list(by_snr["family"].unique())
-    drawn = [one for one in DRAWN if one.column in by_snr and by_snr[one.column].notna().any()]
     seeing = {variant[0] for variant, line in lines.items() if line.is_reference}
-    charts = []
-    for one in drawn:
-        limits = None
-        if one.scale == "positive":
-            limits = linear_limits(by_snr[~by_snr["estimator"].isin(seeing)], one.column, one.stem)
+    compared = by_snr[~by_snr["estimator"].isin(seeing)]
+    panels = []
+    for one in (one for one in DRAWN if one.column in by_snr and by_snr[one.column].notna().any()):
         for family in families:
-            title = "all scenes" if family == ALL else str(family)
-            part = by_snr[by_snr["family"] == family]
-            charts.append(_over_snr(title, one, part, lines, limits))
+            part, title = by_snr[by_snr["family"] == family], "all scenes" if family == ALL else str(family)
+            panels.append(_over_snr(title, one, part, lines, compared))
     title = f"Means, and medians of the ratio, over scenes{_bands(by_snr)}"
-    return ChartGroup("scores", title, charts, n_columns=len(families), panel_in=(2.1, 1.85))
+    return ChartGroup("scores", title, panels, n_columns=len(families), panel_in=(2.1, 1.85))
 
 
 def _over_snr(
-    title: str,
-    one: Drawn,
-    part: pd.DataFrame,
-    lines: Mapping[Variant, Line],
-    limits: tuple[float, float] | None = None,
+    title: str, one: Score, part: pd.DataFrame, lines: Mapping[Variant, Line], compared: pd.DataFrame
 ) -> Chart:
-    """One number of a part over SNR."""
-    series = (
-        line_series(part, lines, "snr_db", one.column, one.stem) if part[one.column].notna().any() else []
-    )
-    if one.scale == "share":
-        limits = SHARE_LIMITS
-    elif one.scale == "positive" and limits is None:
-        limits = linear_limits(part, one.column, one.stem)
+    """One number of a part over SNR; charts of positive ones share the scale of all that is compared."""
+    stem, series = one.column.removesuffix("_mean").removesuffix("_median"), []
+    if part[one.column].notna().any():
+        series = charts.line_series(part, lines, "snr_db", one.column, stem)
+    limits = charts.SHARE_LIMITS
+    if one.scale == "positive":
+        limits = charts.linear_limits(compared, one.column, stem)
     elif one.scale == "log":
-        limits = decades(part[one.column])
-    return Chart(title, Axis("SNR [dB]"), Axis(one.axis, log=one.scale == "log", limits=limits), series)
+        limits = charts.decades(part[one.column])
+    return Chart(title, Axis("SNR [dB]"), Axis(one.axis, one.scale == "log", limits), series)
 
 
 def _bands(part: pd.DataFrame) -> str:
@@ -405,11 +346,7 @@ def _bands(part: pd.DataFrame) -> str:
 
 
 def _part(
-    summary: pd.DataFrame,
-    family: str = ALL,
-    frame: str = ALL,
-    phases: str = ALL,
-    snr_db: float = math.nan,
+    summary: pd.DataFrame, family: str = ALL, frame: str = ALL, phases: str = ALL, snr_db: float = math.nan
 ) -> pd.DataFrame:
     """Rows of some scenes at one SNR, or over all SNRs."""
     is_snr = summary["snr_db"].isna() if math.isnan(snr_db) else summary["snr_db"] == snr_db
@@ -424,71 +361,55 @@ def _row_labels(labels: Mapping[Variant, str], summary: pd.DataFrame) -> dict[Va
     return {one: f"{labels[one]} (ref.)" if one[0] in references else labels[one] for one in ordered}
 
 
-def _entries(part: pd.DataFrame, labels: Mapping[Variant, str]) -> list[dict[Any, Any]]:
-    """Rows of a part with their labels, in the order of the labels."""
-    found = {(entry["estimator"], entry["params"]): entry for entry in part.to_dict("records")}
-    return [{**found[variant], "label": label} for variant, label in labels.items() if variant in found]
-
-
 def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Table:
     """Scores of some scenes, a row an estimator."""
     # Where all cells failed, an empty column has their number.
-    shown = [one for one in SCORES if one.column in part and part[one.column].notna().any()] or [HAUSDORFF]
-    columns = [
-        Column("estimator", "label", part=0),
-        *_score_columns(shown, part, with_failed=True),
-        Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3),
-    ]
-    return Table(_titled(part, title, columns), columns, _entries(part, labels))
+    has_values = part.notna().any()
+    shown = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
+    columns = _score_columns(shown, part)
+
+    def with_failures(row: Mapping[Any, Any]) -> str:
+        return charts.with_failures(_number(shown[0], row), int(row["n_failed"]))
+
+    columns[0] = replace(columns[0], form=with_failures)
+    columns.append(Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3))
+    return _table(part, labels, title, columns)
 
 
 def _target_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
     """Absolute targets of lone scatterers, a row an estimator."""
-    columns = [Column("estimator", "label", part=0), *_score_columns(AIMED, part)]
-    return Table(_titled(part, f"Targets of {title}", columns), columns, _entries(part, labels))
+    return _table(part, labels, f"Targets of {title}", _score_columns(AIMED, part))
 
 
-def _score_columns(shown: Iterable[Score], part: pd.DataFrame, with_failed: bool = False) -> list[Column]:
-    """Columns of scores, marked where chance comes near; the first one can count failed cells."""
-    marked = _marked(part)
+def _score_columns(shown: Iterable[Score], part: pd.DataFrame) -> list[Column]:
     return [
-        Column(
-            one.heading + _mark(one, marked),
-            form=partial(_number, one, with_failed and not place),
-            optional=one.optional,
-        )
-        for place, one in enumerate(shown)
+        Column(_marked(one.heading, one, part), form=partial(_number, one), optional=one.optional)
+        for one in shown
     ]
 
 
-def _ratio_table(parts: dict[str, pd.DataFrame], labels: Mapping[Variant, str], title: str) -> list[Table]:
+def _table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, columns: Iterable[Column]) -> Table:
+    """Rows of a part in the order of the labels, with the number of scenes, which decides about bands."""
+    entries = {(entry["estimator"], entry["params"]): entry for entry in part.to_dict("records")}
+    rows = [{**entries[one], "label": label} for one, label in labels.items() if one in entries]
+    n_scenes, least = int(part["n_scenes"].max()), statistics.MIN_TRIALS
+    band = "95 % confidence band" if n_scenes >= least else f"no confidence band below {least}"
+    columns = [Column("estimator", "label", part=0), *columns]
+    return Table(_noted(f"{title}: {counted(n_scenes, 'scene')}, {band}", columns), columns, rows)
+
+
+def _ratio_table(parts: Mapping[str, pd.DataFrame], labels: Mapping[Variant, str], title: str) -> list[Table]:
     """Median ratios with quartiles, a column for each of some parts; nothing where there are none."""
     shown = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
     if len(shown) < 2:
         return []
-    entries = {
-        name: {(entry["estimator"], entry["params"]): entry for entry in part.to_dict("records")}
-        for name, part in shown.items()
-    }
-    columns = [
-        Column("estimator", "label", part=0),
-        *(
-            Column(f"{name}{_mark(RATIO, _marked(part))}", name, _ratio, part=number)
-            for number, (name, part) in enumerate(shown.items(), start=1)
-        ),
-    ]
-    rows: list[dict[str, Any]] = [
-        {"label": label, **{name: own.get(variant) for name, own in entries.items()}}
-        for variant, label in labels.items()
-    ]
-    return [Table(_noted(f"{title} (quartiles)", columns), columns, rows)]
-
-
-def _titled(part: pd.DataFrame, title: str, columns: Iterable[Column]) -> str:
-    """Title with the number of scenes, which decides whether there are bands."""
-    n_scenes = int(part["n_scenes"].max())
-    band = "95 % confidence band" if n_scenes >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
-    return _noted(f"{title}: {counted(n_scenes, 'scene')}, {band}", columns)
+    columns = [Column("estimator", "label", part=0)]
+    rows: dict[Variant, dict[str, Any]] = {variant: {"label": label} for variant, label in labels.items()}
+    for place, (name, part) in enumerate(shown.items(), start=1):
+        columns.append(Column(_marked(name, RATIO, part), name, _ratio, part=place))
+        for entry in part.to_dict("records"):
+            rows[entry["estimator"], entry["params"]][name] = entry
+    return [Table(_noted(f"{title} (quartiles)", columns), columns, list(rows.values()))]
 
 
 def _noted(title: str, columns: Iterable[Column]) -> str:
@@ -497,27 +418,21 @@ def _noted(title: str, columns: Iterable[Column]) -> str:
     return f"{title}; †: chance or no point at all comes near" if is_marked else title
 
 
-def _marked(part: pd.DataFrame) -> Collection[str]:
-    """Columns in which chance comes near; the same for all rows of a part."""
-    marked: list[str] = json.loads(part["near_chance"].iloc[0]) if len(part) else []
-    return marked
+def _marked(heading: str, one: Score, part: pd.DataFrame) -> str:
+    """Heading, marked where chance comes near in a part."""
+    return heading + MARK if one.column in json.loads(part["near_chance"].iloc[0]) else heading
 
 
-def _mark(one: Score, marked: Collection[str]) -> str:
-    return MARK if one.column in marked else ""
-
-
-def _number(one: Score, with_failed: bool, entry: Mapping[Any, Any]) -> str:
+def _number(one: Score, entry: Mapping[Any, Any]) -> str:
     """Number of one estimator, a mean with its band."""
-    text, stem = number_or_blank(entry[one.column], one.form), one.column.removesuffix("_mean")
-    if stem != one.column:
-        text += number_or_blank(entry[f"{stem}_band"], f" ±{one.form}")
-    return with_failures(text, int(entry["n_failed"])) if with_failed else text
+    text, stem = charts.number_or_blank(entry[one.column], "{:.2f}"), one.column.removesuffix("_mean")
+    return text if stem == one.column else text + charts.number_or_blank(entry[f"{stem}_band"], " ±{:.2f}")
 
 
 def _ratio(entry: Mapping[Any, Any]) -> str:
     """Median ratio and its quartiles."""
-    middle, low, high = (number_or_blank(entry[f"ratio_{end}"], "{:.2f}") for end in ("median", "q25", "q75"))
+    numbers = (charts.number_or_blank(entry[f"ratio_{end}"], "{:.2f}") for end in ("median", "q25", "q75"))
+    middle, low, high = numbers
     return f"{middle} ({low}-{high})" if middle else ""
 
 
@@ -560,25 +475,22 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     """
     cells = spread_levels(scene_cells(rows))
     by = [*PART, *VARIANT]
-    means = [name for name in averaged_columns(rows) if name not in MEDIANS]
-    scenes = _scenes(cells, by, [*MEDIANS, *means, *TARGETS])
+    means = [*(name for name in scores.averaged_columns(rows) if name not in MEDIANS), *TARGETS]
+    of_scenes = cells.groupby([*by, "scenario"], sort=False, dropna=False)
+    scenes = of_scenes[COUNTS].sum().join(of_scenes[[*MEDIANS, *means]].mean()).reset_index()
     groups = scenes.groupby(by, sort=False, dropna=False)
-    counts = ["n_cells", "n_no_detection", "n_failed"]
-    found = pd.concat([groups.size().rename("n_scenes"), groups[counts].sum()], axis=1)
-    columns: dict[str, Any] = {}
+    found = groups[COUNTS].sum()
+    found.insert(0, "n_scenes", groups.size())
     for name in MEDIANS:
         for share in (25, 75):
-            columns[f"{name}_q{share}"] = groups[name].quantile(share / 100)
-        limits = [median_interval(values.dropna().to_numpy(dtype=np.float64)) for _, values in groups[name]]
-        for what, values in zip(("median", "low", "high"), zip(*limits, strict=True), strict=True):
-            columns[f"{name}_{what}"] = pd.Series(values, index=found.index)
-    for name in [*means, *TARGETS]:
-        columns[f"{name}_mean"] = groups[name].mean()
-        columns[f"{name}_band"] = student_band(groups[name].std(), groups[name].count())
-    found = found.join(pd.DataFrame(columns))
-    times = cells.assign(snr_db=cells["snr_db"].fillna(np.inf)).pipe(median_times, by).reset_index()
-    times["snr_db"] = times["snr_db"].replace(np.inf, np.nan)
-    return found.reset_index().merge(times, how="left", on=by)
+            found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
+        limits = [statistics.median_interval(values.dropna().to_numpy()) for _, values in groups[name]]
+        found[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
+    found = found.join(statistics.means_and_bands(groups, means)).reset_index()
+    # A group of times needs a number where a row is over all SNRs.
+    timed = cells.assign(snr_db=cells["snr_db"].fillna(np.inf))
+    times = statistics.median_times(timed, by).reset_index().replace({"snr_db": {np.inf: np.nan}})
+    return found.merge(times, how="left", on=by)
 
 
 def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:
@@ -587,30 +499,20 @@ def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:
     The targets are those that `summarise_population` names, NaN for other families.
     """
     broken, is_lone = failed(rows), rows["family"].isin(POINT_FAMILIES)
-    cell = ["scenario", "snr_db", "trial"]
     # Failed cells do not know it.
-    n_resolvable = rows.groupby(cell)["n_resolvable"].transform("max")
-    is_clean, is_whole = (
-        ~broken & (rows["n_false"] == 0),
-        ~broken & (rows["n_resolved"] == n_resolvable),
-    )
-    targets = pd.DataFrame(
-        {
-            "n_false": rows["n_false"].where(~broken),
-            "share_clean": is_clean,
-            "share_resolved": (rows["n_resolved"] / n_resolvable).where(n_resolvable > 0),
-            "share_met": is_clean & is_whole,
-        },
-        dtype=np.float64,
-    )
-    return rows.assign(
+    n_resolvable = rows.groupby(["scenario", "snr_db", "trial"])["n_resolvable"].transform("max")
+    is_clean = ~broken & (rows["n_false"] == 0)
+    targets = {
+        "n_false": rows["n_false"].where(~broken),
+        "share_clean": is_clean,
+        "share_resolved": (rows["n_resolved"] / n_resolvable).where(n_resolvable > 0),
+        "share_met": is_clean & (rows["n_resolved"] == n_resolvable),
+    }
+    return scores.with_counts(rows).assign(
         family=rows["family"].replace("", HAND_MADE),
         phases=rows["coherent_phase"].map(PHASES),
-        n_estimated=rows["n_estimated"].where(~broken),
-        ratio=hausdorff_ratios(rows, rows.loc[is_lone, "scenario"].unique()),
-        n_no_detection=rows["status"] == "no_detection",
-        n_failed=broken,
-        **targets.where(is_lone),
+        ratio=scores.hausdorff_ratios(rows, rows.loc[is_lone, "scenario"].unique()),
+        **pd.DataFrame(targets, dtype=np.float64).where(is_lone),
     )
 
 
@@ -624,14 +526,3 @@ def spread_levels(cells: pd.DataFrame) -> pd.DataFrame:
     levels = pd.concat([together, cells], ignore_index=True)
     levels = pd.concat([levels.assign(frame=ALL, phases=ALL), levels], ignore_index=True)
     return pd.concat([levels.assign(snr_db=np.nan), levels], ignore_index=True)
-
-
-def _scenes(cells: pd.DataFrame, by: list[str], scores: list[str]) -> pd.DataFrame:
-    """Average the cells of every scene in each group."""
-    groups = cells.groupby([*by, "scenario"], sort=False, dropna=False)
-    columns: dict[str, Any] = {
-        "n_cells": groups.size(),
-        "n_no_detection": groups["n_no_detection"].sum(),
-        "n_failed": groups["n_failed"].sum(),
-    }
-    return pd.DataFrame(columns).join(groups[scores].mean()).reset_index()

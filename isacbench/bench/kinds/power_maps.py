@@ -9,24 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
+from isacbench.checked_arrays import Complex, Mask
 from isacbench.choices import MapName
 from isacbench.model.echo import random_stream, white_gaussian
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.checked_arrays import Complex, Mask
 
 SITE = 32
 """Cells of a site along range and along Doppler."""
 
 N_SITES = 4, 32
 """Sites of a map along range and along Doppler."""
+
+SHAPE = N_SITES[0] * SITE, N_SITES[1] * SITE
 
 REACH = 8
 """Distance from all echoes in cells beyond which a detector's whole window holds noise only."""
@@ -138,7 +136,7 @@ def _homogeneous(rng: np.random.Generator) -> _Layout:
 
 def _clutter_edge(rng: np.random.Generator) -> _Layout:
     rows, columns = _centres()
-    clutter = np.zeros(_shape(), dtype=np.bool_)
+    clutter = np.zeros(SHAPE, dtype=np.bool_)
     for first in range(SITE, clutter.shape[0], 2 * SITE):
         clutter[first : first + SITE] = True
     before = rows // SITE % 2 == 0
@@ -169,10 +167,6 @@ MAPS: dict[MapName, Callable[[np.random.Generator], _Layout]] = {
 }
 
 
-def _shape() -> tuple[int, int]:
-    return N_SITES[0] * SITE, N_SITES[1] * SITE
-
-
 def _centres() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Row and column of the middle of every site."""
     rows, columns = np.indices(N_SITES).reshape(2, -1) * SITE + SITE // 2
@@ -181,7 +175,7 @@ def _centres() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def _marked(cells: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Mask:
     """Mask of some cells."""
-    mask = np.zeros(_shape(), dtype=np.bool_)
+    mask = np.zeros(SHAPE, dtype=np.bool_)
     mask[cells] = True
     return mask
 

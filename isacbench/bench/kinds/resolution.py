@@ -10,70 +10,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 from pydantic import Field
 
+from isacbench import charts
+from isacbench.bench import statistics
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.record import failed
+from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.efficiency import DIMENSION_TITLES
-from isacbench.bench.kinds.kind import (
-    NO_SCENARIOS,
-    SNR_GAIN,
-    Kind,
-    labels_of,
-    lines_of,
-    number_tables,
-    title_stems,
-)
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators, element_snrs_db
-from isacbench.bench.kinds.scores import VARIANT
-from isacbench.bench.statistics import (
-    TIME,
-    median_times,
-    share_band,
-    summarise,
-    time_words,
-    trials_and_band,
-)
+from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
+from isacbench.bench.kinds.scenes import Entry, ImagedScene, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
-from isacbench.charts import (
-    SHARE_LIMITS,
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    Table,
-    batched,
-    line_series,
-    number_or_blank,
-    spread_rows,
-    variants_in,
-    with_failures,
-)
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
 from isacbench.choices import Dimension
+from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase
-from isacbench.model.radio_coordinates import (
-    DIMENSIONS,
-    draw_place,
-    gain_db,
-    radio_places,
-    rayleigh_cells,
-    space_places,
-)
-from isacbench.model.scene import Scatterers, warned_before
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import pandas as pd
-    from numpy.typing import NDArray
-
-    from isacbench.bench.cells.cell import MeasuredImage
-    from isacbench.metrics.descriptions import Direction
-    from isacbench.model.scene import Scenario
+from isacbench.model.radio_coordinates import DIMENSIONS, radio_places, rayleigh_cells
+from isacbench.model.scene import Scatterers, Scenario, warned_before
 
 Separation = Annotated[float, Field(gt=0, le=10)]
 Phase = Annotated[float, Field(gt=-360, lt=360)]
@@ -110,7 +71,7 @@ class ResolutionKind(Kind):
 
     name = "resolution"
     suite = ResolutionSuite
-    columns: ClassVar[Mapping[str, Any]] = {
+    columns: ClassVar = {
         **SNR_GAIN,
         "template": "",
         "dimension": "",
@@ -119,35 +80,20 @@ class ResolutionKind(Kind):
         "resolved": False,
         "n_false": 0,
     }
-    better: ClassVar[Mapping[str, Direction]] = {
+    better: ClassVar = {
         "resolved": "higher",
         **dict.fromkeys([*SNR_GAIN, "separation_cells", "phase_deg"], "neither"),
     }
 
-    def scenes(self, suite: ResolutionSuite, scenarios: Mapping[str, Scenario]) -> list[ImagedScene]:
+    def scenes(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario, dimension, distance and relative phase."""
         entries = build_estimators(suite)
-        margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
-        scenes = []
-        for template, dimension, cells, phase_deg in product(
-            scenarios.values(), suite.dimensions, suite.separations_cells, suite.phases_deg
-        ):
-            name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
-            draw = partial(_draw, template, name, dimension, cells, phase_deg, margin_cells, suite.seed)
-            with warned_before():
-                renamed = dataclasses.replace(template, name=name)
-            labels = {
-                "template": template.name,
-                "dimension": dimension,
-                "separation_cells": cells,
-                "phase_deg": phase_deg,
-            }
-            snr_db = element_snrs_db(suite, gain_db(draw(0)))
-            measure = partial(measure_resolution, dimension)
-            scenes.append(
-                ImagedScene(suite, renamed, entries, snr_db, draw=draw, measure=measure, labels=labels)
+        return [
+            _scene(suite, entries, *chosen)
+            for chosen in product(
+                scenarios.values(), suite.dimensions, suite.separations_cells, suite.phases_deg
             )
-        return scenes
+        ]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probability of resolution of every estimator over the distance.
@@ -162,38 +108,35 @@ class ResolutionKind(Kind):
             last with 95 % intervals, ``..._low`` and ``..._high`` (Wilson) from five trials on;
             ``time_estimate_s_median``.
         """
-        return summarise(rows, GROUP, _numbers)
+        return statistics.summarise(rows, GROUP, _numbers)
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Share of pairs that were found, estimators over dimension and distance: a table a place and SNR."""
-        summary, labels, found = self.summary(rows), labels_of(rows), number_tables(rows)
-        times_s = median_times(rows, [*PLACE, *VARIANT])[f"{TIME}_median"]
-        for key, part in summary.groupby(PLACE, sort=False):
+        labels, found = kind.labels_of(rows), kind.number_tables(rows)
+        times = statistics.median_times(rows, [*PLACE, *VARIANT])[f"{statistics.TIME}_median"]
+        columns = [
+            Column("pairs: differ in", "heading", part=0),
+            Column("distance: cells", "separation_cells", "{:g}", part=0),
+        ]
+        for key, part in self.summary(rows).groupby(PLACE, sort=False):
             title = (
                 f"{key[0]}, {key[1]:.4g} dB after gain: share of pairs found, over all relative phases / "
-                f"at the worst one; {time_words(rows)}"
+                f"at the worst one; {statistics.time_words(rows)}"
             )
-            lines = spread_rows(part, ["dimension", "separation_cells"], VARIANT)
+            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT)
             for line, before in zip(lines, [{}, *lines], strict=False):
                 # A dimension is named where its rows start.
                 line["heading"] = "" if line["dimension"] == before.get("dimension") else line["dimension"]
-            variants = variants_in(part)
-            times: dict[Any, Any] = {one: {"time_s": times_s.get((*key, *one), math.nan)} for one in variants}
-            lines.append({"heading": "time [ms]", **times})
-            for batch in batched(variants, ESTIMATORS_A_TABLE):
-                columns = [
-                    Column("pairs: differ in", "heading", part=0),
-                    Column("distance: cells", "separation_cells", "{:g}", part=0),
-                    *(Column(labels[one], one, _shares, part=place) for place, one in enumerate(batch, 1)),
-                ]
-                found.append(Table(title, columns, lines))
+            variants = charts.variants_in(part)
+            times_s = {one: {"time_s": times.get((*key, *one), math.nan)} for one in variants}
+            lines.append({"heading": "time [ms]", **times_s})
+            headings = {one: labels[one] for one in variants}
+            found += charts.tables_of_columns(title, columns, lines, headings, _shares, ESTIMATORS_A_TABLE)
         return found
 
-    def charts(
-        self, rows: pd.DataFrame, scenarios: Mapping[str, Scenario] = NO_SCENARIOS
-    ) -> list[ChartGroup]:
+    def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Share of pairs that are found over their distance, a chart a dimension."""
-        summary, lines = self.summary(rows), lines_of(rows)
+        summary, lines, found = self.summary(rows), kind.lines_of(rows), []
         in_phase = {
             variant: line._replace(
                 label=f"{line.label}, in phase", style=dataclasses.replace(line.style, dash="dash", symbol="")
@@ -201,29 +144,49 @@ class ResolutionKind(Kind):
             for variant, line in lines.items()
         }
         x = Axis("distance [Rayleigh cells]", log=True)
-        y = Axis("share of pairs found", limits=SHARE_LIMITS)
-        found = []
-        for template, stem, of_template in title_stems(summary, "template"):
+        y = Axis("share of pairs found", limits=charts.SHARE_LIMITS)
+        for template, stem, of_template in kind.title_stems(summary, "template"):
             for snr_db, part in of_template.groupby("snr_gain_db"):
-                charts = [
-                    Chart(
-                        DIMENSION_TITLES[str(name)],
-                        x,
-                        y,
-                        [
-                            *line_series(own, lines, "separation_cells", "resolved", "resolved"),
-                            *line_series(own, in_phase, "separation_cells", "resolved_in_phase"),
-                        ],
-                    )
-                    for name, own in part.groupby("dimension", sort=False)
-                ]
+                panels = []
+                for name, own in part.groupby("dimension", sort=False):
+                    series = charts.line_series(own, lines, "separation_cells", "resolved", "resolved")
+                    series += charts.line_series(own, in_phase, "separation_cells", "resolved_in_phase")
+                    panels.append(Chart(DIMENSION_TITLES[str(name)], x, y, series))
                 title = (
                     f"{template}: two equal scatterers, each found within half their distance, "
-                    f"{snr_db:.4g} dB after gain; {trials_and_band(int(part['n_trials'].max()))}"
+                    f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(int(part['n_trials'].max()))}"
                 )
                 suffix = f"-{snr_db:g}dB" if summary["snr_gain_db"].nunique() > 1 else ""
-                found.append(ChartGroup(f"resolution-{stem}{suffix}", title, charts))
+                found.append(ChartGroup(f"resolution-{stem}{suffix}", title, panels))
         return found
+
+
+def _scene(
+    suite: ResolutionSuite,
+    entries: Sequence[Entry[Any]],
+    template: Scenario,
+    dimension: Dimension,
+    separation_cells: float,
+    phase_deg: float,
+) -> ImagedScene:
+    """Scene of pairs of one kind at a place that each trial draws."""
+    name = f"{template.name}-{dimension}-{separation_cells:g}-{phase_deg:g}deg"
+    margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
+    labels = {
+        "template": template.name,
+        "dimension": dimension,
+        "separation_cells": separation_cells,
+        "phase_deg": phase_deg,
+    }
+
+    def draw(trial: int) -> Scenario:
+        centre = radio_coordinates.draw_place(template, trial, suite.seed, margin_cells)
+        return pair(template, name, centre, dimension, separation_cells, phase_deg)
+
+    with warned_before():
+        renamed = dataclasses.replace(template, name=name)
+    measure = partial(measure_resolution, dimension)
+    return ImagedScene(suite, renamed, entries, draw=draw, measure=measure, labels=labels)
 
 
 def pair(
@@ -254,7 +217,7 @@ def pair(
     index = DIMENSIONS.index(dimension)
     places = np.stack([centre, centre])
     places[:, index] += np.array([-0.5, 0.5]) * separation_cells * rayleigh_cells(template)[index]
-    xyz, velocity = space_places(template, places)
+    xyz, velocity = radio_coordinates.space_places(template, places)
     scatterers = Scatterers(xyz, velocity, np.ones(2))
     scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
     phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
@@ -289,8 +252,8 @@ def measure_resolution(dimension: Dimension, shot: MeasuredImage) -> dict[str, A
 def _shares(entry: Mapping[Any, Any]) -> str:
     """Share of resolved pairs, mean and worst phase, and what failed; or the time of an image."""
     if "time_s" in entry:
-        return number_or_blank(1e3 * entry["time_s"], "{:.1f}")
-    return with_failures(f"{entry['resolved']:.2f} / {entry['resolved_worst']:.2f}", entry["n_failed"])
+        return charts.number_or_blank(1e3 * entry["time_s"], "{:.1f}")
+    return charts.with_failures(f"{entry['resolved']:.2f} / {entry['resolved_worst']:.2f}", entry["n_failed"])
 
 
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
@@ -307,21 +270,5 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     in_phase = part[part["phase_deg"] == 0]
     for name, chosen in (("resolved", part), ("resolved_in_phase", in_phase)):
-        resolved = chosen["resolved"]
-        low, high = share_band(int(resolved.sum()), len(resolved), n_trials)
-        found |= {name: resolved.mean(), f"{name}_low": low, f"{name}_high": high}
+        found |= statistics.share_columns(name, int(chosen["resolved"].sum()), len(chosen), n_trials)
     return found
-
-
-def _draw(
-    template: Scenario,
-    name: str,
-    dimension: Dimension,
-    separation_cells: float,
-    phase_deg: float,
-    margin_cells: float,
-    seed: int,
-    trial: int,
-) -> Scenario:
-    centre = draw_place(template, trial, seed, margin_cells)
-    return pair(template, name, centre, dimension, separation_cells, phase_deg)

@@ -80,15 +80,13 @@ class SharedObservation(ABC):
         Key of its rows, without an entry.
     labels : mapping of str to Any
         Further columns of every row.
+    n_true : int
+        Number of things to be found, the column ``n_true`` of a failure.
     """
 
     key: Mapping[str, Any]
     labels: Mapping[str, Any]
-
-    @property
-    @abstractmethod
-    def n_true(self) -> int:
-        """Number of things to be found, the column ``n_true`` of a failure."""
+    n_true: int
 
     @abstractmethod
     def digest(self) -> str:
@@ -147,8 +145,7 @@ class Scene(ABC):
         snr_db: Sequence[float],
         draw: Callable[[int], Any],
     ) -> None:
-        self.name, self.entries, self.snr_db = name, entries, snr_db
-        self._suite = suite
+        self.name, self.entries, self.snr_db, self._suite = name, entries, snr_db, suite
         self._drawn_once = lru_cache(maxsize=1)(draw)
 
     @property
@@ -165,13 +162,7 @@ class Scene(ABC):
         self._drawn_once.cache_clear()
 
     def draws(self, n_trials: int) -> pd.DataFrame:
-        """Tabulate the scatterers that were drawn; by default none.
-
-        Returns
-        -------
-        DataFrame
-            One row a scatterer, columns as in `isacbench.bench.store.run.Run.draws`.
-        """
+        """Tabulate the scatterers that were drawn, with the columns `DRAW_COLUMNS`; by default none."""
         return pd.DataFrame(columns=DRAW_COLUMNS)
 
     def _key(self, snr_db: float, trial: int) -> dict[str, Any]:
@@ -204,11 +195,6 @@ class SharedImage(SharedObservation):
     observation: Observation
     measure: Measure | None
     metrics: Metrics = PAPER_ALONE
-
-    @property
-    def n_true(self) -> int:
-        """Number of true scatterers."""
-        return len(self.scenario.truth)
 
     def digest(self) -> str:
         """Digest of the observation."""
@@ -269,6 +255,8 @@ def _values(part: object) -> tuple[str, object]:
 class ImagedScene(Scene):
     """Scene that estimators image: the same in every trial, or drawn anew.
 
+    An `InputError` if nothing can be scored, for there are no scatterers.
+
     Parameters
     ----------
     scenario : Scenario
@@ -303,7 +291,6 @@ class ImagedScene(Scene):
         suite: Suite,
         scenario: Scenario,
         entries: Sequence[Entry[Estimator]],
-        snr_db: Sequence[float],
         *,
         name: str | None = None,
         draw: Callable[[int], Scenario] | None = None,
@@ -315,8 +302,13 @@ class ImagedScene(Scene):
         self.template, self.measure, self.metrics, self.labels = scenario, measure, metrics, labels or {}
         self.is_drawn = draw is not None
         self._draw = draw
-        name = scenario.name if name is None else name
-        super().__init__(suite, name, entries, snr_db, lambda trial: simulator(self.drawn(trial)))
+        first = self.drawn(0)
+        if not len(first.scatterers):
+            raise InputError(f"scenarios: {scenario.name!r} has no scatterers, so that nothing can be scored")
+        snrs_db = element_snrs_db(suite, gain_db(first))
+        super().__init__(
+            suite, name or scenario.name, entries, snrs_db, lambda trial: simulator(self.drawn(trial))
+        )
 
     @cached_property
     def content(self) -> str:
@@ -326,32 +318,26 @@ class ImagedScene(Scene):
     def observe(self, snr_db: float, trial: int) -> SharedImage:
         """Observe once, for all estimators."""
         simulator = self._drawn_once(trial if self.is_drawn else 0)
+        scenario = simulator.scenario
         return SharedImage(
             self._key(snr_db, trial),
-            {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))},
-            simulator.scenario,
+            {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(scenario))},
+            len(scenario.truth),
+            scenario,
             simulator.observe(snr_db, trial, self._suite.seed),
             self.measure,
             self.metrics,
         )
 
     def draws(self, n_trials: int) -> pd.DataFrame:
-        """Tabulate the scatterers of the first trials, none where every trial has the same.
-
-        Returns
-        -------
-        DataFrame
-            One row a scatterer, columns as in `isacbench.bench.store.run.Run.draws`.
-        """
+        """Tabulate the scatterers of the first trials, none where every trial has the same."""
         if not self.is_drawn:
             return super().draws(n_trials)
-        scenarios = [self.drawn(trial) for trial in range(n_trials)]
-        tables = [
-            drawn.truth.to_dataframe().assign(
-                scenario=self.name, trial=trial, phase_rad=drawn.scatterers.phase_rad
-            )
-            for trial, drawn in enumerate(scenarios)
-        ]
+        tables = []
+        for trial in range(n_trials):
+            drawn = self.drawn(trial)
+            truth, phase_rad = drawn.truth.to_dataframe(), drawn.scatterers.phase_rad
+            tables.append(truth.assign(scenario=self.name, trial=trial, phase_rad=phase_rad))
         return pd.concat(tables, ignore_index=True)[DRAW_COLUMNS]
 
     def drawn(self, trial: int) -> Scenario:
@@ -375,31 +361,15 @@ def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
 
 
 def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
-    """Entry of a plugin.
-
-    Parameters
-    ----------
-    **labels : Any
-        Further columns that tell it from others.
-    """
+    """Entry of a plugin, with further columns that tell it from others."""
     params = canonical_params(plugin)
     return Entry(plugin.name, params, plugin, {"label": variant_label(plugin.name, params), **labels})
 
 
 def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) -> list[Entry[Plugin]]:
-    """List entries, and refuse two with equal parameters.
+    """List entries, each given with what the suite writes for it, and refuse two with equal parameters.
 
-    Parameters
-    ----------
-    what : str
-        ``"estimator"``, ``"detector"`` or ``"receiver"``.
-    written : iterable of (str, Entry)
-        Entries with what the suite writes for each.
-
-    Raises
-    ------
-    InputError
-        Quoting the one that repeats another.
+    `what` they are: ``"estimator"``, ``"detector"`` or ``"receiver"``.
     """
     found: dict[tuple[str, str], Entry[Plugin]] = {}
     for text, entry in written:
@@ -410,53 +380,13 @@ def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) ->
     return list(found.values())
 
 
-def require_scatterers(scenarios: Mapping[str, Scenario]) -> None:
-    """Refuse scenarios in which nothing can be scored.
-
-    Parameters
-    ----------
-    scenarios : mapping of str to Scenario
-        By name.
-
-    Raises
-    ------
-    InputError
-        Naming the first scenario without scatterers.
-    """
-    for name, scenario in scenarios.items():
-        if not len(scenario.scatterers):
-            raise InputError(f"scenarios: {name!r} has no scatterers, so that nothing can be scored")
-
-
 def element_snrs_db(suite: Suite, gain: float) -> list[float]:
-    """SNRs of a suite per resource element and virtual element.
-
-    Parameters
-    ----------
-    gain : float
-        Of the scene, in dB.
-
-    Returns
-    -------
-    list of float
-        In dB.
-    """
+    """SNRs of a suite per resource element and virtual element, of a scene with some gain in dB."""
     if suite.snr_gain_db is None:
         return list(suite.snr_db or ())
     return [round(snr_db - gain, SNR_DECIMALS) for snr_db in suite.snr_gain_db]
 
 
 def gained_snr_db(snr_db: float, gain: float) -> float:
-    """SNR after a gain.
-
-    Parameters
-    ----------
-    snr_db, gain : float
-        In dB.
-
-    Returns
-    -------
-    float
-        In dB.
-    """
+    """SNR after a gain in dB."""
     return round(snr_db + gain, SNR_DECIMALS) + 0.0

@@ -1,38 +1,44 @@
-"""Means of the scores of images, over trials and over scenarios."""
+"""Scores of images: means over trials and scenarios, ratios to the oracle, and tables of objects."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import pandas as pd
 
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS, failed
 from isacbench.bench.kinds.kind import SNR_GAIN
-from isacbench.bench.statistics import median_times, student_band
+from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.statistics import means_and_bands, median_times
+from isacbench.charts import VARIANT, Column, Table, Variant
+from isacbench.files.escaping import counted
+from isacbench.metrics.object_scores import ERRORS, UNITS
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 
-if TYPE_CHECKING:
-    from typing import Any
-
-GROUP = ["scenario", "estimator", "params", "snr_db"]
+GROUP = ["scenario", *VARIANT, "snr_db"]
+COUNTS = ["n_cells", "n_no_detection", "n_failed"]
 AVERAGED = [
-    "n_estimated",
-    *PROJECTIONS,
-    "hausdorff_sum_m",
-    "density",
-    "velocity_nmse",
-    "deviation",
-    "chamfer_m",
-    "gospa_m",
-    "precision",
-    "recall",
+    *("n_estimated", *PROJECTIONS, "hausdorff_sum_m", "density", "velocity_nmse", "deviation"),
+    *("chamfer_m", "gospa_m", "precision", "recall"),
 ]
 
-VARIANT = ["estimator", "params"]
+LONE_COUNTS = "n_resolvable", "n_resolved", "n_false"
+"""Columns of a population that count something in families of lone scatterers alone."""
 
 MANY_SCENARIOS = 12
 """More scenarios are not shown one by one, but by their mean."""
+
+SMALLEST_ORACLE_M = 0.3
+"""Least denominator of a ratio in m: the oracle of a scene of lone scatterers is 0."""
+
+POINT_FAMILIES = ("sparse",)
+"""Families without ratios: their targets are absolute."""
+
+DETECTED = "detected_"
+PERCENT = "{:.0f} %"
 
 
 def averaged_columns(rows: pd.DataFrame) -> list[str]:
@@ -42,8 +48,15 @@ def averaged_columns(rows: pd.DataFrame) -> list[str]:
     return [*AVERAGED, *(name for name in floats if name not in others)]
 
 
-LONE_COUNTS = "n_resolvable", "n_resolved", "n_false"
-"""Columns of a population that count something in families of lone scatterers alone."""
+def with_counts(rows: pd.DataFrame) -> pd.DataFrame:
+    """Add what is counted of each row, `COUNTS`; failures have no number of points."""
+    broken = failed(rows)
+    return rows.assign(
+        n_estimated=rows["n_estimated"].where(~broken),
+        n_cells=1,
+        n_no_detection=rows["status"] == "no_detection",
+        n_failed=broken,
+    )
 
 
 def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
@@ -61,25 +74,12 @@ def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
         ``time_estimate_s_median`` as `isacbench.bench.statistics.median_times`
         has it.
     """
-    broken, averaged = failed(rows), averaged_columns(rows)
-    table = rows.assign(
-        n_estimated=rows["n_estimated"].where(~broken),
-        no_detection=rows["status"] == "no_detection",
-        failed=broken,
-    )
-    groups = table.groupby(GROUP, sort=False)
-    mean, deviation, count = (getattr(groups[averaged], name)() for name in ("mean", "std", "count"))
-    band = pd.DataFrame(student_band(deviation, count), index=mean.index, columns=averaged)
-    spreads = {SPREAD_COLUMNS[name]: name for name in averaged if SPREAD_COLUMNS.get(name) in rows}
-    band = groups[list(spreads)].mean().rename(columns=spreads).combine_first(band)
-    columns: dict[str, pd.Series[Any]] = {
-        "n_cells": groups.size(),
-        "n_no_detection": groups["no_detection"].sum(),
-        "n_failed": groups["failed"].sum(),
-    }
-    for name in averaged:
-        columns |= {f"{name}_mean": mean[name], f"{name}_band": band[name]}
-    return pd.DataFrame(columns).join(median_times(rows, GROUP)).reset_index()
+    groups, averaged = with_counts(rows).groupby(GROUP, sort=False), averaged_columns(rows)
+    found = groups[COUNTS].sum().join(means_and_bands(groups, averaged))
+    for name, spread in SPREAD_COLUMNS.items():
+        if name in averaged and spread in rows:
+            found[f"{name}_band"] = groups[spread].mean().fillna(found[f"{name}_band"])
+    return found.join(median_times(rows, GROUP)).reset_index()
 
 
 def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
@@ -92,18 +92,79 @@ def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
         with means and bands over the scenarios' means. ``scenario`` says how many there are, and counts
         are sums.
     """
-    by = ["estimator", "params", "snr_db"]
-    summary, averaged = summarise_scores(rows), averaged_columns(rows)
+    by = [*VARIANT, "snr_db"]
+    summary = summarise_scores(rows).rename(columns=lambda name: name.removesuffix("_mean"))
     groups = summary.groupby(by, sort=False)
-    counts = ["n_cells", "n_no_detection", "n_failed"]
-    scores = [f"{name}_mean" for name in averaged]
-    bands = student_band(groups[scores].std(), groups[scores].count())
-    found = [
-        groups[counts].sum(),
-        groups[scores].mean(),
-        pd.DataFrame(bands, columns=[f"{name}_band" for name in averaged], index=groups.size().index),
-        median_times(rows, by),
+    found = groups[COUNTS].sum().join(means_and_bands(groups, averaged_columns(rows)))
+    found = found.join(median_times(rows, by)).reset_index()
+    return found.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
+
+
+def hausdorff_ratios(records: pd.DataFrame, without: Collection[str] = ()) -> pd.Series[float]:
+    """Divide the Hausdorff sum of each row by that of the oracle at the same scenario, SNR and trial.
+
+    Scenarios `without` get none, such as those of `POINT_FAMILIES`. NaN without scores or without a row of
+    the oracle; the denominator is at least `SMALLEST_ORACLE_M`.
+    """
+    keys = ["scenario", "snr_db", "trial"]
+    cell = records["params"].map(lambda params: json.loads(params or "{}").get("cell", 1.0))
+    oracle = records[(records["estimator"] == "oracle") & (cell == 1)]
+    oracle_m = oracle.groupby(keys)["hausdorff_sum_m"].mean().clip(lower=SMALLEST_ORACLE_M)
+    below = oracle_m.reindex(pd.MultiIndex.from_frame(records[keys])).set_axis(records.index)
+    return (records["hausdorff_sum_m"] / below).where(~records["scenario"].isin(list(without)))
+
+
+def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Table]:
+    """Objects of a run: shares that were detected, and errors, first over all SNRs, then as details at each.
+
+    No tables if no row has scores of objects. Where some scenarios have no objects, the titles say so.
+    """
+    scored = rows[rows["n_objects"].notna()] if "n_objects" in rows else rows[:0]
+    if scored.empty:
+        return []
+    without = [name for name in rows["scenario"].unique() if name not in set(scored["scenario"])]
+    lack = f"; without {', '.join(without)}, whose points belong to no object" if without else ""
+    scenes = counted(scored["scenario"].nunique(), "scene")
+    snrs_db = sorted(scored["snr_db"].unique())
+    found = [_object_table(scored, labels, f"Objects, {scenes}, {over_snrs(snrs_db)}{lack}")]
+    for snr_db in snrs_db if len(snrs_db) > 1 else ():
+        part, title = scored[scored["snr_db"] == snr_db], f"Objects, {scenes}, {snr_db:g} dB{lack}"
+        found.append(replace(_object_table(part, labels, title), is_detail=True))
+    return found
+
+
+def over_snrs(snrs_db: list[float]) -> str:
+    """Say which SNRs a mean is over."""
+    listed = f"{', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
+    return f"mean over {listed}" if len(snrs_db) > 1 else f"at {listed}"
+
+
+def object_means(rows: pd.DataFrame) -> pd.DataFrame:
+    """Means over scenes of all scores of objects by estimator; a scene counts once, whatever its images."""
+    kinds = [name for name in map(str, rows) if name.startswith(DETECTED) and rows[name].notna().any()]
+    errors = [f"objects_{error}_{unit}" for error, unit in ERRORS]
+    columns = ["objects_f_score", "objects_detected", "n_objects_false", *kinds, *errors]
+    scenes = rows.groupby([*VARIANT, "scenario"], sort=False)[columns].mean()
+    return scenes.groupby(VARIANT, sort=False).mean()
+
+
+def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
+    means, references = object_means(rows), find_limits(rows)
+    kinds = [name for name in map(str, means) if name.startswith(DETECTED)]
+    columns = [
+        Column("estimator", "label", part=0),
+        Column("F-score", "objects_f_score", "{:.2f}"),
+        Column("detected", "objects_detected", PERCENT, scale=100),
+        Column("false: an image", "n_objects_false", "{:.2f}"),
     ]
-    table = pd.concat(found, axis=1).reset_index()
-    table.insert(0, "scenario", f"{rows['scenario'].nunique()} scenarios")
-    return table
+    for optional, kind in enumerate(kinds, start=2):
+        heading = kind.removeprefix(DETECTED).replace("_", " ")
+        columns.append(Column(heading, kind, PERCENT, scale=100, optional=optional))
+    for error, unit in ERRORS:
+        heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
+        columns.append(Column(heading, column, "{:.2f}", optional=2 + len(kinds)))
+    shown, entries = [], means.to_dict("index")
+    for variant in (one for one in labels if one in entries):
+        label = labels[variant].removesuffix(" (ref.)")
+        shown.append({"label": f"{label} (ref.)" if variant[0] in references else label, **entries[variant]})
+    return Table(title, columns, shown)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,28 +18,13 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario, warned_before
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
 
-OPTIONS = {
-    "radius_m": 1.0,
-    "gain_error_db": 0.0,
-    "phase_error_deg": 0.0,
-    "family": "",
-    "family_version": 0,
-}
+OPTIONS = {"radius_m": 1.0, "gain_error_db": 0.0, "phase_error_deg": 0.0, "family": "", "family_version": 0}
 """Fields of a scenario, beside its parts, with the values at which its description leaves them out."""
 
-LEFT_OUT = {
-    **OPTIONS,
-    "ascending": PAPER_ORDER,
-    "mimo": "ideal",
-    "leakage_db": None,
-    "noise": "receiver",
-}
+LEFT_OUT = {**OPTIONS, "ascending": PAPER_ORDER, "mimo": "ideal", "leakage_db": None, "noise": "receiver"}
 """Fields of scenarios and their parts that descriptions leave out at these values. A field that is
 added is listed with the value for the behaviour before it: digests of older scenarios stay as they are."""
 

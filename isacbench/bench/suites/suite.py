@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -20,13 +22,8 @@ from pydantic_core import PydanticCustomError
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
 from isacbench.number_text import is_number
+from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.instances import Instances, spelled_estimators
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
-
-    from isacbench.plugins.contracts import Estimator
 
 FOLDER = "suites"
 MAX_GRID_POINTS = 1000

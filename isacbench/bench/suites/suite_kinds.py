@@ -1,27 +1,27 @@
-"""The kinds of suites by name, and suites read from files and manifests."""
+"""The kinds of suites by name, suites read from files and manifests, and the catalogue of all names."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, field_validator
 
 from isacbench.bench.kinds.detection import DetectionKind
 from isacbench.bench.kinds.efficiency import EfficiencyKind
 from isacbench.bench.kinds.imaging import ImagingKind
+from isacbench.bench.kinds.kind import Kind
 from isacbench.bench.kinds.link import LinkKind
 from isacbench.bench.kinds.population import PopulationKind
 from isacbench.bench.kinds.resolution import ResolutionKind
-from isacbench.bench.suites.suite import Suite, find_suite
+from isacbench.bench.suites.suite import Suite, find_suite, suite_names
 from isacbench.errors import InputError
-from isacbench.files.toml_files import read_toml
+from isacbench.files.toml_files import find_toml, read_toml
+from isacbench.model.scenes.scenario import scenario_names
+from isacbench.model.scenes.scene_families import FAMILIES, Family
+from isacbench.plugins.registry import describe_plugin
 from isacbench.specifications import parse_spec
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
-
-    from isacbench.bench.kinds.kind import Kind
 
 S = TypeVar("S", bound=Suite)
 
@@ -106,11 +106,8 @@ def load_suite(name_or_path: str | Path) -> Suite:
     """
     path = find_suite(name_or_path)
     suite = read_toml(path, KINDS[read_toml(path, _KindOnly).kind].suite)
-    scenarios = tuple(
-        str(path.parent / scenario) if scenario.endswith(".toml") else scenario
-        for scenario in suite.scenarios
-    )
-    return suite.model_copy(update={"scenarios": scenarios})
+    scenarios = (str(path.parent / one) if one.endswith(".toml") else one for one in suite.scenarios)
+    return suite.model_copy(update={"scenarios": tuple(scenarios)})
 
 
 def restore_suite(content: Mapping[str, Any]) -> Suite:
@@ -122,3 +119,56 @@ def restore_suite(content: Mapping[str, Any]) -> Suite:
         If the content describes no suite.
     """
     return KINDS[_KindOnly.model_validate(content).kind].suite.model_validate(content)
+
+
+def catalogue() -> dict[str, list[dict[str, Any]]]:
+    """Describe everything that is registered or built in.
+
+    Returns
+    -------
+    dict of str to list of dict
+        ``estimators``, ``detectors`` and ``metrics`` as `isacbench.plugins.registry.describe_plugin`
+        gives them; ``scenarios`` and ``suites`` with ``name`` and
+        ``description``, the comment that their file starts with; ``families`` of
+        scenes with ``name``, ``version``, ``description`` and ``parameters`` (name to
+        ``type``, and where there are such ``allowed`` and ``default``).
+    """
+    return {
+        "estimators": describe_plugin("estimator"),
+        "detectors": describe_plugin("detector"),
+        "metrics": describe_plugin("metric"),
+        "scenarios": [
+            {"name": name, "description": _first_comment(find_toml(name, "scenario"))}
+            for name in scenario_names()
+        ],
+        "families": [_describe_family(family) for family in FAMILIES.values()],
+        "suites": [{"name": name, "description": _first_comment(find_suite(name))} for name in suite_names()],
+    }
+
+
+def _describe_family(family: Family) -> dict[str, Any]:
+    """Name, version, description and parameters of a family."""
+    parameters = family.parameters.model_json_schema()["properties"]
+    return {
+        "name": family.name,
+        "version": family.version,
+        "description": family.description,
+        "parameters": {name: _describe_parameter(schema) for name, schema in parameters.items()},
+    }
+
+
+def _describe_parameter(schema: dict[str, Any]) -> dict[str, Any]:
+    """Type, allowed values and default of a parameter from its JSON schema."""
+    schema = {**schema.get("anyOf", [{}])[0], **schema}
+    described = {"type": schema["type"]}
+    if "enum" in schema:
+        described["allowed"] = " or ".join(schema["enum"])
+    elif "minimum" in schema:
+        described["allowed"] = f"{schema['minimum']} to {schema['maximum']}"
+    return described | {key: schema[key] for key in ("default",) if key in schema}
+
+
+def _first_comment(path: Path) -> str:
+    """First line of a file if it is a comment, without its sign."""
+    first = path.read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("#").strip() if first.startswith("#") else ""

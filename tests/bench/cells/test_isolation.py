@@ -134,7 +134,7 @@ def test_other_signs_change_the_digest(n):
 )
 def test_the_digest_of_an_observation_sees_the_last_digit_of_all_that_is_known(tiny, part, change):
     scenario = load_scenario(tiny)
-    shared = SharedImage(None, {}, scenario, observe_echo(scenario, 0), None)
+    shared = SharedImage(None, {}, 3, scenario, observe_echo(scenario, 0), None)
     before = shared.digest()
     assert shared.digest() == before
     changed = copy.copy(getattr(shared.observation, part))
@@ -146,7 +146,7 @@ def test_the_digest_of_an_observation_sees_the_last_digit_of_all_that_is_known(t
 
 @pytest.mark.parametrize("other", [PaperFrame(), None])
 def test_the_digest_of_an_observation_sees_another_type(tiny, other):
-    shared = SharedImage(None, {}, None, observe_echo(load_scenario(tiny), 0), None)
+    shared = SharedImage(None, {}, 3, None, observe_echo(load_scenario(tiny), 0), None)
     before = shared.digest()
     object.__setattr__(shared.observation, "frame", other)
     assert shared.digest() != before

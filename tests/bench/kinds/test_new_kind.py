@@ -40,7 +40,7 @@ class CountKind(Kind):
             return {"n_counted": len(shot.cloud) + suite.offset}
 
         entries = build_estimators(suite)
-        return [ImagedScene(suite, one, entries, suite.snr_db, measure=measure) for one in scenarios.values()]
+        return [ImagedScene(suite, one, entries, measure=measure) for one in scenarios.values()]
 
     def summary(self, rows):
         keys = ["scenario", "estimator", "params", "snr_db"]

@@ -8,9 +8,9 @@ import pytest
 from isacbench.bench.kinds import lone_targets
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
+    AIMED,
     ALL,
     DRAWN,
-    DRAWN_TARGETS,
     LARGEST_RATIO,
     PopulationKind,
     PopulationSuite,
@@ -296,7 +296,7 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
 def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
     drawn.loc[drawn["family"] == "sparse", "n_false"] = 2
     targets = KIND.charts(drawn)[-1]
-    assert [chart.y.title for chart in targets.charts] == [one.axis for one in DRAWN_TARGETS]
+    assert [chart.y.title for chart in targets.charts] == [one.axis for one in AIMED]
     assert list(targets.charts[0].series[0].y) == [2, 2]
     assert targets.title == "sparse: means over 8 scenes, 95 % confidence bands"
 
