@@ -30,9 +30,8 @@ from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run
 from isacbench.charts import rows_of as own_rows
 from isacbench.charts import variants_in
-from isacbench.report.comparisons.ranking_charts import ranking_charts
-from isacbench.report.comparisons.ranking_tables import ranking_grids
 from isacbench.report.figures import save_charts
+from isacbench.report.ranking import ranking_charts, ranking_grids
 from isacbench.report.tables import markdown as grid_markdown
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import pytest
 
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.cli.completion import estimators_like, metrics_like, scenarios_like, suites_like
+from isacbench.cli.options import estimators_like, metrics_like, scenarios_like, suites_like
 from isacbench.report import run_report
 from isacbench.report.figures import new_figure
 from tests.conftest import TINY, TINY_POINTS
