@@ -52,25 +52,10 @@ def pytest_xdist_auto_num_workers(config):
     return 0 if all(path.is_file() for path in asked) else min((os.cpu_count() or 1) + 1, MOST_WORKERS)
 
 
-def pytest_collection(session):
-    """Let each worker begin with other files: it reads what the others have compiled by then."""
-    config = session.config
-    folders = [Path(text) for text in config.args]
-    # Options that leave files out have no power over files that are named.
-    chosen = config.getoption("ignore") or config.getoption("ignore_glob")
-    if hasattr(config, "workerinput") and not chosen and all(folder.is_dir() for folder in folders):
-        left_out = set(config.getini("norecursedirs"))
-        found = ((path, path.relative_to(folder)) for folder in folders for path in folder.rglob("test_*.py"))
-        files = sorted(str(path) for path, inner in found if left_out.isdisjoint(inner.parts))
-        worker = int(config.workerinput["workerid"].removeprefix("gw"))
-        first = worker * len(files) // config.workerinput["workercount"]
-        config.args = files[first:] + files[:first]
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Order tests by their files, wherever a worker began; those marked `first` go before."""
-    items.sort(key=lambda item: (item.get_closest_marker("first") is None, item.path))
+    """Run tests marked `first` before the others."""
+    items.sort(key=lambda item: item.get_closest_marker("first") is None)
 
 
 def pytest_collection_finish():

@@ -276,12 +276,6 @@ def test_real_and_whole_snapshots_are_those_of_their_complex_copies(of):
         np.testing.assert_allclose(of(given), of(given.astype(np.complex128)), rtol=1e-5, atol=1e-6)
 
 
-def test_a_real_snapshot_of_both_ends_has_the_power_of_both():
-    np.testing.assert_allclose(
-        smoothed_covariance(np.array([[[1], [0], [1]]]), 3)[0], np.diag([2.0, 0, 0]), atol=1e-12
-    )
-
-
 def test_whole_numbers_in_place_of_real_ones_do_not_round_steering_vectors():
     basis = np.eye(4, dtype=np.int64)[None]
     steering = real_steering(4, [0.3])

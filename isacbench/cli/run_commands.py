@@ -48,13 +48,20 @@ def run_command(
     html: opt.Html = True,
 ) -> None:
     """Run a suite: estimate, score, tabulate, draw. An existing folder of the same run is completed."""
-    from isacbench.bench.kinds.population import PopulationSuite
-    from isacbench.bench.suites.suite import parse_snr
-    from isacbench.bench.suites.suite_kinds import kind_of, load_suite, with_metrics
+    from isacbench.bench.suites.suite import find_suite, parse_snr
 
     if out is None and (rerun or mix_versions):
         raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
     opt.register(plugin)
+    find_suite(suite)
+    opt.require_names(scenario or (), estimator or (), metrics=metric or ())
+    if dask is None:
+        from isacbench.bench.workers.process_server import start_process_server
+
+        start_process_server()  # it imports what workers need while this process imports the rest
+    from isacbench.bench.kinds.population import PopulationSuite
+    from isacbench.bench.suites.suite_kinds import kind_of, load_suite, with_metrics
+
     wanted = load_suite(suite)
     if block:
         if not isinstance(wanted, PopulationSuite):
@@ -80,10 +87,6 @@ def run_command(
         getattr(wanted, "detectors", ()),
         kind_of(wanted).metric_specs(wanted),
     )
-    if dask is None:
-        from isacbench.bench.workers.process_server import start_process_server
-
-        start_process_server()  # it imports what workers need while this process imports the rest
     from isacbench.bench.cells.statuses import failed
     from isacbench.bench.cells.timing import repeats_wanted
     from isacbench.bench.compare.worst_scenes import command_to_show

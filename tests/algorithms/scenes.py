@@ -3,7 +3,10 @@
 from functools import cache
 
 import numpy as np
+import pytest
+from isacbench_algorithms.chain import CellwiseEstimator
 
+from isacbench.checking.stress import find_cases
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
@@ -11,6 +14,7 @@ from isacbench.model.frame import PanelFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
+from isacbench.plugins.registry import estimator_names, get_estimator
 
 SYSTEM = System(n_subcarriers=256, n_symbols=64)
 ARRAY = VirtualArray((2, 2), (4, 4), 4, 1)
@@ -21,6 +25,11 @@ XYZ = np.array([[4.0, 6.0, 2.0], [25.0, 9.0, 12.0], [9.0, 18.0, 9.0], [21.0, 27.
 VELOCITY = np.array([0.0, 13.3, -8.1, 20.0, -17.7])
 AMPLITUDE = np.array([1.0, 1.2, 0.8, 1.0, 1.0])
 NOTHING = np.empty((0, 3))
+
+BUILT_IN = [get_estimator(name) for name in estimator_names()]
+CELLWISE = [type(estimator) for estimator in BUILT_IN if isinstance(estimator, CellwiseEstimator)]
+"""Classes of all estimators that image cell by cell."""
+EACH_CELLWISE = pytest.mark.parametrize("estimator", CELLWISE, ids=lambda one: one.name)
 
 
 def simulator(xyz=XYZ, velocity=None, amplitude=None, *, array=ARRAY, frame="panel", region=REGION):
@@ -38,6 +47,22 @@ def echo_map(range_bin, doppler_bin, u, w, amplitude):
     xyz = BASE_M + PanelFrame().offsets(np.array(range_bin) * SYSTEM.range_bin_m, np.array(u), np.array(w))
     seen = simulator(xyz, np.array(doppler_bin) * SYSTEM.velocity_bin_mps, amplitude)
     return GatedMap(seen.clean, seen.gate)
+
+
+def crowd(n):
+    """Scenario of n scatterers of three speeds at random in front of an 8 x 8 array, many to a cell."""
+    rng = np.random.default_rng(0)
+    region = Region((0.0, 20.0), (0.0, 25.0), (0.0, 8.0), (-15.0, 15.0))
+    xyz = region.lower_m + region.size_m * rng.random((n, 3))
+    scatterers = Scatterers(xyz, rng.choice([-10.0, 0.0, 10.0], n), np.ones(n))
+    system, base_m = System(n_subcarriers=256, n_symbols=56), np.array([10.0, 60.0, 15.0])
+    return Scenario("crowd", system, ARRAY, get_frame("panel"), base_m, region, scatterers)
+
+
+def stress_case(spec):
+    """The one case of the stress test that a specification names."""
+    (case,) = find_cases(spec)
+    return case
 
 
 EMPTY = Scenario(

@@ -1,91 +1,61 @@
-"""The chain of a cell-by-cell estimator: each of its stages is exchanged by itself."""
+"""What all cell-by-cell estimators share: each stage of their chain is exchanged by itself."""
 
-import re
-import sys
 from functools import cache
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-from isacbench_algorithms.bartlett2d import Bartlett2d
 from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.detectors import CaCfar
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.iaa2d import Iaa2d
 from isacbench_algorithms.music2d import Music2d
-from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench import PointCloud
+from isacbench import PointCloud, observe
+from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator
-from isacbench.model.frame import get_frame
-from isacbench.model.numerology import System
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.echo import observe_echo
+from tests.algorithms.scenes import EACH_CELLWISE, crowd
 
-CELLWISE = [Fft4d, Music2d, Music2dJoint, Esprit2d, Bartlett2d, Capon2d, Iaa2d]
-ALL = pytest.mark.parametrize("estimator", CELLWISE, ids=lambda e: e.name)
 # One of those that share plane waves or spectra.
 EXCHANGED = pytest.mark.parametrize("estimator", [Fft4d, Music2d, Esprit2d, Capon2d], ids=lambda e: e.name)
-DOCUMENT = Path(__file__).parents[2] / "docs" / "chain.md"
-
-
-def simulator(n_scatterers):
-    """Simulator of scatterers at random in front of an 8 x 8 array, of three speeds."""
-    rng = np.random.default_rng(0)
-    region = Region((0.0, 20.0), (0.0, 25.0), (0.0, 8.0), (-15.0, 15.0))
-    xyz = region.lower_m + region.size_m * rng.random((n_scatterers, 3))
-    return Simulator(
-        Scenario(
-            name="crowd",
-            system=System(n_subcarriers=256, n_symbols=56),
-            array=VirtualArray((2, 2), (4, 4), 4, 1),
-            frame=get_frame("panel"),
-            base_station_m=np.array([10.0, 60.0, 15.0]),
-            region=region,
-            scatterers=Scatterers(xyz, rng.choice([-10.0, 0.0, 10.0], n_scatterers), np.ones(n_scatterers)),
-        )
-    )
 
 
 @cache
-def crowd():
-    """A crowd of 60, many to a cell, 10 dB."""
-    return simulator(60).observe(10.0)
+def sixty():
+    """A crowd of 60, 10 dB."""
+    return observe_echo(crowd(60), 10.0)
 
 
 @cache
 def image(estimator, **params):
     """Cloud of the crowd."""
-    return estimator(**params).estimate(crowd())
+    return estimator(**params).estimate(sixty())
 
 
 @cache
 def diagnosis(estimator, **params):
     """Diagnosis of the crowd."""
-    return estimator(**params).diagnose(crowd())
+    return estimator(**params).diagnose(sixty())
 
 
-@ALL
+@EACH_CELLWISE
 def test_the_detector_is_exchanged_by_an_argument(estimator):
     few = diagnosis(estimator, detector=CaCfar(pfa=1e-9)).detection.mask
     assert 0 < few.sum() < diagnosis(estimator).detection.mask.sum()
 
 
-@ALL
+@EACH_CELLWISE
 def test_plane_waves_are_exchanged_by_one_method(estimator):
     class Ahead(estimator):
         def plane_waves(self, observation, cells):
             u, w = (np.full((len(cells), 1), np.mean(limits)) for limits in observation.cosine_limits)
             return PlaneWaves(u, w, np.ones(u.shape, dtype=bool))
 
-    cloud = Ahead().estimate(crowd())
+    cloud = Ahead().estimate(sixty())
     assert len(cloud)
-    u, w = crowd().frame.direction_cosines(cloud.xyz - crowd().base_station_m)
-    middle = np.mean(crowd().cosine_limits, axis=1)
+    u, w = sixty().frame.direction_cosines(cloud.xyz - sixty().base_station_m)
+    middle = np.mean(sixty().cosine_limits, axis=1)
     np.testing.assert_allclose(np.stack([u, w], axis=1), np.tile(middle, (len(cloud), 1)), atol=1e-9)
 
 
@@ -106,15 +76,15 @@ def test_the_own_cell_test_the_sidelobe_test_and_the_cloud_are_exchanged_by_one_
     # With weak waves, some of which are those of a neighbouring cell.
     given = {"local_dynamic_range_db": 30.0}
     tested, anywhere, untested = (
-        len(one(**given).estimate(crowd())) for one in (estimator, Everywhere, Untested)
+        len(one(**given).estimate(sixty())) for one in (estimator, Everywhere, Untested)
     )
     assert 0 < tested < anywhere < untested
-    assert len(Nothing().estimate(crowd())) == 0
+    assert len(Nothing().estimate(sixty())) == 0
 
 
-@ALL
+@EACH_CELLWISE
 def test_no_two_points_are_one_scatterer(estimator):
-    observation, cloud = crowd(), image(estimator)
+    observation, cloud = sixty(), image(estimator)
     u, w = observation.frame.direction_cosines(cloud.xyz - observation.base_station_m)
     range_m = np.linalg.norm(cloud.xyz - observation.base_station_m, axis=1)
     system = observation.system
@@ -125,7 +95,7 @@ def test_no_two_points_are_one_scatterer(estimator):
     assert apart[np.triu_indices(len(cloud), 1)].min() > 1 - 1e-9
 
 
-@ALL
+@EACH_CELLWISE
 def test_the_map_of_the_detection_is_tapered_as_asked_for(estimator):
     # Sidelobes are what a taper is for: without it the weakest cells of a crowd are stronger.
     plain = diagnosis(estimator, detection_window="rect")
@@ -133,11 +103,26 @@ def test_the_map_of_the_detection_is_tapered_as_asked_for(estimator):
     assert estimator().detection_window == "hann"
 
 
-def test_the_examples_of_the_documentation_run(monkeypatch):
-    script = ModuleType("script")
-    monkeypatch.setitem(sys.modules, "script", script)
-    examples = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert examples
-    for example in examples:
-        exec(example, vars(script))
-    assert len(script.cloud)
+@EACH_CELLWISE
+def test_noise_is_taken_for_a_plane_wave_no_more_often_than_angle_pfa_says(small_street, estimator):
+    street = observe(small_street, snr_db=-25)
+    often, hardly = (len(estimator(angle_pfa=pfa).estimate(street)) for pfa in (0.5, 1e-300))
+    assert hardly < often
+
+
+def test_a_diagnosis_marks_the_directions_that_the_image_has(small_street):
+    # Polished ones, which lie between the samples.
+    street = observe(small_street, snr_db=-25)
+    polished, raw = (Iaa2d(polish=polish).diagnose(street).spectra[0].peaks for polish in (3, 0))
+    assert not np.array_equal(polished, raw)
+
+
+def test_maximum_likelihood_brings_the_peaks_of_the_adaptive_approach_nearer_to_the_truth():
+    shot = observed(RESOLVED, 10.0)
+    off_m = [
+        np.linalg.norm(
+            Iaa2d(polish=polish).estimate(shot.seen).xyz[:, None] - shot.scenario.truth.xyz, axis=2
+        ).min(axis=0)
+        for polish in (0, 3)
+    ]
+    assert np.median(off_m[1]) < 0.2 * np.median(off_m[0])

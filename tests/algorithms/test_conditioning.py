@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
@@ -13,12 +11,11 @@ from isacbench.checking.image_cases import close, coherent
 from isacbench.checking.image_checks import ANY_SCALE, ELEMENT_ORDER
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
-from isacbench.model.echo import Simulator
+from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
-from tests.conftest import few
 
 SYSTEM = System(n_subcarriers=512, n_symbols=64)
 BASE_M = np.array([10.0, 50.0, 12.0])
@@ -52,17 +49,9 @@ def observe(points, shape=(10, 10), amplitude=None, phase=0.0, snr_db=np.inf):
     points = np.asarray(points, dtype=float).reshape(-1, 4)
     amplitude = np.ones(len(points)) if amplitude is None else np.asarray(amplitude)
     scatterers = Scatterers(points[:, :3], points[:, 3], amplitude, np.asarray(phase, dtype=float))
-    return Simulator(
-        Scenario(
-            name="conditioning",
-            system=SYSTEM,
-            array=VirtualArray((1, 1), shape, 1, 1),
-            frame=PanelFrame(),
-            base_station_m=BASE_M,
-            region=REGION,
-            scatterers=scatterers,
-        )
-    ).observe(snr_db)
+    array = VirtualArray((1, 1), shape, 1, 1)
+    scenario = Scenario("conditioning", SYSTEM, array, PanelFrame(), BASE_M, REGION, scatterers)
+    return observe_echo(scenario, snr_db)
 
 
 def farthest(cloud, points):
@@ -112,26 +101,6 @@ def test_a_diagnosis_says_whether_its_subspaces_are_separated(method):
     assert method().diagnose(observe([FIRST], (8, 8), snr_db=20.0)).separated is True
     empty = method().diagnose(observe(np.empty((0, 4)), (8, 8)))
     assert empty.separated is None
-
-
-@ALL
-@few
-@given(
-    shape=st.sampled_from([(2, 2), (2, 9), (9, 2), (3, 5), (8, 8)]),
-    angles=st.lists(st.floats(-0.15, 0.15), min_size=0, max_size=8),
-    turns=st.integers(0, 3),
-    fraction=st.sampled_from([0.01, 0.5, 1.0]),
-    snr_db=st.sampled_from([np.inf, 200.0, 20.0, -80.0]),
-)
-def test_whatever_is_in_a_cell_points_are_finite_and_nothing_warns(
-    method, shape, angles, turns, fraction, snr_db
-):
-    points = [beside(FIRST, angle) for angle in angles]
-    phase = np.pi / 2 * turns * np.arange(len(points))
-    cloud = method(subarray_fraction=fraction).estimate(
-        observe(points, shape, phase=phase if len(points) else 0.0, snr_db=snr_db)
-    )
-    assert np.isfinite(cloud.to_array()).all()
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,11 @@ from isacbench_algorithms.fft4d import Fft4d
 
 from isacbench.checking.image_checks import ANY_SCALE, ELEMENT_ORDER, FOUND_FIRST, INVARIANT, LAYOUT
 from isacbench.checking.scenes import Echo, Layout, observed
-from isacbench.checking.stress import BROKEN, find_cases, run_case
+from isacbench.checking.stress import BROKEN, run_case
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.plugins.registry import build_estimator
+from tests.algorithms.scenes import stress_case
 from tests.checking.narrowed import narrowed
 from tests.conftest import slow_but
 
@@ -54,18 +55,13 @@ WITH_PARAMETERS = [
 ]
 
 
-def only(spec):
-    (case,) = find_cases(spec)
-    return case
-
-
 @pytest.mark.parametrize(
     ("estimator", "spec"), [*by_turns(HOSTILE), *WITH_PARAMETERS, ("nomp4d", NO_RANGE.format("none"))]
 )
 def test_hostile_scenes_are_imaged_as_promised(estimator, spec):
     # Invariances have tests of their own, but for the pursuit where there is no range.
     invariant = spec == NO_RANGE.format("none")
-    case = narrowed(only(spec), lambda promise: invariant or promise not in INVARIANT)
+    case = narrowed(stress_case(spec), lambda promise: invariant or promise not in INVARIANT)
     findings = run_case(case, build_estimator(estimator))
     assert [finding for finding in findings if finding.status in BROKEN] == []
 
@@ -86,7 +82,7 @@ SLOW = [
 @cache
 def subject_of(name, spec):
     """Estimator and scene, whose image is made once."""
-    return only(spec).make(build_estimator(name))[0]
+    return stress_case(spec).make(build_estimator(name))[0]
 
 
 @pytest.mark.parametrize(("name", "spec", "promise"), slow_but(ROUNDED, [*ROUNDED, *SLOW]))

@@ -1,4 +1,4 @@
-"""Images do not depend on units, precision, memory order, threads, last bits or the order of scatterers."""
+"""Images do not depend on units, precision, memory, threads, last bits, or the scatterers' order and side."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,13 +16,14 @@ from isacbench.checking.image_cases import spread
 from isacbench.checking.image_checks import ELEMENT_ORDER, ImageSubject, cloud_difference
 from isacbench.checking.scenes import RESOLVED, Echo, Layout, observed, scenario_of
 from isacbench.errors import InputError
+from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.radio_coordinates import rayleigh_cells, space_places
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
 from isacbench.plugins.registry import estimator_names, get_estimator, sees_truth
 from tests.algorithms.scenes import EMPTY
-from tests.conftest import few
+from tests.conftest import few, slow_but
 
 BLIND = {name: get_estimator(name) for name in estimator_names() if not sees_truth(name)}
 CROSSES = {
@@ -147,7 +148,7 @@ def test_cells_whose_power_is_no_number_are_refused(estimator):
         estimator.estimate(replace(seen, cells=seen.cells * 1e200))
 
 
-@pytest.mark.parametrize("estimator", [Fft4d(), Music2d()], ids=lambda one: one.name)
+@pytest.mark.parametrize("name", ["fft4d", "music2d", "nomp4d"])
 @pytest.mark.parametrize(
     "offsets",
     [
@@ -157,7 +158,8 @@ def test_cells_whose_power_is_no_number_are_refused(estimator):
     ],
     ids=["one", "two in range", "four in a square"],
 )
-def test_halfway_between_two_cells_rounding_decides_nothing(estimator, offsets):
+def test_halfway_between_two_cells_rounding_decides_nothing(name, offsets):
+    estimator = get_estimator(name)
     middle = np.array([37 * EMPTY.system.range_bin_m, EMPTY.system.velocity_bin_mps, 0, 0])
     xyz, velocity = space_places(EMPTY, middle + np.array(offsets) * rayleigh_cells(EMPTY))
     seen = Simulator(replace(EMPTY, scatterers=Scatterers(xyz, velocity, np.ones(len(xyz))))).observe(np.inf)
@@ -165,3 +167,31 @@ def test_halfway_between_two_cells_rounding_decides_nothing(estimator, offsets):
     for seed in range(2):
         other = estimator.estimate(replace(seen, cells=nudged(seen.cells, seed)))
         assert cloud_difference(EMPTY, cloud, other) < 1e-9
+
+
+@pytest.mark.parametrize("shape", slow_but(["8x8"], ["4x4", "4x8", "5x7", "8x4", "8x8", "16x16"]))
+@pytest.mark.parametrize("axis", ["azimuth", "elevation"])
+@pytest.mark.parametrize("name", [*BLIND, "music2d-root"])
+def test_one_echo_is_one_point_up_to_89_degrees_on_either_side(name, axis, shape):
+    estimator, range_m = EVERY[name], 40.0
+    for angle in np.radians([79.0, 85.0, 89.0]):
+        for side in (-1, 1):
+            aside, ahead = side * range_m * np.sin(angle), range_m * np.cos(angle)
+            offset = (aside, -ahead, 0.0) if axis == "azimuth" else (0.0, -ahead, aside)
+            place = EMPTY.base_station_m + offset
+            echo = Scatterers(place[None], np.array([7.3]), np.ones(1))
+            array = VirtualArray((1, 1), tuple(map(int, shape.split("x"))), 1, 1)
+            region = replace(EMPTY.region, y_m=(60.0, 110.0), z_m=(-25.0, 75.0))
+            seen = Simulator(replace(EMPTY, scatterers=echo, array=array, region=region)).observe(20.0)
+            found = estimator.estimate(seen).xyz
+            assert np.linalg.norm(found - place, axis=1) == pytest.approx([0.0], abs=1.0), (angle, side)
+
+
+@pytest.mark.parametrize("shape", [(8, 4), (4, 8), (2, 14), (16, 2), (6, 6)])
+def test_fft4d_images_a_lone_echo_between_samples_on_few_elements(shape):
+    estimator = Fft4d()
+    rng = np.random.default_rng(3)
+    for u in rng.uniform(-0.98, 0.98, 12):
+        echo = Echo(9.3, 1.2, u, rng.uniform(-0.9, 0.9) * np.sqrt(1 - u * u))
+        for snr_db in (np.inf, 20.0):
+            assert len(estimator.estimate(observed([echo], snr_db, layout=Layout(array=shape)).seen)) == 1

@@ -1,4 +1,4 @@
-"""`music2d_joint` and `esprit2d`: plane waves of single cells, and few scatterers in full observations."""
+"""`music2d_joint` and `esprit2d`: plane waves of single cells, and the Cramér-Rao bound of a scatterer."""
 
 from dataclasses import replace
 from functools import cache
@@ -10,11 +10,19 @@ from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
+from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.kinds.efficiency import BOUNDS, ERRORS
+from isacbench.bench.kinds.efficiency import measure_efficiency as measure_error
 from isacbench.model.array import VirtualArray
+from isacbench.model.echo import Simulator
 from isacbench.model.kernels import steering
+from isacbench.model.radio_coordinates import DIMENSIONS, draw_place, gain_db, space_places
 from isacbench.model.region import Region
+from isacbench.model.scene import Scatterers
+from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms.scenes import NOTHING, simulator
 from tests.conftest import slow_but
+from tests.dsp.plane_wave_data import noise
 
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 
@@ -31,12 +39,6 @@ def everywhere(n_p=16, n_q=16):
     empty = simulator(NOTHING, region=region, array=VirtualArray((1, 1), (n_p, n_q), 1, 1)).observe(0.0)
     scale = np.sqrt(np.mean(np.abs(empty.cells) ** 2))
     return replace(empty, cells=empty.cells / scale)
-
-
-def noise(n, n_p=16, n_q=16, seed=0):
-    """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    return (rng.standard_normal((n, n_p, n_q)) + 1j * rng.standard_normal((n, n_p, n_q))) / np.sqrt(2)
 
 
 def waves_in(estimator, reading, snapshots, levels):
@@ -56,7 +58,7 @@ def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), 
     # Strongest cells 28 dB above the floor, as a detector has it.
     floor = max(1.0, np.mean(np.abs(clean) ** 2) * 10**-2.8)
     min_power = -np.log(estimator.angle_pfa) * floor / (n_p * n_q)
-    snapshots = (clean + noise(n * reading.range_cells, n_p, n_q, seed)).reshape(
+    snapshots = (clean + noise(n * reading.range_cells, n_p, n_q, seed=seed)).reshape(
         n, reading.range_cells, n_p, n_q
     )
     return waves_in(estimator, reading, snapshots, Levels(1.0, floor, min_power))
@@ -154,7 +156,7 @@ def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator,
 def test_no_cells_and_one_cell(estimator, polish):
     method = estimator(polish=polish)
     for reading in method.readings():
-        none = noise(0).reshape(0, reading.range_cells, 16, 16)
+        none = np.empty((0, reading.range_cells, 16, 16), dtype=complex)
         assert len(waves_in(method, reading, none, Levels(1.0, 1.0, 0.1)).found) == 0
         waves = plane_waves(method, [0.3], [-0.2], reading=reading)
         assert misses(waves, [0.3], [-0.2], 0.01) == 0
@@ -164,6 +166,48 @@ def test_no_cells_and_one_cell(estimator, polish):
 def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
     method = estimator()
     for reading in method.readings():
-        snapshots = noise(100 * reading.range_cells).reshape(100, reading.range_cells, 16, 16)
+        snapshots = noise(100 * reading.range_cells, 16, 16).reshape(100, reading.range_cells, 16, 16)
         waves = waves_in(method, reading, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
         assert waves.found.sum() <= 3
+
+
+def image(scenario, estimator, gained_db, trial):
+    """Shot of a scenario at an SNR after all gains of one unit scatterer."""
+    snr_db = gained_db - gain_db(scenario)
+    observation = Simulator(scenario).observe(snr_db, trial)
+    return MeasuredImage(scenario, observation, estimator, snr_db, estimator.estimate(observation))
+
+
+def one_scatterer(trial):
+    """Scenario `single` with one unit scatterer at a place that knows no grid."""
+    template = load_scenario("single")
+    xyz, velocity = space_places(template, draw_place(template, trial, 0, 0.5)[None])
+    return replace(template, scatterers=Scatterers(xyz, velocity, np.ones(1)))
+
+
+def errors_over_bound(estimator, gained_db, trials):
+    """Errors (trial, dimension) in standard deviations of the bound; each image must hold the one point."""
+    rows = []
+    for trial in trials:
+        measured = measure_error(image(one_scatterer(trial), estimator, gained_db, trial))
+        assert measured["hit"]
+        assert not measured["n_false"]
+        rows.append([measured[error] / measured[bound] for error, bound in zip(ERRORS, BOUNDS, strict=True)])
+    return np.array(rows)
+
+
+@pytest.mark.slow
+@BOTH
+@pytest.mark.parametrize("gained_db", [25.0, 35.0, 45.0, 60.0])
+def test_directions_of_one_scatterer_err_by_less_than_1_3_of_the_cramer_rao_bound(estimator, gained_db):
+    errors = errors_over_bound(estimator(), gained_db, range(60))
+    ratio = dict(zip(DIMENSIONS, np.sqrt(np.mean(errors**2, axis=0)), strict=True))
+    assert ratio["u"] < 1.3
+    assert ratio["w"] < 1.3
+
+
+@BOTH
+def test_errors_scale_with_the_noise_however_strong_the_echo_is(estimator):
+    some, strong = (errors_over_bound(estimator(), gained_db, range(1)) for gained_db in (50.0, 100.0))
+    np.testing.assert_allclose(strong, some, atol=0.05)
+    assert np.abs(some).max() < 4

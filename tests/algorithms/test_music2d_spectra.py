@@ -14,6 +14,8 @@ from isacbench.model.echo import observe_echo
 from isacbench.model.kernels import steering
 from isacbench.model.scenes.scenario import load_scenario
 from tests.conftest import few
+from tests.dsp.plane_wave_data import noise as white
+from tests.dsp.plane_wave_data import plain_covariance
 
 ELEMENTS, SUBARRAY, MAX_ORDER = 16, 10, 4
 DENSE_SHAPE = 300, 150
@@ -44,17 +46,9 @@ def street_cells(street):
 
 def noise_subspace(lines, noise):
     """Complex noise subspace (10, 10 - order) of lines (sensors, snapshots), and the order."""
-    n_snapshots = lines.shape[1]
-    flip = np.eye(SUBARRAY)[::-1]
-    covariance = np.zeros((SUBARRAY, SUBARRAY), dtype=complex)
-    for first in range(ELEMENTS - SUBARRAY + 1):
-        subarray = lines[first : first + SUBARRAY]
-        forward = subarray @ subarray.conj().T
-        covariance += forward + flip @ forward.conj() @ flip
-    covariance /= 2 * n_snapshots * (ELEMENTS - SUBARRAY + 1)
-    values, vectors = np.linalg.eigh(covariance)
+    values, vectors = np.linalg.eigh(plain_covariance(lines, (SUBARRAY, 1)))
     # The edge of the Marchenko-Pastur law; forward and backward count twice.
-    edge = noise * (1 + np.sqrt(SUBARRAY / (2 * n_snapshots))) ** 2
+    edge = noise * (1 + np.sqrt(SUBARRAY / (2 * lines.shape[1]))) ** 2
     order = min(max(np.count_nonzero(values > edge), 1), MAX_ORDER)
     return vectors[:, : SUBARRAY - order], order
 
@@ -167,10 +161,9 @@ def cells(draw):
     phase = np.array(draw(st.lists(st.floats(0, 2 * np.pi), min_size=n, max_size=n)))
     power = np.array(draw(st.lists(st.floats(0.2, 2), min_size=n, max_size=n)))
     noise = 10 ** -draw(st.floats(1, 4))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    parts = rng.standard_normal((2, ELEMENTS, ELEMENTS)) * np.sqrt(noise / 2)
+    seed = draw(st.integers(0, 2**32 - 1))
     echo = (steering(ELEMENTS, u).T * np.sqrt(power) * np.exp(1j * phase)) @ steering(ELEMENTS, w)
-    return echo + parts[0] + 1j * parts[1], noise
+    return echo + np.sqrt(noise) * white(ELEMENTS, ELEMENTS, seed=seed), noise
 
 
 @few
@@ -222,9 +215,8 @@ def passes_a_cell_average(product, row, column, pfa, training=24, guard=8):
 @pytest.mark.parametrize("pfa", [1e-3, 1e-200])
 def test_product_pairing_takes_the_local_maxima_of_the_plane_that_pass_a_cell_average(street, pfa):
     u, w, noise = np.array([-0.12, 0.03, 0.16]), np.array([0.05, 0.21, 0.13]), 1e-2
-    rng = np.random.default_rng(4)
-    parts = rng.standard_normal((2, ELEMENTS, ELEMENTS)) * np.sqrt(noise / 2)
-    snapshot = steering(ELEMENTS, u).T @ steering(ELEMENTS, w) + parts[0] + 1j * parts[1]
+    white_noise = np.sqrt(noise) * white(ELEMENTS, ELEMENTS, seed=4)
+    snapshot = steering(ELEMENTS, u).T @ steering(ELEMENTS, w) + white_noise
     cells = CellSnapshots(
         Reading("rect", "soft"), None, None, np.stack([snapshot] * 70)[:, None], Levels(noise, noise, 0.0)
     )

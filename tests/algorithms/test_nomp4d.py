@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from isacbench_algorithms import nomp4d
 from isacbench_algorithms.nomp4d import Nomp4d
 
 from isacbench import load_scenario, score
 from isacbench.bench.kinds.resolution import pair
+from isacbench.checking.image_checks import ANY_SCALE
 from isacbench.dsp.bounds import single_bound
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
@@ -22,7 +24,7 @@ from isacbench.model.radio_coordinates import (
     space_places,
 )
 from isacbench.model.scene import Scatterers
-from tests.algorithms.scenes import EMPTY
+from tests.algorithms.scenes import EMPTY, stress_case
 from tests.conftest import few
 
 SYSTEM, CELLS = EMPTY.system, rayleigh_cells(EMPTY)
@@ -168,37 +170,29 @@ def rmse_over_bound(snr_after_gain_db, n_trials):
     return np.sqrt(np.mean(np.square(found), axis=0)) / std
 
 
-def test_a_lone_scatterer_20_db_above_the_noise_is_placed_as_well_as_the_bound_allows():
-    n_trials = 10
-    # RMSE of n Gaussian errors: relative standard deviation (2n)^(-1/2).
-    assert np.all(rmse_over_bound(20.0, n_trials) < 1.1 + 4 / np.sqrt(2 * n_trials))
+@pytest.mark.parametrize(
+    ("snr_after_gain_db", "n_trials", "slack"),
+    [
+        # RMSE of n Gaussian errors: relative standard deviation (2n)^(-1/2).
+        (20.0, 10, 4 / np.sqrt(2 * 10)),
+        *(pytest.param(snr_db, 1000, 0, marks=pytest.mark.slow) for snr_db in (20.0, 30.0, 60.0)),
+    ],
+)
+def test_a_lone_scatterer_is_placed_within_a_tenth_of_the_bound(snr_after_gain_db, n_trials, slack):
+    assert np.all(rmse_over_bound(snr_after_gain_db, n_trials) < 1.1 + slack)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("snr_after_gain_db", [20.0, 30.0, 60.0])
-def test_a_lone_scatterer_is_placed_within_a_tenth_of_the_bound(snr_after_gain_db):
-    assert np.all(rmse_over_bound(snr_after_gain_db, 1000) < 1.1)
-
-
-def n_false(pfa, n_trials):
-    """Images of noise that are not empty, and their points."""
+@pytest.mark.parametrize(
+    ("pfa", "n_trials", "most_images", "most_points"),
+    [
+        (0.01, 15, 1, 1),
+        *(pytest.param(pfa, 1500, pfa * 1500, 2, marks=pytest.mark.slow) for pfa in (0.01, 0.1)),
+    ],
+)
+def test_noise_makes_points_no_more_often_than_pfa_says(pfa, n_trials, most_images, most_points):
     counts = np.array([len(image(EMPTY, 0.0, trial, pfa=pfa)) for trial in range(n_trials)])
-    return np.count_nonzero(counts), counts.max()
-
-
-def test_images_of_noise_are_hardly_ever_other_than_empty():
-    n_images, n_points = n_false(1e-2, 15)
-    assert n_images <= 1
-    assert n_points <= 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("pfa", [0.01, 0.1])
-def test_noise_makes_points_no_more_often_than_pfa_says(pfa):
-    n_trials = 1500
-    n_images, n_points = n_false(pfa, n_trials)
-    assert 0 < n_images < pfa * n_trials
-    assert n_points <= 2
+    assert (n_trials > 1000) <= np.count_nonzero(counts) <= most_images
+    assert counts.max() <= most_points
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
@@ -272,3 +266,64 @@ def test_a_smaller_local_dynamic_range_drops_the_weak_beside_the_strong():
     assert np.all(lax.min(axis=0) < 0.1)
     assert strict[:, 0].min() < 0.1
     assert strict[:, 1].min() > 1
+
+
+# Where a map is no sum of echoes.
+
+
+def observation_of(spec):
+    """Observation of a case of the stress test."""
+    return stress_case(spec).make(Nomp4d())[0].scene.observation()
+
+
+@pytest.fixture
+def rounds(monkeypatch):
+    """Number of atoms that each joint refinement within boxes starts from."""
+    started = []
+
+    def counted(atom_map, places, n_steps, *limits, **damping):
+        if limits:
+            started.append(len(places))
+        return refine(atom_map, places, n_steps, *limits, **damping)
+
+    refine = nomp4d.refine_atoms
+    monkeypatch.setattr(nomp4d, "refine_atoms", counted)
+    return started
+
+
+@pytest.mark.parametrize(
+    ("filled", "n_steps"),
+    [
+        ("constant", nomp4d.STEPS),
+        *(pytest.param("constant", n_steps, marks=pytest.mark.slow) for n_steps in (3, 7)),
+        *(pytest.param("checkers", n_steps, marks=pytest.mark.slow) for n_steps in (3, nomp4d.STEPS, 7)),
+    ],
+)
+def test_equal_echoes_in_all_cells_give_the_same_image_however_they_are_rounded(filled, n_steps, monkeypatch):
+    monkeypatch.setattr(nomp4d, "STEPS", n_steps)
+    image, _ = stress_case(f"map[filled={filled},exponent=0.0]").make(Nomp4d())
+    assert len(image.cloud)
+    assert ANY_SCALE.measure(image) <= ANY_SCALE.bound
+
+
+def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):
+    Nomp4d().estimate(observation_of("map[filled=constant,exponent=0.0]"))
+    assert len(rounds) <= 12 + 2
+    assert max(rounds) < 100
+
+
+def test_a_crowd_gets_all_its_rounds(rounds):
+    Nomp4d(max_rounds=4).estimate(observation_of("crowd[n_echoes=100,where=one_cell,snr_db=200.0]"))
+    assert len(rounds) == 4 + 2
+
+
+def test_noise_that_hides_most_of_the_echoes_does_not_end_a_pursuit(rounds):
+    Nomp4d(max_rounds=3).estimate(observation_of("crowd[n_echoes=100,where=region,snr_db=-20.0]"))
+    assert len(rounds) == 3 + 2
+
+
+def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):
+    Nomp4d(max_scatterers=26).estimate(observation_of("crowd[n_echoes=5000,where=one_cell,snr_db=20.0]"))
+    # Two refinements follow, of no more atoms.
+    assert rounds.index(26) == len(rounds) - 3
+    assert max(rounds) == 26

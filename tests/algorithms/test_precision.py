@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import product
 
 import numpy as np
 import pytest
@@ -12,10 +11,7 @@ from isacbench_algorithms.fft4d import Fft4d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.checking.scenes import RESOLVED, observed
-from isacbench.plugins.registry import get_estimator
 from tests.algorithms.scenes import XYZ, simulator
-from tests.conftest import slow_but
 
 ALL = pytest.mark.parametrize("estimator", [Music2d, Fft4d, Esprit2d, Music2dJoint])
 STAGES: tuple[PrecisionStage, ...] = ("detection", "directions", "subspace", "selection")
@@ -68,13 +64,6 @@ def test_stages_have_the_precision_they_declare_and_single_moves_no_point_by_mor
     np.testing.assert_allclose(clouds[0], clouds[1], atol=1e-3)
 
 
-@ALL
-def test_a_diagnosis_is_double_whatever_the_precision(estimator):
-    seen = estimator(precision="single").diagnose(observation())
-    assert seen.power.dtype == seen.detection.threshold.dtype == np.float64
-    assert seen.detection.mask.shape == seen.power.shape
-
-
 @pytest.mark.parametrize(
     ("estimator", "precision"),
     [(Music2d, "single"), (Fft4d, "single"), (Esprit2d, "double"), (Music2dJoint, "double")],
@@ -83,23 +72,3 @@ def test_the_default_is_single_where_no_curve_feels_it(estimator, precision):
     assert estimator().precision == precision
     # Eigenvectors in single precision move curves by per cents.
     assert "subspace" not in estimator.single_stages
-
-
-@pytest.mark.parametrize(
-    ("name", "snr_db"),
-    slow_but(
-        [("fft4d", 20.0), ("music2d", 60.0), ("esprit2d", 20.0), ("music2d_joint", 60.0)],
-        product(["fft4d", "music2d", "esprit2d", "music2d_joint"], [20.0, 60.0]),
-    ),
-)
-def test_every_stage_in_single_precision_is_that_in_double_precision(name, snr_db):
-    estimator = get_estimator(name, precision="double")
-    seen = observed(RESOLVED, snr_db).observation()
-    double = estimator.diagnose(seen)
-    single = estimator.diagnose(replace(seen, cells=seen.cells.astype(np.complex64)))
-    assert single.cell == double.cell
-    assert np.abs(single.power - double.power).max() < 1e-6 * double.power.max()
-    np.testing.assert_array_equal(single.detection.mask, double.detection.mask)
-    np.testing.assert_allclose(single.detection.threshold, double.detection.threshold, rtol=1e-4)
-    for one, two in zip(single.spectra, double.spectra, strict=True):
-        np.testing.assert_allclose(np.sort(one.peaks), np.sort(two.peaks), atol=1e-4)

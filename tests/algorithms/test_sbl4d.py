@@ -13,11 +13,11 @@ from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
+from tests.single_scores import paper_scores
 
 
 def hausdorff_sum_m(scenario, cloud):
-    scores = score(scenario.truth, cloud, region=scenario.region)
-    return sum(scores[f"hausdorff_{plane}_m"] for plane in ("xy", "xz", "yz"))
+    return paper_scores(scenario.truth, cloud, scenario.region).hausdorff_sum_m
 
 
 def street_part(shape, x_m=(10.0, 16.0), y_m=(15.0, 20.0)):
@@ -71,13 +71,8 @@ def test_a_street_is_dense_without_ghosts_and_remarks_are_of_atoms_left_out(make
 @pytest.mark.slow
 def test_the_coherent_street_has_few_ghosts():
     scenario = load_scenario("street-coherent")
-    precision = [
-        score(scenario.truth, Sbl4d().estimate(observe(scenario, 10, trial)), region=scenario.region)[
-            "precision"
-        ]
-        for trial in range(12)
-    ]
-    assert np.mean(precision) >= 0.9
+    clouds = [Sbl4d().estimate(observe(scenario, 10, trial)) for trial in range(12)]
+    assert np.mean([score(scenario.truth, cloud)["precision"] for cloud in clouds]) >= 0.9
 
 
 def test_a_crowd_beyond_the_limit_is_imaged_by_its_strongest_atoms_and_said():

@@ -3,17 +3,31 @@
 from collections.abc import Callable
 from statistics import median
 from time import perf_counter
+from typing import NamedTuple
 
 import pytest
 
+from isacbench.dsp.rangedoppler import GatedMap
+from isacbench.model.echo import Simulator
+from isacbench.model.observation import Observation
 from isacbench.model.scenes.scenario import load_scenario
-from tests.benchmarks.scenes import Scene, small_scenario
+from tests.algorithms.scenes import crowd
+
+
+class Scene(NamedTuple):
+    """A simulator, and an observation by it with its map."""
+
+    simulator: Simulator
+    observation: Observation
+    gated: GatedMap
 
 
 @pytest.fixture(scope="session", params=["small", "full"])
 def scene(request):
     """A crowd on a small grid before a small array, and the paper's street at full size, 10 dB."""
-    return Scene(small_scenario() if request.param == "small" else load_scenario("street"))
+    simulator = Simulator(crowd(120) if request.param == "small" else load_scenario("street"))
+    observation = simulator.observe(10.0)
+    return Scene(simulator, observation, GatedMap(observation.cells, observation.gate))
 
 
 @pytest.fixture

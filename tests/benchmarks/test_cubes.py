@@ -14,8 +14,6 @@ from isacbench_algorithms.music2d import Music2d
 
 from isacbench import load_scenario, observe_cube
 from isacbench.cubes.simulating import FrameSimulator
-from isacbench.dsp.cell_detection import power_map
-from isacbench.model.echo import Simulator, resource_grid, white_gaussian
 from isacbench.model.gate import build_gate
 from isacbench.model.observation import Observation
 
@@ -82,37 +80,3 @@ def test_image_of_a_cube_against_the_plain_chain(against, street, cube, estimato
         rounds=ROUNDS,
     )
     assert len(cloud) > 20
-
-
-def test_gated_simulation_and_image_against_the_whole_frame(against, street):
-    imager = Music2d()
-    positions = street.array.positions
-
-    def gated():
-        return imager.estimate(Simulator(street).observe(10.0))
-
-    def plain():
-        shape = street.system.n_subcarriers, street.system.n_symbols, *street.array.shape
-        rng = np.random.default_rng(0)
-        cube = np.empty(shape, dtype=np.complex64)
-        step = 64
-        for first in range(0, shape[0], step):
-            block = resource_grid(street, positions, slice(first, first + step))
-            block += white_gaussian(rng, block.shape)
-            cube[first : first + step] = block.reshape(-1, *shape[1:])
-        return plain_chain(cube, street, imager)
-
-    assert len(against(gated, {"the whole frame": plain}, rounds=1)) > 100
-
-
-@pytest.mark.parametrize("elements", ["cells", "cross"])
-def test_transform_of_a_cube(benchmark, street, cube, elements):
-    def transform():
-        return getattr(observe_cube(cube, street, workers=N_THREADS), elements)
-
-    cells = benchmark.pedantic(transform, rounds=ROUNDS, warmup_rounds=1)
-    assert np.isfinite(power_map(cells.reshape(*cells.shape[:2], -1, 1), "noncoherent")[0]).all()
-
-
-def test_observe_from_scratch(benchmark, street):
-    assert benchmark(lambda: Simulator(street).observe(10.0)).cells.shape[2:] == street.array.shape

@@ -142,7 +142,6 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
 
 
 def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path):
-    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     (tmp_path / "plain").touch()
     for words, fragment in (
         ("old", "only one run was given; give two runs"),
@@ -151,15 +150,13 @@ def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned
         ("old new --map nomp4d", "map 'nomp4d': allowed is OLD[param=value,...]=NEW"),
         ("old new --map nomp4d=nomb4d", "new: no estimator fits 'nomb4d': did you mean"),
         ("old new --markdown nowhere/x.md", "x.md: cannot be written: there is no folder nowhere"),
-        ("old new --junit old", "old: cannot be written: is a folder, not a file"),
-        ("old new --junit link", "link: is a symbolic link"),
+        ("old new --junit old", "old: cannot be written: is not a file"),
         ("old new --plot plain/x.png", "plain: cannot be written"),
     ):
         result = cli(*words.split())
         assert result.exit_code == 2, words
         assert fragment in result.stderr
         assert result.stderr.count("\n") == 1, words
-        assert not (tmp_path / "elsewhere").exists()
 
 
 def test_files_for_continuous_integration_are_written_whatever_the_exit_code(cli, folders, tmp_path):

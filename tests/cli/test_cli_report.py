@@ -32,7 +32,7 @@ def runs(tmp_path_factory):
 @pytest.fixture
 def cli(runs, command_line, tmp_path, monkeypatch):
     """Run the command line in a folder with a scenario and two stored runs; figures are left empty."""
-    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
+    for name in ("draw_charts", "draw_clouds"):
         monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
     shutil.copytree(runs, tmp_path, dirs_exist_ok=True)
     return command_line

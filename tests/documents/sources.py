@@ -2,6 +2,7 @@
 
 import ast
 import gc
+import re
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +16,11 @@ FILES = {
         path.relative_to(ROOT).with_suffix("").parts for path in sorted((ROOT / folder).rglob("*.py"))
     )
 }
+
+
+def python_blocks(page):
+    """Blocks of Python code in a page of the repository."""
+    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), flags=re.DOTALL)
 
 
 @cache

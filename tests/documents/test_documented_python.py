@@ -1,23 +1,30 @@
-"""The examples of docs/python.md do what they say."""
+"""The examples of docs/python.md and docs/chain.md do what they say."""
 
 import re
 import sys
-from pathlib import Path
 from types import ModuleType
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "python.md"
+import pytest
+
+from tests.documents.sources import ROOT, python_blocks
+
+
+@pytest.fixture
+def script(tmp_path, monkeypatch):
+    """Return a module in which examples run, in a folder of their own."""
+    monkeypatch.chdir(tmp_path)
+    module = ModuleType("script")
+    monkeypatch.setitem(sys.modules, "script", module)
+    return module
 
 
 def without_numbers(text):
     return re.sub(r"-?\d[\d.]*", "#", text)
 
 
-def test_the_examples_run_and_print_what_is_shown(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    script = ModuleType("script")
-    monkeypatch.setitem(sys.modules, "script", script)
-    text = DOCUMENT.read_text(encoding="utf-8")
-    first, *others = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+def test_the_examples_run_and_print_what_is_shown(script):
+    text = (ROOT / "docs" / "python.md").read_text("utf-8")
+    first, *others = python_blocks("docs/python.md")
     exec(first, vars(script))
     assert f">>> observation\n{script.observation!r}\n" in text
     # Which points there are may differ between processors.
@@ -26,3 +33,9 @@ def test_the_examples_run_and_print_what_is_shown(tmp_path, monkeypatch):
         exec(example, vars(script))
     assert (len(script.stored.clouds), len(script.rows)) == (4, 2)
     assert f">>> report\n{script.report!r}\n".replace("(script)", "(__main__)") in text
+
+
+def test_the_examples_of_the_chain_run(script):
+    for example in python_blocks("docs/chain.md"):
+        exec(example, vars(script))
+    assert len(script.cloud)

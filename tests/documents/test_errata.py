@@ -6,7 +6,7 @@ turns in `tests/model`, factors, orders and pairs of directions in `tests/dsp`, 
 """
 
 import re
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,31 +21,29 @@ from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.kernels import steering
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import build_estimator
 from isacbench.plugins.scoring import score
+from tests.algorithms.scenes import EMPTY
+from tests.documents.sources import ROOT
 
-DOCS = Path(__file__).parents[2] / "docs"
 BASE_M = np.array([0.0, 100.0, 0.0])
 SYSTEM = System(n_subcarriers=256, n_symbols=64, coherent_phase=False)
 
 
 def scene(range_bin, doppler_bin, u, w, amplitude):
     """Scenario of scatterers given as a panel of 16 x 16 elements sees them."""
-    frame = PanelFrame()
-    return Scenario(
-        name="few",
+    xyz = BASE_M + EMPTY.frame.offsets(np.array(range_bin) * SYSTEM.range_bin_m, u, w)
+    scatterers = Scatterers(xyz, np.array(doppler_bin) * SYSTEM.velocity_bin_mps, np.array(amplitude))
+    region = Region((-40.0, 40.0), (30.0, 70.0), (-40.0, 40.0), (-25.0, 25.0))
+    return replace(
+        EMPTY,
         system=SYSTEM,
         array=VirtualArray(),
-        frame=frame,
         base_station_m=BASE_M,
-        region=Region((-40.0, 40.0), (30.0, 70.0), (-40.0, 40.0), (-25.0, 25.0)),
-        scatterers=Scatterers(
-            BASE_M + frame.offsets(np.array(range_bin) * SYSTEM.range_bin_m, u, w),
-            np.array(doppler_bin) * SYSTEM.velocity_bin_mps,
-            np.array(amplitude),
-        ),
+        region=region,
+        scatterers=scatterers,
     )
 
 
@@ -166,7 +164,7 @@ def test_the_paper_as_printed():
     assert choices == ("product", "element", "eigenvalue_cfar", None)
     assert {printed.range_window, printed.doppler_window, printed.detection_window} == {"rect"}
     for document in ("errata", "estimators"):
-        text = (DOCS / f"{document}.md").read_text(encoding="utf-8")
+        text = (ROOT / "docs" / f"{document}.md").read_text(encoding="utf-8")
         assert suite.estimators[0] in re.sub(r",\s+", ",", text)
     # A third of the map passes the printed test in noise; of that no point is left.
     noise = Simulator(scene([24], [1], [0.1], [0.1], [1.0])).observe(-60.0)

@@ -1,19 +1,15 @@
 """The estimator of docs/own-estimator.md keeps the contract, and images a street."""
 
-import re
-from pathlib import Path
-
 import pytest
 
 import isacbench
-
-DOCUMENT = Path(__file__).parents[2] / "docs" / "own-estimator.md"
+from tests.documents.sources import python_blocks
 
 
 @pytest.fixture(scope="module")
 def plugin_file(tmp_path_factory):
     """File with the code of the page."""
-    (code,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), flags=re.DOTALL)
+    (code,) = python_blocks("docs/own-estimator.md")
     path = tmp_path_factory.mktemp("own") / "tapered2d.py"
     path.write_text(code, encoding="utf-8")
     return path

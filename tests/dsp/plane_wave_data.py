@@ -22,6 +22,18 @@ def snapshot(u, w, gain, shape=(16, 16)):
     return np.tensordot(gain, responses(u, w, shape), 1)[None]
 
 
+def plain_covariance(snapshot, subarray):
+    """Forward-backward covariance (L M, L M) of a snapshot (P, Q), smoothed over subarrays by plain loops."""
+    (n_p, n_q), (n_u, n_w) = snapshot.shape, subarray
+    total, count = np.zeros((n_u * n_w, n_u * n_w), dtype=complex), 0
+    for p in range(n_p - n_u + 1):
+        for q in range(n_q - n_w + 1):
+            x = snapshot[p : p + n_u, q : q + n_w].ravel()
+            total += np.outer(x, x.conj()) + np.outer(x[::-1].conj(), x[::-1])
+            count += 2
+    return total / count
+
+
 @st.composite
 def separate_sources(draw):
     """One to four sources in as many columns and rows, more than a Rayleigh cell of half the array apart."""

@@ -250,16 +250,6 @@ def test_positions_spread_as_propagated_samples_do():
         np.testing.assert_allclose((covariance[0] - expected) / np.outer(std, std), 0, atol=0.015)
 
 
-def test_velocities_are_transported_as_they_are():
-    covariance = np.diag([1e-4, 0.09, 1e-6, 4e-6])
-    transported = position_covariance(PanelFrame(), [50.0, 80.0], [0.0, 0.1], [0.2, 0.3], covariance)
-    assert transported.shape == (2, 4, 4)
-    np.testing.assert_allclose(transported[:, 3], [[0, 0, 0, 0.09]] * 2)
-    # Ahead of the panel's axis R spans y, u spans x, and w spans z at R each.
-    ahead = position_covariance(PanelFrame(), [50.0], [0.0], [0.0], covariance)[0]
-    np.testing.assert_allclose(np.sqrt(np.diagonal(ahead)), [50e-3, 1e-2, 100e-3, 0.3])
-
-
 def test_where_there_is_no_bound_positions_have_none_and_others_keep_theirs():
     unknown = np.full((4, 4), np.nan)
     np.fill_diagonal(unknown, np.inf)

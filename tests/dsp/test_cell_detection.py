@@ -26,6 +26,7 @@ from isacbench.errors import InputError
 from isacbench.model.gate import Gate
 from isacbench.model.kernels import dirichlet
 from isacbench.plugins.contracts import Detection
+from tests.dsp.plane_wave_data import noise
 
 N_SYMBOLS = 64
 GATE = Gate(np.arange(40, 70), np.arange(-12, 13), slice(6, 24), slice(8, 17))
@@ -58,9 +59,7 @@ class Picky(Everything):
 
 def noise_cells(gate, seed=0, elements=(4, 3)):
     """White complex noise of unit power."""
-    rng = np.random.default_rng(seed)
-    shape = (*gate.shape, *elements)
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+    return noise(*gate.shape, *elements, seed=seed)
 
 
 @pytest.mark.parametrize("elements", [(4, 3), (6,)], ids=["plane", "cross"])
@@ -155,12 +154,12 @@ def test_reference_noise_lies_within_the_chi_square_band_of_its_cells(seed, nois
 
 @pytest.mark.parametrize("doppler", [-4.4, -1.7, 0.0, 2.5, 4.4])
 def test_strong_movers_at_any_speed_of_the_region_do_not_reach_the_reference_noise(doppler):
-    noise = noise_cells(GATE)
+    quiet_cells = noise_cells(GATE)
     mover = 100 * dirichlet(GATE.doppler_bins, [doppler], N_SYMBOLS)[:, 0].conj() / np.sqrt(N_SYMBOLS)
-    cells = noise.copy()
+    cells = quiet_cells.copy()
     cells[15] += mover[:, None, None]
     windows = ("hann", "hann")
-    quiet, loud = (GatedMap(part, GATE).tapered(*windows) for part in (noise, cells))
+    quiet, loud = (GatedMap(part, GATE).tapered(*windows) for part in (quiet_cells, cells))
     powers = [power_map(part.cells, "noncoherent")[0] for part in (quiet, loud)]
     before, after = (reference_noise(power, quiet.gate) for power in powers)
     assert after == pytest.approx(before, rel=0.03)
@@ -178,12 +177,12 @@ def test_white_noise_is_that_of_a_cell_and_element_of_the_untapered_map(gate, no
 @pytest.mark.parametrize("doppler", [-4.4, -1.7, 0.5, 2.5])
 @pytest.mark.parametrize("range_bin", [46.0, 55.4])
 def test_an_echo_70_db_above_the_noise_does_not_raise_white_noise(range_bin, doppler):
-    noise = noise_cells(GATE)
+    still = noise_cells(GATE)
     along_range = dirichlet(GATE.range_bins, [range_bin], 256)[:, 0] / 16
     along_doppler = dirichlet(GATE.doppler_bins, [doppler], 1024)[:, 0].conj() / 32
     echo = 10**3.5 * np.outer(along_range, along_doppler)[:, :, None, None]
-    quiet, loud = (white_noise(GatedMap(cells, GATE)) for cells in (noise, noise + echo))
-    bare = reference_noise(power_map(noise + echo, "noncoherent")[0], GATE)
+    quiet, loud = (white_noise(GatedMap(cells, GATE)) for cells in (still, still + echo))
+    bare = reference_noise(power_map(still + echo, "noncoherent")[0], GATE)
     assert bare > 10 * quiet
     assert loud < 1.15 * quiet
 

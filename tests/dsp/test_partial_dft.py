@@ -18,11 +18,11 @@ from isacbench.dsp.partial_dft import (
     with_few_elements_outermost,
 )
 from isacbench.dsp.rangedoppler import range_doppler_map
+from tests.dsp.plane_wave_data import noise
 
 
 def random_grid(shape, seed, dtype=np.complex128):
-    parts = np.random.default_rng(seed).standard_normal((*shape, 2))
-    return (parts @ [1, 1j]).astype(dtype)
+    return noise(*shape, seed=seed).astype(dtype)
 
 
 sizes = st.integers(1, 24)

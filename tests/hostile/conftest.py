@@ -98,5 +98,5 @@ def made(tmp_path_factory):
 @pytest.fixture
 def written_empty(monkeypatch):
     """Leave figures empty, and write all of them."""
-    for name in ("draw_deviations", "draw_scores", "draw_clouds"):
+    for name in ("draw_charts", "draw_clouds"):
         monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))

@@ -13,7 +13,7 @@ from isacbench.metrics.paper import deviation_scores
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from tests.single_scores import paper_scores
+from tests.single_scores import hausdorff_by_loops, paper_scores
 
 PROJECTIONS = {"hausdorff_xy_m": (0, 1), "hausdorff_xz_m": (0, 2), "hausdorff_yz_m": (1, 2)}
 
@@ -34,14 +34,6 @@ any_clouds = clouds() | clouds(lattice=True)
 
 def moved(cloud, shift_m):
     return PointCloud(xyz=cloud.xyz + shift_m, velocity=cloud.velocity, power=cloud.power)
-
-
-def hausdorff_by_loops(a, b):
-    worst = 0.0
-    for left, right in ((a, b), (b, a)):
-        for p in left:
-            worst = max(worst, min(math.dist(p, q) for q in right))
-    return worst
 
 
 def nmse_by_loops(truth, estimate, bin_mps):
@@ -95,19 +87,6 @@ def test_a_rounding_residue_of_the_true_velocity_counts_as_static():
     truth = PointCloud(xyz=[[0, 0, 0]], velocity=[1e-16], power=[1])
     estimate = PointCloud(xyz=[[0, 0, 0]], velocity=[1], power=[1])
     assert paper_scores(truth, estimate, velocity_bin_mps=2).velocity_nmse == pytest.approx(1 / 4)
-
-
-def test_the_nearest_point_in_three_dimensions_gives_the_velocity():
-    truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
-    estimate = PointCloud(xyz=[[0, 0, 3], [1, 1, 1]], velocity=[10, 5], power=[1, 1])
-    assert paper_scores(truth, estimate).velocity_nmse == pytest.approx(0.25)
-
-
-def test_of_equally_near_points_the_smallest_velocity_error_counts():
-    truth = PointCloud(xyz=[[0, 0, 0]], velocity=[10], power=[1])
-    for velocity in ([4, 9, 20], [20, 4, 9], [9, 20, 4]):
-        estimate = PointCloud(xyz=[[1, 0, 0], [-1, 0, 0], [0, 1, 0]], velocity=velocity, power=[1, 1, 1])
-        assert paper_scores(truth, estimate).velocity_nmse == pytest.approx(0.01)
 
 
 @given(truth=any_clouds, estimate=any_clouds)

@@ -1,7 +1,6 @@
 """Objects: grouping, assignment against plain loops, and what is said where there are none."""
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -17,6 +16,7 @@ from isacbench.metrics.object_scores import Objects, described, group_points, tr
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import space_places
 from tests.conftest import few
+from tests.single_scores import all_matchings
 
 TOWN, STREET = load_scenario("town[seed=7]"), load_scenario("street")
 
@@ -84,12 +84,11 @@ def test_the_assignment_is_the_best_of_all(seed, n, m):
     inside = (distance <= 2.0) & (
         np.abs(found.truth.velocity_mps[:, None] - found.found.velocity_mps[None]) <= 5.0
     )
-    best = (0, 0.0)
-    for k in range(1, min(distance.shape) + 1):
-        for rows in itertools.combinations(range(len(found.truth)), k):
-            for columns in itertools.permutations(range(len(found.found)), k):
-                if inside[list(rows), list(columns)].all():
-                    best = max(best, (k, -distance[list(rows), list(columns)].sum()))
+    best = max(
+        (len(pairs), -sum(distance[pair] for pair in pairs))
+        for pairs in all_matchings(*distance.shape)
+        if all(inside[pair] for pair in pairs)
+    )
     assert (found.i.size, -distance[found.i, found.j].sum()) == pytest.approx(best)
 
 

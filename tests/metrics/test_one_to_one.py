@@ -1,7 +1,6 @@
 """One-to-one scores: matchings against plain loops and Stone Soup, merged truth, invariances."""
 
 import dataclasses
-import itertools
 import math
 from datetime import datetime
 
@@ -19,6 +18,7 @@ from isacbench.metrics.one_to_one import MERGED_CELLS, RADII_M, OneToOne, merged
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.region import Region
+from tests.single_scores import all_matchings
 
 REGION = Region((0.0, 9.0), (0.0, 9.0), (0.0, 9.0), (-5.0, 5.0))
 STREET = load_scenario("street")
@@ -27,14 +27,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:the truth is not merged")
 
 def cloud_of(rng, n, size_m=3.0):
     return PointCloud(rng.uniform(0, size_m, (n, 3)), rng.uniform(-5, 5, n), np.ones(n))
-
-
-def all_matchings(n, m):
-    """Every one-to-one matching of n and m points, as pairs of indices."""
-    for k in range(min(n, m) + 1):
-        for rows in itertools.combinations(range(n), k):
-            for columns in itertools.permutations(range(m), k):
-                yield list(zip(rows, columns, strict=True))
 
 
 seeds = st.integers(0, 10_000)
@@ -129,8 +121,6 @@ def test_scatterers_are_merged_where_all_of_them_fit_into_half_a_cell_and_no_two
 
 def test_a_mirrored_street_has_as_many_merged_scatterers():
     """A lattice would not: its borders lie elsewhere."""
-    import dataclasses
-
     scatterers, (low, high) = STREET.scatterers, STREET.region.x_m
     mirrored = dataclasses.replace(scatterers, xyz=scatterers.xyz * [-1, 1, 1] + [low + high, 0, 0])
     place = STREET.base_station_m * [-1, 1, 1] + [low + high, 0, 0]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from tests.single_scores import repository_scores
+from tests.single_scores import hausdorff_by_loops, repository_scores
 
 coordinate = st.floats(-50, 50, allow_subnormal=False) | st.integers(-2, 2).map(float)
 speed = st.integers(-3, 3).map(float)
@@ -23,10 +23,6 @@ clouds = st.lists(st.tuples(coordinate, coordinate, coordinate, speed), min_size
 def at_origin(velocities):
     n = len(velocities)
     return PointCloud(xyz=np.zeros((n, 3)), velocity=velocities, power=np.ones(n))
-
-
-def hausdorff_by_loops(a, b):
-    return max(max(min(math.dist(p, q) for q in right) for p in left) for left, right in ((a, b), (b, a)))
 
 
 def velocity_by_loops(true, estimated):
@@ -68,13 +64,6 @@ def test_every_component_equals_plain_loops(truth, estimate):
 )
 def test_hand_worked_velocities(true, estimated, expected):
     assert repository_scores(at_origin(true), at_origin(estimated)).velocity == pytest.approx(expected)
-
-
-def test_a_hand_worked_position():
-    truth = PointCloud(xyz=[[0, 0, 0], [10, 2, 0]], velocity=[1, 1], power=[1, 1])
-    estimate = PointCloud(xyz=[[0, 5, 4]], velocity=[1], power=[1])
-    # x: 10 from the second scatterer; y: 5 from the first; xz: hypot(10, 4) from the second.
-    assert repository_scores(truth, estimate).position == pytest.approx(10 + 5 + math.hypot(10, 4))
 
 
 def test_an_empty_cloud_scores_the_extent_of_region_and_truth():

@@ -57,9 +57,7 @@ def test_a_run_scores_by_the_metric_of_a_file_whatever_process_images(write_plug
     assert np.isfinite(table["height_error_m"]).all()
 
 
-@pytest.mark.parametrize(
-    "name", ["trial", "snr_db", "status", "time_estimate_s", "ratio", "n_false", "label"]
-)
+@pytest.mark.parametrize("name", ["trial", "snr_db", "status", "time_estimate_s", "ratio", "label"])
 def test_a_column_never_replaces_another_of_the_rows(write_plugin, tiny, name):
     path = write_plugin("height.py", HEIGHT.replace("height_error_m", name).replace('"m"', '""'))
     with pytest.raises(InputError, match=f"metric height: rows have a column {name} already"):

@@ -9,7 +9,7 @@ from isacbench.dsp.angles.beamformers import bartlett_spectrum, capon_spectrum, 
 from isacbench.dsp.angles.cosines import cosine_samples
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.model.kernels import steering
-from tests.dsp.plane_wave_data import noise
+from tests.dsp.plane_wave_data import noise, plain_covariance
 
 U, W = np.linspace(-0.5, 0.4, 7), np.linspace(-0.3, 0.6, 6)
 FINE = cosine_samples((-0.5, 0.5), 1 / 32)
@@ -29,18 +29,6 @@ def direction(shape, u, w):
 def on_grid(function):
     """Values (7, 6) of a function of a direction."""
     return np.array([[function(u, w) for w in W] for u in U])
-
-
-def plain_covariance(snapshot, subarray):
-    """Forward-backward smoothed covariance of one snapshot."""
-    (n_p, n_q), (n_u, n_w) = snapshot.shape, subarray
-    total, count = np.zeros((n_u * n_w, n_u * n_w), dtype=complex), 0
-    for p in range(n_p - n_u + 1):
-        for q in range(n_q - n_w + 1):
-            x = snapshot[p : p + n_u, q : q + n_w].ravel()
-            total += np.outer(x, x.conj()) + np.outer(x[::-1].conj(), x[::-1])
-            count += 2
-    return total / count
 
 
 @pytest.mark.parametrize("shape", [(5, 4), (4, 7)])

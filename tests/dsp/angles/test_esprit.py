@@ -10,7 +10,7 @@ from isacbench.dsp.angles.esprit import most_sources, unitary_esprit
 from isacbench.dsp.angles.line_subspaces import unitary_transform
 from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_covariance, planar_eigenpairs
 from isacbench.model.kernels import steering
-from tests.dsp.plane_wave_data import noise, responses, separate_sources, snapshot
+from tests.dsp.plane_wave_data import noise, plain_covariance, responses, separate_sources, snapshot
 
 CONSTELLATIONS = {
     "one": ([0.3], [-0.2]),
@@ -82,12 +82,6 @@ def test_a_pair_that_noise_turned_to_the_wrong_axis_is_not_reliable():
     assert np.mean(along_u[found.reliable]) > 0.8
 
 
-def test_without_cells_there_are_no_directions():
-    found = unitary_esprit(np.empty((0, 8, 8, 3)))
-    assert found.u.shape == found.w.shape == (0, 3)
-    assert found.reliable.shape == (0,)
-
-
 def solve_data(snapshots, subarray, order):
     """ESPRIT on the signal subspaces of snapshots, with the digits that they take."""
     vectors = planar_eigenpairs(snapshots[:, None], subarray, order + 1).vectors[:, :, :order]
@@ -98,13 +92,6 @@ def farthest(found, u, w):
     """Distance of the source that is farthest from what was found."""
     apart = np.hypot(found.u[0][:, None] - u, found.w[0][:, None] - w)
     return apart.min(axis=0).max()
-
-
-@pytest.mark.parametrize("db", [60, 100])
-def test_a_source_far_below_another_is_found_without_noise(db):
-    u, w = np.array([0.1, -0.4]), np.array([0.2, 0.3])
-    found = solve_data(snapshot(u, w, [1, 10 ** (-db / 20)]), (10, 10), 2)
-    assert farthest(found, u, w) < 1e-7
 
 
 @pytest.mark.parametrize("phase", [1, 1j, -1])
@@ -137,16 +124,10 @@ def test_a_source_in_noise_is_placed_as_well_at_the_ends_of_the_circle_as_broads
 
 def complex_total_least_squares(snapshots, subarray, order):
     """Cosines u of sources by ESPRIT on complex subspaces, as textbooks write it."""
-    size = [n - m + 1 for n, m in zip(snapshots.shape[1:], subarray, strict=True)]
     found = []
-    for snapshot_ in snapshots:
-        shifts = [
-            snapshot_[i : i + subarray[0], j : j + subarray[1]].ravel()
-            for i in range(size[0])
-            for j in range(size[1])
-        ]
-        both = np.array([*shifts, *(shift[::-1].conj() for shift in shifts)]).T
-        signal = np.linalg.svd(both)[0][:, :order].reshape(*subarray, order)
+    for one in snapshots:
+        vectors = np.linalg.eigh(plain_covariance(one, subarray))[1]
+        signal = vectors[:, -order:].reshape(*subarray, order)
         pair = np.concatenate([signal[:-1].reshape(-1, order), signal[1:].reshape(-1, order)], axis=1)
         null = np.linalg.svd(pair)[2].conj().T[:, order:]
         found.append(-np.angle(np.linalg.eigvals(-null[:order] @ np.linalg.inv(null[order:]))) / np.pi)

@@ -14,7 +14,7 @@ from isacbench.dsp.angles.line_subspaces import (
 )
 from isacbench.dsp.angles.peaks import line_peaks
 from isacbench.model.kernels import steering
-from tests.dsp.plane_wave_data import noise
+from tests.dsp.plane_wave_data import noise, plain_covariance
 
 SENSORS, SUBARRAY = 16, 10
 GRID = np.linspace(-1, 1, 801)
@@ -32,21 +32,6 @@ def unitary_transform(n):
     if n % 2:
         q[half, half] = 1
     return q
-
-
-def plain_covariance(snapshots, n_subarray):
-    """Forward-backward smoothed covariance of one cell, complex, and turned by Q."""
-    n_sensors, n_snapshots = snapshots.shape
-    flip = np.eye(n_subarray)[::-1]
-    total, count = np.zeros((n_subarray, n_subarray), dtype=complex), 0
-    for first in range(n_sensors - n_subarray + 1):
-        for snapshot in range(n_snapshots):
-            x = snapshots[first : first + n_subarray, snapshot]
-            forward = np.outer(x, x.conj())
-            total += forward + flip @ forward.conj() @ flip
-            count += 2
-    q = unitary_transform(n_subarray)
-    return q.conj().T @ (total / count) @ q
 
 
 def null_spectrum(lines, order, grid=GRID):
@@ -70,9 +55,9 @@ def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_tr
 ):
     snapshots = noise(2, n_subarray + n_more, n_snapshots, seed=seed)
     snapshots.setflags(write=False)
-    found = smoothed_covariance(snapshots, n_subarray)
+    found, turn = smoothed_covariance(snapshots, n_subarray), unitary_transform(n_subarray)
     for cell in range(2):
-        expected = plain_covariance(snapshots[cell], n_subarray)
+        expected = turn.conj().T @ plain_covariance(snapshots[cell], (n_subarray, 1)) @ turn
         assert np.abs(expected.imag).max() < 1e-12
         np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
 
@@ -155,24 +140,6 @@ def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, o
         assert middle <= max(left, right)
 
 
-@pytest.mark.parametrize("shape", [(0, 2), (3, 0)])
-def test_where_there_are_no_places_there_are_no_minima(shape):
-    vectors = np.broadcast_to(np.eye(SUBARRAY), (shape[0], SUBARRAY, SUBARRAY))
-    minima = music_null_minima(
-        vectors, np.ones(shape[0], dtype=np.int64), np.zeros(shape), np.zeros(shape, dtype=bool), 0.1
-    )
-    assert minima.shape == shape
-
-
-def test_covariance_and_null_spectrum_have_the_precision_of_the_snapshots():
-    snapshots = noise(3, 16, 5)
-    order, towards = np.array([1, 2, 3]), real_steering(10, np.linspace(-0.5, 0.5, 21))
-    results = []
-    for dtype in (np.complex64, np.complex128):
-        covariance = smoothed_covariance(snapshots.astype(dtype), 10)
-        vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
-        null = music_null_spectrum(vectors, order, towards)
-        assert covariance.dtype == null.dtype == np.zeros(0, dtype).real.dtype
-        results.append((covariance, null))
-    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-5)
-    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)
+def test_where_there_are_no_places_there_are_no_minima():
+    vectors, none = np.stack([np.eye(SUBARRAY)] * 3), np.zeros((3, 0))
+    assert music_null_minima(vectors, np.ones(3, dtype=int), none, none > 0, 0.1).shape == (3, 0)

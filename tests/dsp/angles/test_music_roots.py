@@ -9,18 +9,17 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.line_subspaces import line_eigenpairs, music_roots
 from isacbench.model.kernels import steering
+from tests.dsp.plane_wave_data import noise
 
 N_SENSORS, N_SUBARRAY = 16, 10
 SPEED_OF_LIGHT_MPS = 3e8
 """As the other implementation has it."""
 
 
-def line(cosines, amplitudes, noise, seed):
+def line(cosines, amplitudes, level, seed):
     """Snapshot (1, 16, 1) of waves and noise."""
-    rng = np.random.default_rng(seed)
-    white = rng.standard_normal((N_SENSORS, 2)).view(np.complex128)
     wave = sum(g * steering(N_SENSORS, u) for u, g in zip(cosines, amplitudes, strict=True))
-    return (wave[:, None] + np.sqrt(noise / 2) * white)[None]
+    return (wave + np.sqrt(level) * noise(N_SENSORS, seed=seed))[None, :, None]
 
 
 def roots_of(snapshots, order, limits=(-1.0, 1.0)):

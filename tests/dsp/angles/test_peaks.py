@@ -19,19 +19,6 @@ def distinct(seed, *shape):
     return np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) + 1.0
 
 
-@given(
-    offset=st.floats(-0.5, 0.5),
-    curvature=st.floats(1e-3, 1e3),
-    sign=st.sampled_from([-1, 1]),
-    height=st.floats(-10, 10),
-)
-def test_the_vertex_of_a_parabola_is_found_exactly(offset, curvature, sign, height):
-    left, middle, right = (
-        np.array([height + sign * curvature * (place - offset) ** 2]) for place in (-1, 0, 1)
-    )
-    assert vertex(left, middle, right)[0] == pytest.approx(offset, abs=1e-9)
-
-
 def test_three_equal_samples_have_their_vertex_in_the_middle():
     np.testing.assert_array_equal(vertex(np.ones(3), np.ones(3), np.ones(3)), 0)
 
@@ -116,15 +103,6 @@ def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_
             left, right = level[i, (j - 1) % h], level[i, (j + 1) % h]
             assert row[k, m] == pytest.approx(i + plain_vertex(up, np.log(height), down))
             assert column[k, m] == pytest.approx(j + plain_vertex(left, np.log(height), right))
-
-
-def test_no_planes_have_no_peaks():
-    row, column, found = plane_peaks(np.ones((0, 4, 4)), np.ones((0, 4, 4), dtype=bool), 3)
-    assert len(row) == len(column) == len(found) == 0
-
-
-def test_a_plane_where_nothing_is_allowed_has_no_peaks():
-    assert not plane_peaks(distinct(0, 2, 4, 4), np.zeros((2, 4, 4), dtype=bool), 3)[2].any()
 
 
 def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning():

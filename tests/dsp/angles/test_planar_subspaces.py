@@ -5,37 +5,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
+from isacbench.dsp.angles.line_subspaces import (
+    music_null_spectrum,
+    real_steering,
+    smoothed_covariance,
+    unitary_transform,
+)
 from isacbench.dsp.angles.planar_subspaces import (
     leading_eigenpairs,
     null_minima,
     planar_covariance,
     planar_null_spectrum,
 )
-from tests.dsp.plane_wave_data import noise, separate_sources, snapshot
+from tests.dsp.plane_wave_data import noise, plain_covariance, separate_sources, snapshot
 
-GRID = np.linspace(-1, 1, 65)
+GRID, AHEAD = np.linspace(-1, 1, 65), np.linspace(-0.5, 0.5, 11)
 
 
 def signal_basis(snapshots, subarray, order):
     """Basis (n, L, M, order) of the signal subspaces."""
     vectors = leading_eigenpairs(planar_covariance(snapshots, subarray), order)[1]
     return vectors.reshape(len(snapshots), *subarray, order)
-
-
-def plain_covariance(snapshot, subarray):
-    """Forward-backward smoothed covariance of one snapshot, complex, turned by the transform."""
-    n_u, n_w = subarray
-    n = n_u * n_w
-    total, count = np.zeros((n, n), dtype=complex), 0
-    for first_p in range(snapshot.shape[0] - n_u + 1):
-        for first_q in range(snapshot.shape[1] - n_w + 1):
-            x = snapshot[first_p : first_p + n_u, first_q : first_q + n_w].ravel()
-            backward = x[::-1].conj()
-            total += np.outer(x, x.conj()) + np.outer(backward, backward.conj())
-            count += 2
-    q = np.kron(unitary_transform(n_u), unitary_transform(n_w))
-    return q.conj().T @ (total / count) @ q
 
 
 @given(
@@ -48,8 +38,9 @@ def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_tr
     snapshots = noise(2, *shape, seed=seed)
     snapshots.setflags(write=False)
     found = planar_covariance(snapshots, subarray)
+    turn = np.kron(*map(unitary_transform, subarray))
     for cell in range(2):
-        expected = plain_covariance(snapshots[cell], subarray)
+        expected = turn.conj().T @ plain_covariance(snapshots[cell], subarray) @ turn
         assert np.abs(expected.imag).max() < 1e-12
         np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
 
@@ -113,19 +104,29 @@ def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
     assert null_minima(basis, away, away, np.array([5])).found.sum() == 1
 
 
-def test_without_cells_there_are_no_nulls():
-    nulls = null_minima(np.empty((0, 8, 8, 1)), GRID, GRID, np.empty(0, dtype=int))
-    assert nulls.found.shape[0] == 0
+def along_lines(snapshots):
+    covariance = smoothed_covariance(snapshots, 5)
+    vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
+    return (
+        covariance,
+        vectors,
+        music_null_spectrum(vectors, np.array([1, 2]), real_steering(5, GRID[20:45:2])),
+    )
 
 
-def test_planar_covariance_eigenvectors_and_null_spectrum_have_the_precision_of_the_snapshots():
-    snapshots, u = noise(2, 8, 8), np.linspace(-0.5, 0.5, 11)
-    results = []
-    for dtype in (np.complex64, np.complex128):
-        covariance = planar_covariance(snapshots.astype(dtype), (5, 5))
-        vectors = leading_eigenpairs(covariance, 2)[1]
-        null = planar_null_spectrum(vectors.reshape(2, 5, 5, 2), u, u)
-        assert covariance.dtype == vectors.dtype == null.dtype == np.zeros(0, dtype).real.dtype
-        results.append((covariance, null))
-    np.testing.assert_allclose(results[0][0], results[1][0], atol=1e-4)
-    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-2)
+def in_planes(snapshots):
+    covariance = planar_covariance(snapshots, (5, 5))
+    vectors = leading_eigenpairs(covariance, 2)[1]
+    return (
+        covariance,
+        vectors,
+        planar_null_spectrum(vectors.reshape(2, 5, 5, 2), AHEAD, AHEAD),
+    )
+
+
+@pytest.mark.parametrize("method", [along_lines, in_planes])
+def test_covariances_eigenvectors_and_null_spectra_have_the_precision_of_the_snapshots(method):
+    single, double = (method(noise(2, 8, 8).astype(dtype)) for dtype in (np.complex64, np.complex128))
+    assert [part.dtype for part in (*single, *double)] == [np.float32] * 3 + [np.float64] * 3
+    np.testing.assert_allclose(single[0], double[0], atol=1e-4)
+    np.testing.assert_allclose(single[2], double[2], atol=1e-2)

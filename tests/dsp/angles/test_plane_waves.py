@@ -190,12 +190,6 @@ def test_without_candidates_nothing_is_found():
     assert not pair_directions(shot([0], [0], [1]), PLANE, none, candidates([0.0]), **LIMITS).found.any()
 
 
-def test_without_cells_nothing_is_found():
-    none = Peaks(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
-    found = pair_directions(np.empty((0, N_P, N_Q), dtype=complex), PLANE, none, none, **LIMITS).found
-    assert len(found) == 0
-
-
 @pytest.mark.parametrize("db", [60, 140, 155])
 def test_of_two_sources_far_apart_in_power_both_are_paired_without_noise(db):
     u, w = np.array([-0.4, 0.1]), np.array([0.3, -0.2])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import integrate, special, stats
+from scipy import special, stats
 
 from isacbench.dsp.cfar.factors import (
     ca_factor,
@@ -67,17 +67,6 @@ def convolved_rate(factor, columns, looks):
     return law @ special.gammaincc(looks, looks * factor * estimate)
 
 
-def monte_carlo_rate(factor, rank, n_columns, n_cells, looks, n_windows, seed):
-    """Counts exceedances of a cell under test inside the first column of its window."""
-    rng = np.random.default_rng(seed)
-    hits = 0
-    for _ in range(n_windows // 10_000):
-        window = rng.standard_gamma(looks, (10_000, n_columns, n_cells)) / looks
-        estimate = np.sort(window, axis=2)[:, :, rank - 1].mean(axis=1)
-        hits += np.count_nonzero(window[:, 0, 0] > factor * estimate)
-    return hits / n_windows
-
-
 @pytest.mark.parametrize(
     ("factor", "expected"),
     [
@@ -117,21 +106,10 @@ def test_osca_factor_of_one_column_of_one_cell_is_the_ca_factor(pfa, looks):
     assert osca_factor(pfa, ((1, 1),), looks) == pytest.approx(ca_factor(pfa, 1, looks), rel=1e-9)
 
 
-@pytest.mark.parametrize("looks", [2, 16, 256])
-@pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-9])
-def test_osca_factor_of_one_column_gives_the_integrated_rate(pfa, looks):
-    factor = osca_factor(pfa, ((6, 9),), looks)
-
-    def density(x):
-        return special.gammaincc(looks, looks * factor * x) * order_density(x, 6, 9, looks)
-
-    rate, _ = integrate.quad(density, 0, 3, limit=400, epsabs=0, epsrel=1e-7)
-    assert rate == pytest.approx(pfa, rel=1e-5)
-
-
 @pytest.mark.parametrize(
     ("columns", "looks", "pfa"),
     [
+        *((((6, 9),), looks, pfa) for looks, pfa in ((2, 1e-9), (16, 1e-1), (256, 1e-3))),
         (((3, 5), (2, 4)), 4, 1e-4),
         (((1, 1),) * 9, 6, 1e-3),
         (OUTSIDE, 2, 1e-6),
@@ -139,7 +117,7 @@ def test_osca_factor_of_one_column_gives_the_integrated_rate(pfa, looks):
         (INSIDE, 16, 0.49),
     ],
 )
-def test_osca_factor_of_several_columns_gives_the_convolved_rate(columns, looks, pfa):
+def test_osca_factor_of_one_or_several_columns_gives_the_convolved_rate(columns, looks, pfa):
     rate = convolved_rate(osca_factor(pfa, columns, looks), columns, looks)
     assert rate == pytest.approx(pfa, rel=1e-7)
 
@@ -247,16 +225,6 @@ def test_tm_factors_lie_between_those_that_trim_less_and_more(looks):
     assert factors[-1] == osca_factor(1e-6, ((1, 72),), looks)
 
 
-@pytest.mark.parametrize(
-    ("trimmed", "looks", "pfa"),
-    [((18, 18), 2, 0.3), ((18, 18), 256, 1e-3), ((0, 18), 2, 1e-12), ((18, 0), 16, 1e-3)],
-)
-def test_rates_undo_factors_of_trimmed_means(trimmed, looks, pfa):
-    assert many_looks_rate(tm_factor(pfa, 72, trimmed, looks), 72, trimmed, looks) == pytest.approx(
-        pfa, rel=1e-7
-    )
-
-
 def exact_tm_rate(factor, n, trimmed, looks):
     """Integrates the rate of sorted gamma powers of integer shape in rational numbers, cell by cell.
 
@@ -331,43 +299,11 @@ def test_order_of_the_columns_does_not_change_the_factor():
     assert osca_factor(1e-3, INSIDE, 4) == pytest.approx(osca_factor(1e-3, INSIDE[::-1], 4), rel=1e-13)
 
 
-def test_neglected_event_of_the_cell_inside_its_window_is_two_percent_of_the_rate_at_one_half():
-    rate = monte_carlo_rate(osca_factor(0.5, INSIDE), 6, 9, 9, 1, 60_000, seed=2)
-    assert 0.5 < rate < 0.52
-
-
 @pytest.mark.parametrize("pfa", [1e-30, 0.999999])
 @pytest.mark.parametrize("columns", [INSIDE, ((1, 1),), ((1, 90),) * 9, ((90, 90),), ((500, 700),) * 33])
 def test_osca_factor_holds_the_rate_at_the_ends_of_its_range(pfa, columns):
     rate = one_look_rate(osca_factor(pfa, columns), columns)
     assert min(rate, 1 - rate) == pytest.approx(min(pfa, 1 - pfa), rel=1e-7)
-
-
-def trimmed_windows_rate(factor, n, trimmed, looks, n_windows, seed):
-    rng = np.random.default_rng(seed)
-    hits = 0
-    for _ in range(n_windows // 20_000):
-        cells = np.sort(rng.standard_gamma(looks, (20_000, n)), axis=1)
-        estimate = cells[:, trimmed[0] : n - trimmed[1]].mean(axis=1)
-        hits += np.count_nonzero(rng.standard_gamma(looks, 20_000) > factor * estimate)
-    return hits
-
-
-@pytest.mark.parametrize(
-    ("n", "trimmed", "looks", "n_windows", "pfa"),
-    [
-        *((24, (6, 6), looks, 40_000, 0.02) for looks in (1, 16)),
-        *(
-            pytest.param(72, trimmed, looks, 1_000_000, 1e-2, marks=pytest.mark.slow)
-            for trimmed in ((1, 1), (18, 18), (0, 18), (40, 0))
-            for looks in (2, 16, 256)
-        ),
-    ],
-)
-def test_tm_factor_keeps_the_rate_of_drawn_windows(n, trimmed, looks, n_windows, pfa):
-    factor = tm_factor(pfa, n, trimmed, looks)
-    hits = trimmed_windows_rate(factor, n, trimmed, looks, n_windows, looks)
-    assert abs(hits - pfa * n_windows) < 4 * math.sqrt(pfa * n_windows)
 
 
 BEYOND = r"from 1e-30 to 0\.999999"

@@ -1,6 +1,6 @@
 """Joint fits against dense least squares, numerical gradients and the Cramér-Rao bound."""
 
-import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.bounds import joint_bound
 from isacbench.dsp.fitting.atom_fits import LEAST_OWN, fit_atoms, refine_atoms, refit_atoms, settle_atoms
-from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
 from tests.conftest import few
+from tests.dsp.fitting.noisy_maps import dense, noisy_map
 
 SYSTEM = System(n_subcarriers=20, n_symbols=12)
 SHAPE = (4, 3)
@@ -23,27 +22,7 @@ PLACES = np.array([[8.3, 0.4, 0.2, -0.3], [8.9, 0.1, 0.5, -0.2], [10.0, -1.6, -1
 AMPLITUDE = np.array([1.0 + 2j, -1.5 + 0.3j, 0.8j])
 
 
-def blank(gate):
-    """Map without echoes."""
-    return AtomMap.from_map(GatedMap(np.zeros((*gate.shape, *SHAPE), np.complex128), gate), SYSTEM)
-
-
-def dense(atom_map, places):
-    """Atoms (cells, n) of places; `test_atoms` holds their factors against plain sums."""
-    factors = [line.value for line in atom_map.lines(places)]
-    return np.einsum("kr,kd,ku,kw->rduwk", *factors).reshape(-1, len(places))
-
-
-def with_cells(atom_map, cells):
-    """The same map with other cells."""
-    return dataclasses.replace(atom_map, cells=np.reshape(cells, atom_map.cells.shape))
-
-
-def noisy(gate, places, amplitude, noise_std, seed=0):
-    """Map of echoes in noise."""
-    empty, rng = blank(gate), np.random.default_rng(seed)
-    noise = rng.standard_normal((*empty.cells.shape, 2)).view(np.complex128) * noise_std * np.sqrt(0.5)
-    return with_cells(empty, dense(empty, places) @ amplitude + noise.ravel())
+noisy = partial(noisy_map, SYSTEM, SHAPE)
 
 
 def test_amplitudes_and_energy_are_those_of_least_squares():

@@ -1,5 +1,7 @@
 """Atoms against their definition as plain sums over the apertures, and against the simulated echo."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,11 +11,10 @@ from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import central_phase, clean_echo
-from isacbench.model.frame import PanelFrame
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scene import Scatterers
+from tests.algorithms.scenes import EMPTY
 
 # A prefix as long as the symbol: no place within the unambiguous range is beyond it.
 SYSTEM = System(n_subcarriers=24, n_symbols=10, cyclic_prefix_ratio=1.0, cyclic_suffix_ratio=0.0)
@@ -119,21 +120,9 @@ def test_an_atom_on_the_whole_map_has_unit_energy_and_is_orthogonal_to_its_slope
         np.testing.assert_allclose(line.slope.diagonal(), 0, atol=1e-12)
 
 
-def scene():
-    """One scatterer in front of a small panel."""
-    return Scenario(
-        name="one",
-        system=SYSTEM,
-        array=VirtualArray((1, 1), SHAPE, 1, 1),
-        frame=PanelFrame(),
-        base_station_m=np.array([0.0, 200.0, 50.0]),
-        region=Region((-50.0, 50.0), (0.0, 50.0), (0.0, 50.0), (-40.0, 40.0)),
-        scatterers=Scatterers(np.array([[20.0, 13.0, 9.0]]), np.array([37.0]), np.array([1.7])),
-    )
-
-
 def test_a_simulated_echo_is_its_atom_with_the_phase_at_the_middle_of_the_apertures():
-    scenario = scene()
+    one = Scatterers(np.array([[20.0, 13.0, 9.0]]), np.array([37.0]), np.array([1.7]))
+    scenario = replace(EMPTY, system=SYSTEM, array=VirtualArray((1, 1), SHAPE, 1, 1), scatterers=one)
     offset_m = scenario.scatterers.xyz - scenario.base_station_m
     u, w = scenario.frame.direction_cosines(offset_m)
     range_bin = np.linalg.norm(offset_m, axis=1) / SYSTEM.range_bin_m
@@ -179,12 +168,3 @@ def test_bases_are_orthonormal_for_any_array_and_keep_no_more_than_it_has(n_p, n
     for basis, n in zip(narrow.bases, (n_p, n_q), strict=True):
         assert 1 <= basis.shape[1] <= n == len(basis)
         np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
-
-
-def test_white_noise_stays_white_of_the_same_power_in_the_bases():
-    rng = np.random.default_rng(5)
-    whole, narrow = narrow_map(8, 8, ((-0.1, 0.1), (-0.1, 0.1)), rng)
-    assert narrow.cells.size < whole.cells.size
-    n_per_element = whole.cells.size // 64
-    power = np.mean(np.abs(narrow.cells) ** 2) / 2
-    assert abs(power - 1) < 5 / np.sqrt(n_per_element * narrow.cells.shape[2] * narrow.cells.shape[3])

@@ -1,7 +1,5 @@
 """Moves of a pursuit on small maps of known echoes."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,10 +20,10 @@ from isacbench.dsp.fitting.pursuit import (
     strongest_around,
     unwrapped,
 )
-from isacbench.dsp.fitting.pursuit_moves import choose_moves
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
+from tests.dsp.fitting.noisy_maps import noisy_map
 
 SYSTEM = System(n_subcarriers=64, n_symbols=32)
 SHAPE = (8, 6)
@@ -38,13 +36,8 @@ QUADRATURE, IN_PHASE = 1j, 1.0
 
 def noisy(places, amplitude, noise=NOISE, seed=0):
     """Map of echoes in noise of a power per cell and element."""
-    places, rng = np.reshape(places, (-1, N_COORDINATES)), np.random.default_rng(seed)
-    shape = (*GATE.shape, *SHAPE)
-    cells = rng.standard_normal((*shape, 2)).view(np.complex128)[..., 0]
-    empty = AtomMap.from_map(GatedMap(cells * np.sqrt(noise / 2), GATE), SYSTEM)
-    factors = [line.value for line in empty.lines(places)]
-    echo = np.einsum("k,kr,kd,ku,kw->rduw", np.asarray(amplitude, complex), *factors)
-    return dataclasses.replace(empty, cells=empty.cells + echo)
+    places = np.reshape(places, (-1, N_COORDINATES))
+    return noisy_map(SYSTEM, SHAPE, GATE, places, np.asarray(amplitude, complex), np.sqrt(noise), seed)
 
 
 def space_of(atom_map):
@@ -126,25 +119,6 @@ def test_the_mean_residual_around_a_place_is_that_of_its_surroundings():
     residual[:, :, space.u > 0] = 2.0
     places = np.array([[16, 0, -1.5, 0], [16, 0, 1.5, 0], [0, -90, -50, 50.0]])
     np.testing.assert_allclose(space.mean_around(residual, places), [1, 4, 1])
-
-
-def test_halfway_between_two_bins_the_last_digit_does_not_choose_what_is_around():
-    space = space_of(noisy(PLACE, [0.0]))
-    halfway = np.array([16.5, 0.5, 0.25, -0.25])
-    places = halfway + np.array([[0], [1], [-1]]) * 2 * np.spacing(halfway)
-    numbers = np.arange(space.beams.size).reshape(space.beams.shape)
-    around = space.mean_around(space.beams * numbers, places)
-    np.testing.assert_array_equal(around, around[0])
-
-
-@pytest.mark.parametrize("turn", [1, -1])
-def test_moves_a_cell_apart_are_made_in_one_round_whatever_their_last_digits(turn):
-    atom_map, gain = noisy(PLACE, [0.0]), np.array([2.0, 1.0])
-    places = np.array([[21.5, 0, 0, 0], [20.5, 0, 0, 0]])
-    for digits in range(3):
-        places[0, 0] = 21.5 + turn * digits * np.spacing(21.5)
-        chosen = choose_moves(places, gain, np.zeros(2, dtype=bool), atom_map, 9)
-        np.testing.assert_array_equal(chosen, [0, 1])
 
 
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
@@ -247,12 +221,6 @@ def test_sidelobes_of_many_places_are_summed_in_parts_of_bounded_size(monkeypatc
         if abs(places[7, 0] - places[k, 0]) >= 3
     )
     assert whole[7] == pytest.approx(amplitude**2)
-
-
-def test_two_bins_apart_is_near_however_it_is_rounded():
-    _, fit = fitted(PLACE[None], [4.0], noise=0.0)
-    apart = np.array([[2.0, 0, 0, 0]]) * (1 + np.array([[-1e-13], [1e-13]]))
-    assert strongest_around(PLACE + apart, fit) == pytest.approx([16.0, 16.0])
 
 
 def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():

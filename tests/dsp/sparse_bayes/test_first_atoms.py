@@ -20,28 +20,24 @@ def found(atom_map, reach, taper):
 
 
 @pytest.mark.parametrize("taper", [BinTaper.hann, BinTaper.none])
-def test_every_echo_has_an_atom_close_by(taper, noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_every_echo_has_an_atom_close_by(taper, noisy_map, reach, middle):
     places, amplitude = middle + OFFSETS, np.array([1, 1j, -0.7, 0.8, 0.5j])
     learned, _ = found(noisy_map(places, amplitude), reach, taper)
     distance = np.abs(places[:, None] - learned)
     assert distance.max(axis=2).min(axis=1).max() < 0.3
 
 
-def test_places_beyond_the_region_have_no_atom(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_places_beyond_the_region_have_no_atom(noisy_map, reach, middle):
     learned, _ = found(noisy_map(middle + OFFSETS, np.ones(5)), reach, BinTaper.hann)
     assert reach.contains(learned, tolerance_m=1.5).all()
 
 
-def test_noise_alone_has_no_atoms_of_its_own_strength(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_noise_alone_has_no_atoms_of_its_own_strength(noisy_map, reach, middle):
     _, strength = found(noisy_map(middle[None], [0]), reach, BinTaper.hann)
     assert strength.size == 0 or strength.max() < 6 * np.sqrt(NOISE)
 
 
-def test_speeds_that_are_spread_are_atoms_of_their_own(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_speeds_that_are_spread_are_atoms_of_their_own(noisy_map, reach, middle):
     places = middle + np.array([[0, 1.0, 0, 0], [0, 1.8, 0.2, 0], [0, 2.6, 0, 0.2], [0, 3.4, 0.1, 0.1]])
     learned, _ = found(noisy_map(places, np.ones(4)), reach, BinTaper.hann)
     assert np.abs(places[:, None, 1] - learned[:, 1]).min(axis=1).max() < 0.25

@@ -15,16 +15,14 @@ OFFSETS = np.array([[0, 0, 0, 0], [1.3, 0.4, 0.5, -0.4], [4.2, -1.2, -0.4, 0.3],
 AMPLITUDE = np.array([1, 1j, -0.9, 0.8j])
 
 
-def test_atoms_settle_on_the_echoes(noisy_map, reach_and_map, middle, rng):
-    reach, _ = reach_and_map
+def test_atoms_settle_on_the_echoes(noisy_map, reach, middle, rng):
     places = middle + OFFSETS
     fit = settle(noisy_map(places, AMPLITUDE), reach, places + rng.uniform(-0.15, 0.15, places.shape), NOISE)
     np.testing.assert_allclose(fit.places, places, atol=0.02)
     np.testing.assert_allclose(fit.amplitude, AMPLITUDE, atol=0.05)
 
 
-def test_last_digits_do_not_decide_whether_a_last_step_is_taken(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_last_digits_do_not_decide_whether_a_last_step_is_taken(noisy_map, reach, middle):
     atom_map = noisy_map(middle[None], [1e3])
     for offset in (1e-7, 1e-4, 1e-2):
         places = [
@@ -34,8 +32,7 @@ def test_last_digits_do_not_decide_whether_a_last_step_is_taken(noisy_map, reach
         np.testing.assert_allclose(places, places[:1] * len(places), rtol=0, atol=1e-11)
 
 
-def test_copies_of_an_atom_become_one(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_copies_of_an_atom_become_one(noisy_map, reach, middle):
     atom_map, copies = (
         noisy_map(middle[None], [1]),
         middle + 0.1 * np.array([[1, 0, 0, 0], [-1, 0, 1, 0], [0, 0, -1, 1]]),
@@ -47,21 +44,18 @@ def test_copies_of_an_atom_become_one(noisy_map, reach_and_map, middle):
     assert abs(fit.amplitude.sum()) == pytest.approx(1, abs=0.05)
 
 
-def test_misfit_and_places_outside_are_dropped(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_misfit_and_places_outside_are_dropped(noisy_map, reach, middle):
     extra = np.array([[0.9, 0.6, 0, 0], [0, 0, 40.0, 0]])
     places = np.concatenate([middle + OFFSETS, middle + extra])
     fit = settle(noisy_map(middle + OFFSETS, AMPLITUDE), reach, places, NOISE)
     assert len(fit) == len(OFFSETS)
 
 
-def test_nothing_stands_out_of_noise(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_nothing_stands_out_of_noise(noisy_map, reach, middle):
     assert settle(noisy_map(middle[None], [0]), reach, middle + OFFSETS, NOISE) is None
 
 
-def test_learning_in_blocks_keeps_count_of_what_is_left(noisy_map, reach_and_map, middle, rng):
-    reach, _ = reach_and_map
+def test_learning_in_blocks_keeps_count_of_what_is_left(noisy_map, reach, middle, rng):
     places, atom_map = middle + OFFSETS, noisy_map(middle + OFFSETS, AMPLITUDE)
     first = places + rng.uniform(-0.1, 0.1, places.shape)
     before = Atoms.of(atom_map, first, fit_atoms(atom_map, first, 1e-2).amplitude)
@@ -72,10 +66,7 @@ def test_learning_in_blocks_keeps_count_of_what_is_left(noisy_map, reach_and_map
     assert np.abs(places[:, None] - after.places).max(axis=2).min(axis=1).max() < 0.15
 
 
-def test_weak_atoms_stay_where_the_map_is_explained_and_are_misfit_where_it_is_not(
-    noisy_map, reach_and_map, middle
-):
-    reach, _ = reach_and_map
+def test_weak_atoms_stay_where_the_map_is_explained_and_are_misfit_where_it_is_not(noisy_map, reach, middle):
     places = middle + np.array([[-3.0, 0, 0, 0], [4.0, 0, 0.3, 0]])
     explained = noisy_map(places, [1, 0.05])
     kept = without_misfit(fit_atoms(explained, places, 1e-4), explained, reach)
@@ -86,8 +77,7 @@ def test_weak_atoms_stay_where_the_map_is_explained_and_are_misfit_where_it_is_n
     np.testing.assert_array_equal(kept.places, places[:1])
 
 
-def test_no_atom_stands_out_of_a_map_that_none_explains(noisy_map, reach_and_map, middle):
-    reach, _ = reach_and_map
+def test_no_atom_stands_out_of_a_map_that_none_explains(noisy_map, reach, middle):
     echoes = middle + np.array([[-3.0, 0, 0, 0], [3.0, 0, 0, 0]])
     atom_map, elsewhere = noisy_map(echoes, [1, 1]), echoes + np.array([0, 1.0, 0, 0])
     assert without_misfit(fit_atoms(atom_map, elsewhere, 1e-4), atom_map, reach) is None
