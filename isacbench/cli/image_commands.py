@@ -133,7 +133,12 @@ def image_command(
             plot = Path(f"{stem}.png")
             say(f"picture: {plot}")
         plot_clouds(scene.truth, cloud, region=scene.region, radius_m=scene.radius_m, title=title, out=plot)
-    say(f"{title}: {counted(len(cloud), 'point')} in {_told_time(first_s, again_s, cube is not None)}")
+    took = f"{1e3 * first_s:.1f} ms"
+    if again_s is None:
+        took += f", {'' if cube is None else 'reading, '}imports and tables included"
+    else:  # which is what runs measure
+        took = f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {took})"
+    say(f"{title}: {counted(len(cloud), 'point')} in {took}")
     for sentence in remarks.sentences():
         typer.echo(sentence)
     if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
@@ -244,14 +249,6 @@ def _timed(take: Callable[[], isacbench.PointCloud]) -> tuple[isacbench.PointClo
     start = time.process_time()
     cloud = take()
     return cloud, time.process_time() - start
-
-
-def _told_time(first_s: float, again_s: float | None, is_read: bool) -> str:
-    """Describe the time of an image: of a second call where there was one, which is what runs measure."""
-    first = f"{1e3 * first_s:.1f} ms"
-    if again_s is None:
-        return f"{first}, {'reading, ' if is_read else ''}imports and tables included"
-    return f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {first})"
 
 
 def _dtype(precision: str) -> np.dtype[Any]:

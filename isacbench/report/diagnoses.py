@@ -1,7 +1,7 @@
 """What estimators see on their way to an image: range-Doppler maps and angular spectra, computed anew."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from isacbench.bench.compare.scene_scores import SCENE_KINDS
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.store.run import Run
+from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, nearest_values, variants_in
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted
@@ -48,57 +49,62 @@ HALF_BIN = 0.5
 
 
 class Diagnosed(NamedTuple):
-    """Diagnosis of one image, the label of the estimator, and the power of noise in a cell of the map."""
+    """Diagnosis of an image: its scenario, label of its estimator, and power of noise in a map's cell."""
 
+    scenario: str
     label: str
     diagnosis: Diagnosis
     noise_power: float
 
 
-class Diagnoses:
-    """Diagnoses of the images of a run at one SNR and trial.
+def find_diagnoses(
+    run: Run, scenarios: Sequence[str], snr_db: float, trial: int, most: int | None = None
+) -> tuple[list[Diagnosed], int]:
+    """Diagnose images of a run at one SNR and trial again, at most so many, and count those left out.
 
-    It warns if an estimator of the run is not installed.
+    Every scenario comes before any has a second estimator; of many estimators the 16 best come. An estimator
+    that is not installed, or whose diagnosis fails, is left out with a warning.
     """
-
-    def __init__(self, run: Run, snr_db: float, trial: int) -> None:
-        self._run, self._snr_db, self._trial = run, snr_db, trial
-        self._labels = estimator_labels(variants_in(run.rows))
-        self._observed: dict[str, tuple[Observation, float]] = {}
-        self._diagnosers: dict[Variant, Diagnoser] = {}
-        for spec in run.suite.estimators:
-            try:
-                plugins: list[Estimator] = [plugin for _, plugin in build_variants("estimator", spec)]
-            except InputError as error:
-                warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=3)
-                continue
-            for plugin in plugins:
-                if isinstance(plugin, Diagnoser):
-                    self._diagnosers[plugin.name, canonical_params(plugin)] = plugin
-
-    def variants(self, scenario: str) -> list[Variant]:
-        """List the estimators that show their work on a scenario: of many the 16 best."""
-        own = self._run.rows[self._run.rows["scenario"] == scenario]
-        return best_variants(own, list(self._diagnosers))
-
-    def of(self, scenario: str, variant: Variant) -> Diagnosed | None:
-        """Diagnose one image; None with a warning if that fails."""
-        label = self._labels.get(variant, variant[0])
-        if scenario not in self._observed:
-            simulator = Simulator(self._run.scenarios[scenario])
-            observation = simulator.observe(self._snr_db, self._trial, self._run.suite.seed)
-            self._observed[scenario] = observation, simulator.noise_power(self._snr_db)
-        observation, noise_power = self._observed[scenario]
+    labels, diagnosers = estimator_labels(variants_in(run.rows)), _diagnosers(run.suite)
+    own = {name: run.rows[run.rows["scenario"] == name] for name in scenarios}
+    rounds = zip_longest(
+        *([(name, one) for one in best_variants(own[name], list(diagnosers))] for name in scenarios)
+    )
+    wanted = [cell for cells in rounds for cell in cells if cell is not None]
+    observed: dict[str, tuple[Observation, float]] = {}
+    found = []
+    for name, variant in wanted[:most]:
+        if name not in observed:
+            simulator = Simulator(run.scenarios[name])
+            observation = simulator.observe(snr_db, trial, run.suite.seed)
+            observed[name] = observation, simulator.noise_power(snr_db)
+        observation, noise_power = observed[name]
+        label = labels.get(variant, variant[0])
         try:
-            diagnosis = self._diagnosers[variant].diagnose(observation)
+            diagnosis = diagnosers[variant].diagnose(observation)
         except Exception as error:  # a plugin's fault must not cost the others
-            warn_of_fault(label, error)
-            return None
-        return Diagnosed(label, diagnosis, noise_power)
+            _warn_of_fault(label, error)
+        else:
+            found.append(Diagnosed(name, label, diagnosis, noise_power))
+    return found, len(wanted) - len(wanted[:most])
 
 
-def warn_of_fault(label: str, error: Exception) -> None:
-    """Warn that the diagnosis of an estimator, given by its label, failed or cannot be shown."""
+def _diagnosers(suite: Suite) -> dict[Variant, Diagnoser]:
+    """Estimators of a suite that show their work, as far as they are installed."""
+    found: dict[Variant, Diagnoser] = {}
+    for spec in suite.estimators:
+        try:
+            plugins: list[Estimator] = [plugin for _, plugin in build_variants("estimator", spec)]
+        except InputError as error:
+            warnings.warn(f"no map and no spectra of {spec}: {error}", InputWarning, stacklevel=4)
+            continue
+        for plugin in plugins:
+            if isinstance(plugin, Diagnoser):
+                found[plugin.name, canonical_params(plugin)] = plugin
+    return found
+
+
+def _warn_of_fault(label: str, error: Exception) -> None:
     reason = f"{type(error).__name__}: {error}"
     warnings.warn(f"no map and no spectra of {label}: {reason}", InputWarning, stacklevel=3)
 
@@ -106,29 +112,24 @@ def warn_of_fault(label: str, error: Exception) -> None:
 def diagnosed_maps(run: Run) -> dict[str, Any]:
     """Compute maps and spectra for a page, of estimators that show their work and a few images of a run.
 
-    Every scene comes before any has a second estimator. The dictionary has ``maps``, each with its scene,
-    estimator (label), SNR and trial, axes, power, threshold and mask, and spectra; and ``left_out``, the
-    number of images beyond the first six. An estimator that is not installed, or whose diagnosis fails or
-    cannot be shown, costs its own maps with a warning.
+    The dictionary has ``maps``, each with its scene, estimator (label), SNR and trial, axes, power, threshold
+    and mask, and spectra; and ``left_out``, the number of images beyond the first six. What cannot be shown
+    costs its own map with a warning.
     """
     if run.kind not in SCENE_KINDS or run.rows.empty:
         return {}
     (snr_db,) = nearest_values(sorted(run.rows["snr_db"].unique()), [SHOWN_SNR_DB])
     trial = int(run.rows["trial"].min())
-    diagnoses = Diagnoses(run, snr_db, trial)
     names = [name for name in dict.fromkeys(run.rows["scenario"].astype(object)) if name in run.scenarios]
-    rounds = zip_longest(*([(name, variant) for variant in diagnoses.variants(name)] for name in names))
-    wanted = [cell for cells in rounds for cell in cells if cell is not None]
+    diagnoses, n_left_out = find_diagnoses(run, names, snr_db, trial, MOST_MAPS)
     found: list[dict[str, Any]] = []
-    for name, variant in wanted[:MOST_MAPS]:
-        one = diagnoses.of(name, variant)
-        if one is not None:
-            own = {"scene": name, "estimator": one.label, "snr_db": float(snr_db), "trial": trial}
-            try:
-                found.append(own | _page_map(one.diagnosis, run.scenarios[name].system, one.noise_power))
-            except Exception as error:  # a plugin may return anything
-                warn_of_fault(one.label, error)
-    return {"maps": found, "left_out": max(len(wanted) - MOST_MAPS, 0)}
+    for name, label, diagnosis, noise_power in diagnoses:
+        own = {"scene": name, "estimator": label, "snr_db": float(snr_db), "trial": trial}
+        try:
+            found.append(own | _page_map(diagnosis, run.scenarios[name].system, noise_power))
+        except Exception as error:  # a plugin may return anything
+            _warn_of_fault(label, error)
+    return {"maps": found, "left_out": n_left_out}
 
 
 def _page_map(diagnosis: Diagnosis, system: System, noise_power: float) -> dict[str, Any]:
@@ -171,11 +172,9 @@ def _decibels(ratio: Floats) -> Floats:
 
 def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[tuple[str, Figure]]:
     """Draw map and spectra of every estimator that shows its work, by the stems of their files."""
-    diagnoses = Diagnoses(run, snr_db, trial)
-    found = [diagnoses.of(scenario, variant) for variant in diagnoses.variants(scenario)]
-    seen, scene = [one for one in found if one is not None], run.scenarios[scenario]
-    stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in seen])
-    for one, stem in zip(seen, stems.values(), strict=True):
+    found, scene = find_diagnoses(run, [scenario], snr_db, trial)[0], run.scenarios[scenario]
+    stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in found])
+    for one, stem in zip(found, stems.values(), strict=True):
         title = f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}"
         yield f"rdm-{stem}", draw_map(drawable(title), one.diagnosis, scene.system, one.noise_power)
         if one.diagnosis.spectra:

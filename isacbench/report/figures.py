@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Literal
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from isacbench.bench.store.run_folder import replacing
 from isacbench.charts import NO_SCORE, Axis, Chart, ChartGroup, LineStyle, Series
-from isacbench.files.checked_files import make_own_folder
+from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
 
 Floats = NDArray[np.float64]
@@ -201,11 +201,17 @@ FEW_POINTS = 40
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def save_charts(groups: Iterable[ChartGroup], folder: Path, extension: str = "png") -> list[Path]:
-    """Draw groups of charts into files of a folder, which is made; they are drawn one after the other."""
+def save_figures(figures: Iterable[tuple[str, Figure]], folder: Path, extension: str = "png") -> list[Path]:
+    """Save figures by the stems of their files into a folder, which is made; they are drawn meanwhile."""
+    require_picture(Path(f"figure.{extension}"))
     make_own_folder(folder)
     with styled():
-        return [save(draw_charts(group), folder / f"{group.stem}.{extension}") for group in groups]
+        return [save(figure, folder / f"{stem}.{extension}") for stem, figure in figures]
+
+
+def drawn_charts(groups: Iterable[ChartGroup]) -> Iterator[tuple[str, Figure]]:
+    """Draw groups of charts one after the other, each by the stem of its file."""
+    return ((group.stem, draw_charts(group)) for group in groups)
 
 
 def draw_charts(group: ChartGroup) -> Figure:

@@ -18,6 +18,7 @@ from isacbench.checking.plugin_check import CheckReport, PluginFindings
 from isacbench.checking.stress import BROKEN, CaseResult
 from isacbench.checking.stress_tables import case_table
 from isacbench.files.escaping import counted, visible, visible_lines
+from isacbench.report.tables import json_rows
 
 WORDS = {
     "ok": ("ok", "green"),
@@ -123,6 +124,5 @@ def describe_stress(results: Sequence[CaseResult]) -> dict[str, Any]:
     """Cases in terms of JSON, null where nothing was measured, and the number of every outcome."""
     cases = case_table(results).drop(columns=["params", "seed"])
     cases["estimator"] = [result.task.target.spec for result in results]
-    cases = cases.astype(object).where(~cases.isin([math.nan, math.inf]), None)
     counts = Counter(result.status for result in results)
-    return {"cases": cases.to_dict("records"), "counts": dict(sorted(counts.items()))}
+    return {"cases": json_rows(cases), "counts": dict(sorted(counts.items()))}

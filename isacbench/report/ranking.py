@@ -27,7 +27,7 @@ from isacbench.charts import (
 )
 from isacbench.files.escaping import counted, shortened
 from isacbench.files.file_names import file_stems
-from isacbench.report.figures import FOLDER, save_charts
+from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed
 
 HEADINGS = {
@@ -138,7 +138,7 @@ def _worst_image(row: Mapping[str, Any]) -> str:
 
 def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
     """Draw a ranking into ``figures/ranks-<metric>.png`` of a run."""
-    (path,) = save_charts([ranking_charts(ranking)], folder / FOLDER)
+    (path,) = save_figures(drawn_charts([ranking_charts(ranking)]), folder / FOLDER)
     return path
 
 

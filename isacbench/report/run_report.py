@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,7 +41,6 @@ from isacbench.charts import (
     with_symbol,
 )
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted, shortened
 from isacbench.files.file_names import file_stems
 from isacbench.metrics.geometry import CloudPair
@@ -52,7 +51,7 @@ from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.model.scene import warned_before
 from isacbench.report.clouds import Image, best_variants, draw_clouds, draw_comparison
 from isacbench.report.diagnoses import diagnosis_figures
-from isacbench.report.figures import FOLDER, draw_charts, drawable, save, styled
+from isacbench.report.figures import FOLDER, drawable, drawn_charts, save_figures
 from isacbench.report.html.written_pages import write_run_page
 from isacbench.report.tables import markdown
 
@@ -195,19 +194,17 @@ def draw_run(run: Run, extension: str = "png") -> list[Path]:
     many, and of the 16 best alone where they are more; of a population ``worst-*.png``. Of more than 12
     scenarios no clouds. Nothing where the run holds no cells.
     """
-    return [] if run.rows.empty else save_figures(run.folder, run_figures(run), extension)
+    return [] if run.rows.empty else save_figures(run_figures(run), run.folder / FOLDER, extension)
 
 
 def run_figures(run: Run) -> Iterator[NamedFigure]:
     """Figures of a run by the stems of their files."""
     kind = KINDS[run.kind]
-    for group in kind.charts(run.rows, run.scenarios):
-        yield group.stem, draw_charts(group)
+    yield from drawn_charts(kind.charts(run.rows, run.scenarios))
     if not kind.has_images:
         return
     lines = lines_of(run.rows)
-    for group in radius_charts(run, lines):
-        yield group.stem, draw_charts(group)
+    yield from drawn_charts(radius_charts(run, lines))
     if kind.name == "population":
         yield from _worst_images(run, lines)
     elif run.rows["scenario"].nunique() > MANY_SCENARIOS:
@@ -219,15 +216,6 @@ def run_figures(run: Run) -> Iterator[NamedFigure]:
             snrs_db = nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
             trial = int(rows["trial"].min())
             yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, trial)
-
-
-def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = "png") -> list[Path]:
-    """Save figures by the stems of their files into ``figures`` of a run, drawn one after the other."""
-    target = folder / FOLDER
-    require_picture(Path(f"figure.{extension}"))
-    make_own_folder(target)
-    with styled():
-        return [save(figure, target / f"{stem}.{extension}") for stem, figure in figures]
 
 
 def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
@@ -347,7 +335,7 @@ def draw_chosen(run: Run, choice: FigureChoice, extension: str = "png") -> list[
             f"{run.label}: figures can be chosen of runs of the kinds {allowed}; this one is of the kind "
             f"{run.kind}"
         )
-    return save_figures(run.folder, _figures(run, _chosen_rows(run, choice), choice), extension)
+    return save_figures(_figures(run, _chosen_rows(run, choice), choice), run.folder / FOLDER, extension)
 
 
 def _chosen_rows(run: Run, choice: FigureChoice) -> pd.DataFrame:
@@ -382,8 +370,8 @@ def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[Nam
         if choice.metric is not None or not is_of_images:
             all_scores = [score for score in SCORE_AXES if f"{score}_mean" in part]
             scores = all_scores if choice.metric is None else [choice.metric]
-            group = score_charts(part, scores, f"{choice.metric or 'curves'}-{stem}", lines, scene)
-            yield group.stem, draw_charts(group)
+            own_stem = f"{choice.metric or 'curves'}-{stem}"
+            yield from drawn_charts([score_charts(part, scores, own_stem, lines, scene)])
         if choice.metric is not None and not is_of_images:
             continue
         trial = int(own["trial"].min()) if choice.trial is None else choice.trial
