@@ -29,9 +29,8 @@ from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run
 from isacbench.charts import rows_of as own_rows
 from isacbench.charts import variants_in
-from isacbench.report.comparisons.ranking_charts import ranking_charts
-from isacbench.report.comparisons.ranking_tables import ranking_grids
-from isacbench.report.figures import save_charts
+from isacbench.report.figures import drawn_charts, save_figures
+from isacbench.report.ranking import ranking_charts, ranking_grids
 from isacbench.report.tables import markdown as grid_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -560,7 +559,7 @@ def draw() -> None:
         replace(ranking_charts(ranking(TOP_DB)), stem="population-ranks"),
         *(replace(group, stem="population-ratios") for group in ratio_charts(scene_cells(run.rows), lines)),
     ]
-    save_charts(groups, ROOT / "docs" / "images")
+    save_figures(drawn_charts(groups), ROOT / "docs" / "images")
 
 
 if __name__ == "__main__":

@@ -1,27 +1,40 @@
-"""The application: group of commands, exit codes, messages."""
+"""The application: group of commands, exit codes, and all that commands print."""
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import threading
 import warnings
-from typing import Annotated, Any, NoReturn
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.escaping import visible, visible_lines
+from isacbench.files.escaping import counted, visible, visible_json, visible_lines
 from isacbench.streams import own_output
 
-EXIT_USAGE = 2
-EXIT_FAILED_CELLS = 3
-EXIT_REGRESSION = 4
-EXIT_NOT_COMPARABLE = 5
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as in shells
-EXIT_TERMINATED = 143  # 128 + SIGTERM
+if TYPE_CHECKING:
+    from isacbench.bench.store.run import Run
+    from isacbench.charts import Table
+
+PLAIN_WIDTH = 100
+
+
+class Exit(IntEnum):
+    """Exit codes."""
+
+    USAGE = 2
+    FAILED_CELLS = 3
+    REGRESSION = 4
+    NOT_COMPARABLE = 5
+    INTERRUPTED = 130  # 128 + SIGINT, as in shells
+    TERMINATED = 143  # 128 + SIGTERM
 
 
 class _Group(TyperGroup):
@@ -42,7 +55,7 @@ class _Group(TyperGroup):
                 warnings.showwarning = show
                 return super().invoke(ctx)
         except InputError as error:
-            fail(str(error), EXIT_USAGE)
+            fail(str(error), Exit.USAGE)
 
 
 app = typer.Typer(
@@ -86,13 +99,7 @@ def _options(
 
 
 def say(message: str, err: bool = False) -> None:
-    """Print one line, with control characters escaped.
-
-    Parameters
-    ----------
-    err : bool
-        Whether to print on stderr instead of stdout.
-    """
+    """Print one line on stdout or stderr, with control characters escaped."""
     typer.echo(visible(message), err=err)
 
 
@@ -102,17 +109,45 @@ def say_lines(message: str) -> None:
 
 
 def fail(message: str, code: int) -> NoReturn:
-    """End the command with one line on stderr.
-
-    Parameters
-    ----------
-    code : int
-        Exit code.
-
-    Raises
-    ------
-    typer.Exit
-        Always.
-    """
+    """End the command with one line on stderr and an exit code."""
     say(f"isacbench: {message}", err=True)
     raise typer.Exit(code)
+
+
+def print_json(content: object) -> None:
+    """Print JSON; NaN is an error."""
+    typer.echo(visible_json(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)))
+
+
+def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | None = None) -> None:
+    """Print scores, a line each, with the spreads of those that have any."""
+    for name, value in scores.items():
+        spread = f" ±{spreads[name]:.3g}" if spreads and name in spreads else ""
+        say(f"  {name:<16} {value:.6g}{spread}")
+
+
+def print_table(table: Table) -> None:
+    """Print a table within the width of the terminal or of COLUMNS, otherwise 100 characters."""
+    from rich.console import Console
+
+    from isacbench.report.tables import terminal_tables
+
+    console = Console()
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console = Console(width=PLAIN_WIDTH)
+    for laid_out in terminal_tables(table, console.width):
+        console.print(laid_out)
+
+
+def report_run(run: Run, with_page: bool = True) -> None:
+    """Write the tables of a run, draw its figures and its page, and print all tables but details."""
+    from isacbench.report.run_report import write_report
+
+    written, tables = write_report(run, with_page)
+    for table in tables:
+        if not table.is_detail:
+            print_table(table)
+    has_score = run.rows.reindex(columns=["deviation", "gospa_m"]).notna()
+    if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
+        say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
+    say(f"{run.label}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,32 +15,20 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperCommand
 
+import isacbench
 from isacbench.bench.run.progress import progress_shown
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say, say_lines
-from isacbench.cli.completion import estimators_like, plugin_metrics_like
-from isacbench.cli.options import (
-    SEED_HELP,
-    SPEC,
-    AsJson,
-    PluginFiles,
-    ScenarioName,
-    Seed,
-    register,
-    require_names,
-)
-from isacbench.cli.printing import print_json, print_scores, print_table
+from isacbench.cli import options as opt
+from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_table, say, say_lines
 from isacbench.errors import InputError
+from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted
+from isacbench.files.file_names import file_stems
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
 
-    from isacbench.model.cloud import PointCloud
-
 EstimatorName = Annotated[
-    str, Option("-e", "--estimator", metavar=SPEC, help="Estimator.", autocompletion=estimators_like)
+    str, Option("-e", "--estimator", metavar=opt.SPEC, help="Estimator.", autocompletion=opt.estimators_like)
 ]
 Precision = Annotated[str, Option(metavar="single|double", help="Precision of the recorded frame.")]
 DEFAULT_SNR = "10"
@@ -67,7 +56,7 @@ class _OptionalPicture(TyperCommand):
 
 @app.command("image", cls=_OptionalPicture)
 def image_command(
-    scenario: ScenarioName = "street",
+    scenario: opt.ScenarioName = "street",
     estimator: EstimatorName = "music2d",
     cube: Annotated[Path | None, Option(help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")] = None,
     transmitted: Annotated[Path | None, Option(help="Transmitted grid, which divides the cube.")] = None,
@@ -76,7 +65,7 @@ def image_command(
     ] = None,
     snr: Annotated[str | None, Option(help="SNR in dB, or inf; default 10, none with a cube.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Number of the noise draw.")] = None,
-    seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
+    seed: Annotated[int | None, Option(min=0, help=opt.SEED_HELP)] = None,
     sensing: Annotated[str | None, Option(metavar="all|prs", help="Sensed resource elements.")] = None,
     modulation: Annotated[str | None, Option(help="qpsk, 16qam, 64qam or 256qam.")] = None,
     division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
@@ -84,11 +73,9 @@ def image_command(
     plot: Annotated[
         Path | None, Option(help="Picture: .png, .pdf or .svg; without a file it gets a name of its own.")
     ] = None,
-    plugin: PluginFiles = None,
+    plugin: opt.PluginFiles = None,
 ) -> None:
     """Take one image of a simulated or a recorded frame, and score, write or draw its cloud."""
-    from isacbench.files.checked_files import require_picture
-
     if plot is not None and plot != OWN_PICTURE:
         require_picture(plot)
     for option, value in (("--transmitted", transmitted), ("--ascending", ascending)):
@@ -100,29 +87,27 @@ def image_command(
         raise InputError("with --cube, --snr needs --division wiener")
     choices = {"sensing": sensing, "modulation": modulation, "division": division}
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
-    register(plugin)
-    require_names([scenario], [estimator])
+    opt.register(plugin)
+    opt.require_names([scenario], [estimator])
     from isacbench.bench.cells.cell import estimate_cloud, image_reference
     from isacbench.cores import one_blas_thread
-    from isacbench.cubes.frame import observe_cube, summarise_frame
+    from isacbench.cubes.frame import summarise_frame
     from isacbench.instrument.remarks import Remarks
-    from isacbench.link.sensing.observing import observe
-    from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.contracts import is_reference
     from isacbench.plugins.registry import build_estimator
 
-    scene, imager = load_scenario(scenario), build_estimator(estimator)
+    scene, imager = isacbench.load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
         told = [scene.name, estimator, f"{snr_db:g} dB", *signal.values()]
-        observation = observe(scene, snr_db, trial or 0, seed or 0, **signal)
+        observation = isacbench.observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
         told = [cube.name, scene.name, estimator, *signal.values()]
         known_snr_db = None if snr is None else _one_snr(snr)
         if ascending is not None:
             along_u, _, along_w = ascending.partition(",")
             scene = replace(scene, array=replace(scene.array, ascending=(along_u, along_w)))
-        observation = observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
+        observation = isacbench.observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
         for sentence in summarise_frame(observation).sentences():
             say(f"{cube.name}: {sentence}")
     title = ", ".join(told)
@@ -136,20 +121,23 @@ def image_command(
         raise
     except Exception as error:
         traceback.print_exc()
-        fail(f"{estimator} failed: {type(error).__name__}: {error}", EXIT_FAILED_CELLS)
+        fail(f"{estimator} failed: {type(error).__name__}: {error}", Exit.FAILED_CELLS)
     if out is not None:
         cloud.write(out)
     if plot is not None:
-        from isacbench.files.file_names import file_stems
         from isacbench.report.clouds import plot_clouds
 
         if plot == OWN_PICTURE:
             (stem,) = file_stems([f"{scene.name} {estimator}"]).values()
             plot = Path(f"{stem}.png")
-            require_picture(plot)
             say(f"picture: {plot}")
         plot_clouds(scene.truth, cloud, region=scene.region, radius_m=scene.radius_m, title=title, out=plot)
-    say(f"{title}: {counted(len(cloud), 'point')} in {_told_time(first_s, again_s, cube is not None)}")
+    took = f"{1e3 * first_s:.1f} ms"
+    if again_s is None:
+        took += f", {'' if cube is None else 'reading, '}imports and tables included"
+    else:  # which is what runs measure
+        took = f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {took})"
+    say(f"{title}: {counted(len(cloud), 'point')} in {took}")
     for sentence in remarks.sentences():
         typer.echo(sentence)
     if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
@@ -159,28 +147,25 @@ def image_command(
         say("scores: mean ± spread over its realisations; the cloud is the one nearest to the mean")
         print_scores(image.scores, image.spreads)
     else:
-        from isacbench.plugins.scoring import score
-
-        print_scores(score(scene, cloud))
+        print_scores(isacbench.score(scene, cloud))
 
 
 @app.command("simulate")
 def simulate_command(
     out: Annotated[Path, Option("-o", "--out", help="New file: .npy or .zarr.")],
-    scenario: ScenarioName = "street",
+    scenario: opt.ScenarioName = "street",
     snr: Annotated[str, Option(metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
     trial: Annotated[int, Option(min=0, help="Number of the noise draw.")] = 0,
-    seed: Seed = 0,
+    seed: opt.Seed = 0,
     precision: Precision = "single",
 ) -> None:
     """Write the full frame of a scenario; its image is that of the same SNR, trial and seed."""
-    require_names([scenario])
+    opt.require_names([scenario])
     from isacbench.cubes import write_cube
     from isacbench.cubes.writing import FrameSimulator
-    from isacbench.model.scenes.scenario import load_scenario
 
     dtype = _dtype(precision)
-    frame = FrameSimulator(load_scenario(scenario), _one_snr(snr), trial, seed)
+    frame = FrameSimulator(isacbench.load_scenario(scenario), _one_snr(snr), trial, seed)
     start = time.perf_counter()
     with progress_shown(out.name, "subcarriers") as show:
         write_cube(out, frame.shape, (block for _, block in frame.blocks()), dtype, show)
@@ -191,21 +176,20 @@ def simulate_command(
 
 @app.command("plan")
 def plan_command(
-    scenario: ScenarioName = "street",
+    scenario: opt.ScenarioName = "street",
     estimator: EstimatorName = "music2d",
     precision: Precision = "single",
-    as_json: AsJson = False,
-    plugin: PluginFiles = None,
+    as_json: opt.AsJson = False,
+    plugin: opt.PluginFiles = None,
 ) -> None:
     """Compare the cost of an image of a recorded frame with that of the full 4-D chain."""
-    register(plugin)
-    require_names([scenario], [estimator])
+    opt.register(plugin)
+    opt.require_names([scenario], [estimator])
     from isacbench.charts import text_table
     from isacbench.cubes.image_cost import HEADER, image_cost
-    from isacbench.model.scenes.scenario import load_scenario
     from isacbench.plugins.registry import build_estimator
 
-    scene = load_scenario(scenario)
+    scene = isacbench.load_scenario(scenario)
     cost = image_cost(scene, build_estimator(estimator), _dtype(precision))
     if as_json:
         print_json(cost.to_json())
@@ -221,7 +205,7 @@ def scene_command(
     out: Annotated[Path | None, Option("-o", "--out", help="New .toml file; default: print.")] = None,
 ) -> None:
     """Write a scenario as a TOML file that can be edited."""
-    require_names([scenario])
+    opt.require_names([scenario])
     from isacbench.model.scenes.editable_scenes import scene_toml, write_scene
 
     if out is None:
@@ -236,36 +220,34 @@ def score_command(
     truth: Annotated[str, Argument(help="Cloud file, or a scenario by name or .toml path.")],
     cloud: Annotated[Path, Argument(help="Cloud file: .csv, .npy, .npz, .mat or .ply.")],
     metric: Annotated[
-        str, Option(metavar=SPEC, help="Metric.", autocompletion=plugin_metrics_like)
+        str, Option(metavar=opt.SPEC, help="Metric.", autocompletion=opt.plugin_metrics_like)
     ] = "paper",
-    plugin: PluginFiles = None,
-    as_json: AsJson = False,
+    plugin: opt.PluginFiles = None,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Score a cloud against the truth."""
-    register(plugin)
-    require_names(metrics=[metric])
-    from isacbench.model.cloud import PointCloud
+    opt.register(plugin)
+    opt.require_names(metrics=[metric])
+    from isacbench.model.scenes.scene_families import is_family_spec
 
-    scores = _scorer(truth)(PointCloud.read(cloud), metric=metric)
+    if is_family_spec(truth) or Path(truth).suffix in ("", ".toml"):
+        known: isacbench.Scenario | isacbench.PointCloud = isacbench.load_scenario(truth)
+    else:
+        known = isacbench.PointCloud.read(truth)
+    if not len(known if isinstance(known, isacbench.PointCloud) else known.truth):
+        raise InputError(f"{truth}: the truth has no points; allowed is at least one")
+    scores = isacbench.score(known, isacbench.PointCloud.read(cloud), metric=metric)
     if as_json:
         print_json({name: None if math.isnan(value) else value for name, value in scores.items()})
     else:
         print_scores(scores)
 
 
-def _timed(take: Callable[[], PointCloud]) -> tuple[PointCloud, float]:
+def _timed(take: Callable[[], isacbench.PointCloud]) -> tuple[isacbench.PointCloud, float]:
     """Take an image and measure the processor time in s."""
     start = time.process_time()
     cloud = take()
     return cloud, time.process_time() - start
-
-
-def _told_time(first_s: float, again_s: float | None, is_read: bool) -> str:
-    """Describe the time of an image: of a second call where there was one, which is what runs measure."""
-    first = f"{1e3 * first_s:.1f} ms"
-    if again_s is None:
-        return f"{first}, {'reading, ' if is_read else ''}imports and tables included"
-    return f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {first})"
 
 
 def _dtype(precision: str) -> np.dtype[Any]:
@@ -287,22 +269,3 @@ def _one_snr(text: str) -> float:
     if len(values) != 1:
         raise InputError(f"--snr {text!r}: allowed is one number")
     return values[0]
-
-
-def _scorer(name_or_path: str) -> Callable[..., dict[str, Any]]:
-    """Choose the function that scores against a cloud file, or against a scenario in its region."""
-    from isacbench.model.scenes.scenario import load_scenario
-    from isacbench.model.scenes.scene_families import is_family_spec
-    from isacbench.plugins.scoring import score
-
-    if is_family_spec(name_or_path) or Path(name_or_path).suffix in ("", ".toml"):
-        scenario = load_scenario(name_or_path)
-        truth, scorer = scenario.truth, partial(score, scenario)
-    else:
-        from isacbench.model.cloud import PointCloud
-
-        truth = PointCloud.read(name_or_path)
-        scorer = partial(score, truth)
-    if not len(truth):
-        raise InputError(f"{name_or_path}: the truth has no points; allowed is at least one")
-    return scorer

@@ -1,16 +1,58 @@
-"""Options that several commands share, and the check of the names in them."""
+"""Options that several commands share, the completion of the names in them, and their check."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument, Option
 
-from isacbench.cli.completion import estimators_like, plugin_metrics_like, scenarios_like, suites_like
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+def estimators_like(incomplete: str) -> list[str]:
+    """List the registered estimators whose names begin with a text."""
+    from isacbench.plugins.registry import estimator_names
+
+    return _like(estimator_names(), incomplete)
+
+
+def plugin_metrics_like(incomplete: str) -> list[str]:
+    """List the registered metrics whose names begin with a text."""
+    from isacbench.plugins.registry import metric_names
+
+    return _like(metric_names(), incomplete)
+
+
+def scenarios_like(incomplete: str) -> list[str]:
+    """List the scenarios and families, these with ``[seed=``, whose names begin with a text."""
+    from isacbench.model.scenes.scenario import scenario_names
+    from isacbench.model.scenes.scene_families import FAMILIES
+
+    return _like([*scenario_names(), *(f"{family}[seed=" for family in FAMILIES)], incomplete)
+
+
+def suites_like(incomplete: str) -> list[str]:
+    """List the suites whose names begin with a text."""
+    from isacbench.bench.suites.suite import suite_names
+
+    return _like(suite_names(), incomplete)
+
+
+def metrics_like(incomplete: str) -> list[str]:
+    """List the scores that estimators are ranked by whose names begin with a text."""
+    return [*curves_like(incomplete), *_like(["ratio", "time_estimate_s"], incomplete)]
+
+
+def curves_like(incomplete: str) -> list[str]:
+    """List the scores with a curve over SNR whose names begin with a text."""
+    from isacbench.metrics.paper import Paper
+
+    return _like([column.name for column in Paper.columns if column.better != "neither"], incomplete)
+
+
+def _like(names: list[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
 
 SPEC = "NAME[param=value,...]"
 EstimatorSpecs = Annotated[
@@ -24,8 +66,7 @@ EstimatorSpecs = Annotated[
     ),
 ]
 PluginFiles = Annotated[
-    list[Path] | None,
-    Option("--plugin", metavar="FILE.py", help="Local file with plugins; repeats."),
+    list[Path] | None, Option("--plugin", metavar="FILE.py", help="Local file with plugins; repeats.")
 ]
 MetricSpecs = Annotated[
     list[str] | None,
@@ -83,18 +124,7 @@ def require_names(
     detectors: Iterable[str] = (),
     metrics: Iterable[str] = (),
 ) -> None:
-    """Refuse names that do not exist, before anything is started or anything slow is imported.
-
-    Parameters
-    ----------
-    scenarios, estimators, detectors, metrics : iterable of str
-        Names or specifications.
-
-    Raises
-    ------
-    InputError
-        If one does not exist.
-    """
+    """Refuse names and specifications of what does not exist, before anything slow is imported or started."""
     from isacbench.model.scenes.scene_families import scenario_variants
     from isacbench.plugins.registry import require_plugins
 

@@ -1,23 +1,33 @@
-"""Commands on plugins: list, check."""
+"""Commands on plugins: list, check, stress."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, say
-from isacbench.cli.options import AsJson, PluginFiles, register
-from isacbench.cli.printing import print_json
+from isacbench.cli import options as opt
+from isacbench.cli.app import Exit, app, fail, print_json, print_table, say, say_lines
+from isacbench.errors import InputError
+from isacbench.files.escaping import counted
+
+if TYPE_CHECKING:
+    from isacbench.checking.stress import CaseResult
+
+TIMEOUT_S = 120.0
+"""Equal to `isacbench.checking.stress.TIMEOUT_S`, whose import takes long."""
 
 
 @app.command("list")
-def list_command(as_json: AsJson = False, plugin: PluginFiles = None) -> None:
+def list_command(as_json: opt.AsJson = False, plugin: opt.PluginFiles = None) -> None:
     """List estimators, detectors, metrics, scenarios, families of scenes and suites."""
     from isacbench.bench.suites.suite_kinds import catalogue
     from isacbench.specifications import spell_value
 
-    register(plugin)
+    opt.register(plugin)
     content = catalogue()
     if as_json:
         print_json(content)
@@ -37,16 +47,16 @@ def check_command(
     package_or_file: Annotated[
         str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
     ],
-    as_json: AsJson = False,
-    plugin: PluginFiles = None,
+    as_json: opt.AsJson = False,
+    plugin: opt.PluginFiles = None,
 ) -> None:
     """Check estimators, detectors and metrics against the contract, and say what to correct."""
     from isacbench.checking.plugin_check import CheckReport, PluginFindings, check_guarded, find_plugins
 
-    register(plugin)
+    opt.register(plugin)
     plugins = find_plugins(package_or_file)
     from isacbench.plugins.discovery import entries
-    from isacbench.report.findings import describe_checks, print_counts, print_findings
+    from isacbench.report import findings as texts
 
     found = []
     for kind, name in plugins:
@@ -57,11 +67,117 @@ def check_command(
         findings = tuple(check_guarded(kind, name, still_at=still_at))
         found.append(PluginFindings(kind, name, entries(kind)[name].origin, findings))
         if not as_json:
-            print_findings(found[-1])
+            texts.print_findings(found[-1])
     report = CheckReport(tuple(found))
     if as_json:
-        print_json(describe_checks(report))
+        print_json(texts.describe_checks(report))
     else:
-        print_counts(report)
+        say(texts.counts_line(report))
     if not report.ok:
-        raise typer.Exit(EXIT_FAILED_CELLS)
+        raise typer.Exit(Exit.FAILED_CELLS)
+
+
+@app.command("stress")
+def stress_command(
+    estimator: opt.EstimatorSpecs = None,
+    detector: Annotated[
+        list[str] | None,
+        Option("-d", "--detector", metavar="NAME[param=value,...]", help="Detector, likewise; repeats."),
+    ] = None,
+    case: Annotated[
+        list[str] | None, Option(metavar="FAMILY[param=value,...]", help="Case, or all of a family; repeats.")
+    ] = None,
+    search: Annotated[
+        int | None,
+        Option(
+            metavar="N",
+            min=1,
+            help="Draw N cases a family at random, instead of the table; needs isacbench[stress].",
+        ),
+    ] = None,
+    seed: Annotated[int, Option(metavar="SEED", min=0, help=opt.SEED_HELP)] = 0,
+    out: Annotated[
+        Path | None, Option("-o", "--out", metavar="DIR", help="Folder; default results/stress-<time>.")
+    ] = None,
+    jobs: Annotated[int, Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes.")] = 1,
+    timeout: Annotated[
+        float, Option(metavar="SECONDS", min=0.001, help="Longest time of a case.")
+    ] = TIMEOUT_S,
+    plugin: opt.PluginFiles = None,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Put estimators and detectors through hostile but finite input, and say what breaks.
+
+    Without -e and -d: all, but references, which see the truth.
+    """
+    opt.register(plugin)
+    opt.require_names(estimators=estimator or (), detectors=detector or ())
+    from isacbench.bench.workers.guarded_process import start_process_server
+
+    start_process_server()
+    from isacbench.bench.store.run_folder import default_folder
+    from isacbench.checking import stress
+    from isacbench.plugins.registry import detector_names, estimator_names, sees_truth
+    from isacbench.report import findings
+
+    if estimator is None and detector is None:
+        estimator = [name for name in estimator_names() if not sees_truth(name)]
+        detector = detector_names()
+    targets = [
+        *stress.find_targets("estimator", estimator or ()),
+        *stress.find_targets("detector", detector or ()),
+    ]
+    if search is None:
+        running = stress.run_cases(stress.tasks_of(targets, case or [], seed), jobs, timeout)
+    elif jobs > 1:
+        raise InputError(
+            f"--jobs {jobs}: --search needs --jobs 1, because each case depends on the previous ones"
+        )
+    elif find_spec("hypothesis") is None:
+        raise InputError(
+            f'--search {search}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
+        )
+    else:
+        families = stress.find_families(case or [], {target.kind for target in targets})
+        running = stress.search(
+            targets,
+            families,
+            search,
+            seed,
+            timeout,
+            # A search takes a while.
+            lambda target, family: say(f"searching {family.name} for {target.spec}", err=True),
+        )
+    results: list[CaseResult] = []
+    interrupted = False
+    folder = default_folder("stress") if out is None else out
+    with stress.open_stress_folder(folder):
+        try:
+            if not as_json:
+                say(findings.HEADER)
+            for result in running:
+                results.append(result)
+                if not as_json:
+                    say_lines(findings.line(result))
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            # Whatever ends this, a terminal that is gone included.
+            paths = stress.write_stress_tables(folder, results, timeout_s=timeout)
+    if as_json:
+        print_json(findings.describe_stress(results))
+    else:
+        if search is None and results:
+            print_table(findings.promise_grid(stress.check_table(results)))
+            print_table(findings.family_grid(stress.case_table(results)))
+        if search is None or interrupted:
+            say(findings.summary(results))
+        else:
+            count = counted(len(results), "finding") if results else "no finding"
+            say(f"searched {search} cases a family for {counted(len(targets), 'target')}: {count}")
+        say(f"{folder}: {', '.join(path.name for path in paths)}")
+    if interrupted:
+        fail(f"interrupted: the {len(results)} cases so far are in {folder}", Exit.INTERRUPTED)
+    broken = [result for result in results if result.is_broken]
+    if broken:
+        fail(f"{counted(len(broken), 'finding')}; the first one: {broken[0].reproduce}", Exit.FAILED_CELLS)

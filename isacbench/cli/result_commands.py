@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from typer import Argument, Option
 
-from isacbench.cli.app import EXIT_NOT_COMPARABLE, EXIT_REGRESSION, app, fail, say
-from isacbench.cli.completion import curves_like, metrics_like
-from isacbench.cli.options import (
-    SPEC,
-    AsJson,
-    Html,
-    MetricSpecs,
-    MixVersions,
-    PluginFiles,
-    register,
-    require_names,
-)
-from isacbench.cli.printing import print_json, print_table, report_run
+import isacbench
+from isacbench.cli import options as opt
+from isacbench.cli.app import Exit, app, fail, print_json, print_table, report_run, say
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from isacbench.bench.compare.comparison import Comparison
-    from isacbench.bench.store.run import Run
 
 GAPS_SHOWN = 10
 """Largest number of lines about missing cells."""
@@ -41,8 +26,7 @@ def report_command(
         Argument(metavar="DIR...", help="Folder of a run; with --html several runs of the same scenes."),
     ],
     html: Annotated[
-        bool | None,
-        Option("--html/--no-html", help="Write the interactive page alone, or all but the page."),
+        bool | None, Option("--html/--no-html", help="Write the interactive page alone, or all but the page.")
     ] = None,
     out: Annotated[
         Path | None, Option("-o", "--out", metavar="FILE.html", help="Page of several runs.")
@@ -51,18 +35,19 @@ def report_command(
     snr: Annotated[float | None, Option(help="Draw clouds, maps and spectra at this SNR in dB.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Draw clouds, maps and spectra of this trial.")] = None,
     metric: Annotated[
-        str | None, Option(help="Draw this score over SNR.", autocompletion=curves_like)
+        str | None, Option(help="Draw this score over SNR.", autocompletion=opt.curves_like)
     ] = None,
     extension: Annotated[
         str | None, Option("--format", metavar="png|pdf|svg", help="Format of figures.")
     ] = None,
-    plugin: PluginFiles = None,
+    plugin: opt.PluginFiles = None,
 ) -> None:
     """Make tables, figures and page of a run again, figures for a paper, or one page of several runs."""
     from isacbench.bench.store.run import Run
+    from isacbench.report.html import written_pages
     from isacbench.report.run_report import FigureChoice, draw_chosen
 
-    register(plugin)
+    opt.register(plugin)
     choice = FigureChoice(scenario, snr, trial, metric)
     is_choice = choice != FigureChoice() or extension is not None
     if html and is_choice:
@@ -70,42 +55,32 @@ def report_command(
     if len(folders) > 1 or out is not None:
         if not html:
             raise InputError("several folders, and -o, need --html; without it give one folder")
-        _write_leaderboard(folders, out)
+        path = Path(written_pages.LEADERBOARD_PAGE) if out is None else out
+        if path.suffix != ".html":
+            raise InputError(f"{path}: a page is written as .html; give -o FILE.html")
+        require_replaceable(path)
+        say(str(written_pages.write_leaderboard([Run.open(folder) for folder in folders], path)))
     elif html:
-        from isacbench.report.html.written_pages import write_run_page
-
-        say(str(write_run_page(Run.open(folders[0]))))
+        say(str(written_pages.write_run_page(Run.open(folders[0]))))
     elif is_choice:
         _say_figures(draw_chosen(Run.open(folders[0]), choice, extension or "png"))
     else:
         report_run(Run.open(folders[0]), html is None)
 
 
-def _write_leaderboard(folders: list[Path], out: Path | None) -> None:
-    """Write the page of one run or of several into a file of its own."""
-    from isacbench.bench.store.run import Run
-    from isacbench.report.html.written_pages import LEADERBOARD_PAGE, write_leaderboard
-
-    path = Path(LEADERBOARD_PAGE) if out is None else out
-    if path.suffix != ".html":
-        raise InputError(f"{path}: a page is written as .html; give -o FILE.html")
-    require_replaceable(path)
-    say(str(write_leaderboard([Run.open(folder) for folder in folders], path)))
-
-
 @app.command("merge")
 def merge_command(
     folders: Annotated[list[Path], Argument(help="Folders of runs of one suite, such as its shards.")],
     out: Annotated[Path, Option("-o", "--out", help="New folder for all of them.")],
-    mix_versions: MixVersions = False,
-    plugin: PluginFiles = None,
+    mix_versions: opt.MixVersions = False,
+    plugin: opt.PluginFiles = None,
 ) -> None:
     """Join shards of a run, or runs of one suite with other estimators."""
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.run.merging import merge as merge_runs
     from isacbench.charts import variants_in
 
-    register(plugin)
+    opt.register(plugin)
     merged = merge_runs(folders, out, mix_versions)
     if not merged.run.rows.empty:
         report_run(merged.run)
@@ -123,14 +98,14 @@ def merge_command(
 @app.command("rescore")
 def rescore_command(
     folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run.")],
-    metric: MetricSpecs = None,
-    plugin: PluginFiles = None,
+    metric: opt.MetricSpecs = None,
+    plugin: opt.PluginFiles = None,
 ) -> None:
     """Score the stored clouds of a run again, also by further metrics, without running it again."""
     from isacbench.bench.run.rescoring import rescore as rescore_run
 
-    register(plugin)
-    require_names(metrics=metric or ())
+    opt.register(plugin)
+    opt.require_names(metrics=metric or ())
     rescored = rescore_run(folder, metric or ())
     if not rescored.run.rows.empty:
         report_run(rescored.run)
@@ -163,57 +138,61 @@ def compare_command(
     plot: Annotated[Path | None, Option(help="Picture; default NEW/figures/compare-<score>.png.")] = None,
     markdown: Annotated[Path | None, Option(help="Write a summary in Markdown.")] = None,
     junit: Annotated[Path | None, Option(help="Write JUnit XML for continuous integration.")] = None,
-    html: Html = True,
-    as_json: AsJson = False,
+    html: opt.Html = True,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Compare two runs, or two estimators of one.
 
     Exit code 4 if a curve is worse or cells are lost, 5 if the runs cannot be compared.
     """
-    from isacbench.bench.compare.comparison import compare as compare_runs
-    from isacbench.bench.compare.pairs import NotComparableError
     from isacbench.bench.store.run import Run
-    from isacbench.report.comparisons.ci_files import (
-        comparison_junit,
-        comparison_markdown,
-        incomparable_junit,
-        incomparable_markdown,
-    )
-    from isacbench.report.comparisons.comparison_charts import comparison_paths, draw_comparison_files
-    from isacbench.report.comparisons.comparison_tables import comparison_content
+    from isacbench.report import ci_files
+    from isacbench.report.comparison import ComparisonReport
+    from isacbench.report.html.written_pages import write_comparison_page
 
     if (between is None) != (other is None):
         raise InputError("--between and --and must be given together")
     _require_own_places([path for path in (markdown, junit) if path is not None])
     runs = [Run.open(path) for path in (base, new) if path is not None]
     try:
-        found = compare_runs(
+        found = isacbench.compare(
             *runs,
             map=mapped or (),
             between=None if between is None or other is None else (between, other),
             tolerances=tolerance or (),
             alpha=alpha,
         )
-    except NotComparableError as error:
-        told = str(base), str(new), error.reasons
-        _write(markdown, lambda: incomparable_markdown(*told))
-        _write(junit, lambda: incomparable_junit(*told))
+    except isacbench.NotComparableError as error:
+        _write(markdown, ci_files.incomparable_markdown(str(base), str(new), error.reasons))
+        _write(junit, ci_files.incomparable_junit(str(base), str(new), error.reasons))
         if as_json:
             print_json({"comparable": False, "reasons": error.reasons})
-            raise typer.Exit(EXIT_NOT_COMPARABLE) from error
-        fail("not comparable: " + "; ".join(error.reasons), EXIT_NOT_COMPARABLE)
-    folder = runs[-1].folder
-    comparison_paths(found, folder, plot)  # refuses a wrong name before anything is written
-    _write(markdown, lambda: comparison_markdown(found))
-    _write(junit, lambda: comparison_junit(found))
-    if not as_json:
-        _print_comparison(found, runs, plot, html)
-    else:
-        print_json(comparison_content(found))
+            raise typer.Exit(Exit.NOT_COMPARABLE) from error
+        fail("not comparable: " + "; ".join(error.reasons), Exit.NOT_COMPARABLE)
+    report, folder = ComparisonReport(found), runs[-1].folder
+    report.paths(folder, plot)  # refuses a wrong name before anything is written
+    _write(markdown, ci_files.comparison_markdown(found))
+    _write(junit, ci_files.comparison_junit(found))
+    if as_json:
+        print_json(report.content())
         if plot is not None:
-            draw_comparison_files(found, folder, plot)
+            report.draw(folder, plot)
+    else:
+        for line in (*report.heading, *report.effect_lines()):
+            say(line)
+        for grid in report.grids():
+            print_table(grid)
+        for line in report.lines():
+            say(line)
+        if plot is None:
+            _draw_into(folder, lambda: report.draw(folder))
+        else:
+            _say_figures(report.draw(folder, plot))
+        if html:
+            _draw_into(folder, lambda: [write_comparison_page(found, runs)], "page")
+        say(report.summary())
     if found.is_regression:
-        raise typer.Exit(EXIT_REGRESSION)
+        raise typer.Exit(Exit.REGRESSION)
 
 
 @app.command("rank")
@@ -223,36 +202,35 @@ def rank_command(
         str | None,
         Option(
             help="Score to rank by, such as f_score, objects_detected or deviation; default ratio.",
-            autocompletion=metrics_like,
+            autocompletion=opt.metrics_like,
         ),
     ] = None,
     estimator: Annotated[
         list[str] | None,
-        Option("-e", "--estimator", metavar=SPEC, help="Rank these alone, chosen before looking; repeats."),
+        Option(
+            "-e", "--estimator", metavar=opt.SPEC, help="Rank these alone, chosen before looking; repeats."
+        ),
     ] = None,
-    html: Html = True,
-    as_json: AsJson = False,
+    html: opt.Html = True,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Rank the estimators of a run over its scenes: rank sets, win probabilities, worst scenes."""
-    from isacbench.bench.compare.ranking import rank as rank_run
     from isacbench.bench.store.run import Run
-    from isacbench.report.comparisons.ranking_charts import draw_ranking_file
-    from isacbench.report.comparisons.ranking_tables import ranking_content, ranking_grids, ranking_lines
+    from isacbench.report import ranking
+    from isacbench.report.html.written_pages import write_rank_page
 
     run = Run.open(folder)
-    found = rank_run(run, metric, estimator)
+    found = isacbench.rank(run, metric, estimator)
     if as_json:
-        print_json(ranking_content(found))
+        print_json(ranking.ranking_content(found))
         return
-    for grid in ranking_grids(found):
+    for grid in ranking.ranking_grids(found):
         print_table(grid)
-    for line in ranking_lines(found):
+    for line in ranking.ranking_lines(found):
         say(line)
     if not found.is_descriptive:
-        _draw_into(folder, lambda: [draw_ranking_file(found, folder)])
+        _draw_into(folder, lambda: [ranking.draw_ranking_file(found, folder)])
     if html:
-        from isacbench.report.html.written_pages import write_rank_page
-
         _draw_into(folder, lambda: [write_rank_page(run, found.metric)], "page")
 
 
@@ -268,48 +246,15 @@ def _require_own_places(paths: list[Path]) -> None:
             raise InputError(f"{path}: is named by two options; give a different file to each")
 
 
-def _print_comparison(
-    comparison: Comparison, runs: Sequence[Run], plot: Path | None, with_page: bool
-) -> None:
-    """Print a comparison and draw it, by default into the folder of the new run, with its page."""
-    from isacbench.report.comparisons.comparison_charts import draw_comparison_files
-    from isacbench.report.comparisons.comparison_tables import (
-        comparison_grids,
-        comparison_lines,
-        comparison_summary,
-        effect_lines,
-    )
-    from isacbench.report.comparisons.words import Wording
-
-    for line in (*Wording(comparison).heading, *effect_lines(comparison)):
-        say(line)
-    for grid in comparison_grids(comparison):
-        print_table(grid)
-    for line in comparison_lines(comparison):
-        say(line)
-    folder = runs[-1].folder
-    if plot is None:
-        _draw_into(folder, lambda: draw_comparison_files(comparison, folder))
-    else:
-        _say_figures(draw_comparison_files(comparison, folder, plot))
-    if with_page:
-        from isacbench.report.html.written_pages import write_comparison_page
-
-        _draw_into(folder, lambda: [write_comparison_page(comparison, runs)], "page")
-    say(comparison_summary(comparison))
-
-
 def _draw_into(folder: Path, draw: Callable[[], list[Path]], noun: str = "figures") -> None:
     """Draw figures into the folder of a run, or say why that cannot be."""
     from isacbench.bench.store.run_folder import require_unlocked
 
     try:
         require_unlocked(folder)
-        figures = draw()
+        _say_figures(draw(), noun)
     except InputError as error:
         say(f"no {noun}: {error}")
-    else:
-        _say_figures(figures, noun)
 
 
 def _say_figures(figures: list[Path], noun: str = "figures") -> None:
@@ -317,10 +262,10 @@ def _say_figures(figures: list[Path], noun: str = "figures") -> None:
         say(f"{noun}: {', '.join(map(str, figures))}")
 
 
-def _write(path: Path | None, content: Callable[[], str]) -> None:
+def _write(path: Path | None, text: str) -> None:
     """Write a file, if one is asked for, in place of an older one."""
     from isacbench.bench.store.run_folder import replacing
 
     if path is not None:
         with replacing(path, afterwards="") as temporary:
-            temporary.write_text(content(), encoding="utf-8", newline="")
+            temporary.write_text(text, encoding="utf-8", newline="")

@@ -1,49 +1,35 @@
-"""The command that runs a suite."""
+"""The command that runs a suite, and its end by a signal."""
 
 from __future__ import annotations
 
 import math
+import os
+import signal
+import threading
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from types import FrameType
+from typing import Annotated, NoReturn, Self
 
 from typer import Option
 
 from isacbench.bench.run.progress import progress_shown
-from isacbench.cli.app import EXIT_FAILED_CELLS, app, fail, say
-from isacbench.cli.options import (
-    OUT_HELP,
-    SEED_HELP,
-    EstimatorSpecs,
-    Html,
-    MetricSpecs,
-    MixVersions,
-    PluginFiles,
-    ScenarioNames,
-    SuiteName,
-    register,
-    require_names,
-)
-from isacbench.cli.printing import report_run
-from isacbench.cli.termination import Termination
+from isacbench.cli import options as opt
+from isacbench.cli.app import Exit, app, fail, report_run, say
 from isacbench.errors import InputError
-
-if TYPE_CHECKING:
-    from isacbench.bench.run.runner import Execution
-    from isacbench.bench.store.run import Run
-    from isacbench.bench.suites.suite import Suite
 
 
 @app.command("run")
 def run_command(
-    suite: SuiteName = "paper",
-    estimator: EstimatorSpecs = None,
-    scenario: ScenarioNames = None,
+    suite: opt.SuiteName = "paper",
+    estimator: opt.EstimatorSpecs = None,
+    scenario: opt.ScenarioNames = None,
     snr: Annotated[str | None, Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")] = None,
     trials: Annotated[int | None, Option("-n", "--trials", min=1, help="Number of noise draws.")] = None,
-    seed: Annotated[int | None, Option(min=0, help=SEED_HELP)] = None,
-    out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=OUT_HELP)] = None,
-    plugin: PluginFiles = None,
-    metric: MetricSpecs = None,
+    seed: Annotated[int | None, Option(min=0, help=opt.SEED_HELP)] = None,
+    out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=opt.OUT_HELP)] = None,
+    plugin: opt.PluginFiles = None,
+    metric: opt.MetricSpecs = None,
     block: Annotated[int, Option(help="Take the k-th next block of seeds of a population.")] = 0,
     jobs: Annotated[int | None, Option("-j", "--jobs", min=1, help="Worker processes; default 1.")] = None,
     timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
@@ -56,19 +42,19 @@ def run_command(
         list[str] | None,
         Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
     ] = None,
-    mix_versions: MixVersions = False,
+    mix_versions: opt.MixVersions = False,
     timing: Annotated[bool, Option("--timing", help="Measure run times, one cell after the other.")] = False,
     repeats: Annotated[int | None, Option(min=1, help="Timed estimates a cell; default 5.")] = None,
-    html: Html = True,
+    html: opt.Html = True,
 ) -> None:
     """Run a suite: estimate, score, tabulate, draw. An existing folder of the same run is completed."""
     from isacbench.bench.suites.suite import find_suite, parse_snr
 
     if out is None and (rerun or mix_versions):
         raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
-    register(plugin)
+    opt.register(plugin)
     find_suite(suite)
-    require_names(scenario or (), estimator or (), metrics=metric or ())
+    opt.require_names(scenario or (), estimator or (), metrics=metric or ())
     if dask is None:
         from isacbench.bench.workers.guarded_process import start_process_server
 
@@ -95,7 +81,7 @@ def run_command(
         seed=seed,
     )
     wanted = with_metrics(wanted, metric or ())
-    require_names(
+    opt.require_names(
         wanted.scenarios,
         wanted.estimators,
         getattr(wanted, "detectors", ()),
@@ -105,18 +91,17 @@ def run_command(
     from isacbench.bench.cells.record import failed
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard
-    from isacbench.bench.run.runner import Execution
+    from isacbench.bench.run.looks import record_look
+    from isacbench.bench.run.runner import Execution, run_suite
     from isacbench.bench.store.manifest import command_to_show
     from isacbench.bench.store.resume import parse_reruns
-    from isacbench.bench.store.run_folder import default_folder
+    from isacbench.bench.store.run_folder import MANIFEST, default_folder
     from isacbench.bench.workers.guarded_cells import Guard
 
+    limits = [None if limit == math.inf else limit for limit in (timeout, memory)]
     execution = Execution(
         n_jobs=jobs or (1 if dask is None else None),
-        guard=Guard(
-            timeout_s=None if timeout == math.inf else timeout,
-            memory_mib=None if memory == math.inf else memory,
-        ),
+        guard=Guard(*limits),
         dask=dask,
         shard=None if shard is None else Shard.parse(shard),
         rerun=parse_reruns(rerun or ()),
@@ -126,42 +111,66 @@ def run_command(
     folder = default_folder(wanted.name) if out is None else out
     with Termination() as termination:
         try:
-            run = _run_and_report(wanted, folder, execution, html)
+            if (log := record_look(wanted)) is not None:
+                say(f"{log}: this look at reporting scenes is recorded; commit it")
+            with progress_shown(wanted.name, is_idle=execution.is_timing) as show:
+                run = run_suite(wanted, folder, show, execution)
+            if not run.rows.empty:
+                report_run(run, html)
         except KeyboardInterrupt:
-            termination.fail(_describe_left(folder))
+            left = "nothing is done yet"
+            if (folder / MANIFEST).exists():
+                left = f"what is done so far is in {folder}; isacbench report {folder} tabulates it"
+            termination.fail(left)
         if run.manifest["interrupted"]:
             termination.fail(f"the {len(run.rows)} cells so far are in {folder}")
     lost = run.rows[failed(run.rows)]
     if not lost.empty:
         first = lost.iloc[0]
-        label = estimator_labels([(first["estimator"], first["params"])])[first["estimator"], first["params"]]
+        (label,) = estimator_labels([(first["estimator"], first["params"])]).values()
         command = command_to_show(run.manifest, first["scenario"], label, first["snr_db"], first["trial"])
         fail(
             f"{len(lost)} of {len(run.rows)} cells failed, the first one {first['estimator']} on "
             f"{first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}: {first['status']}, "
             f"{first['reason']}{f'; again: {command}' if command else ''}",
-            EXIT_FAILED_CELLS,
+            Exit.FAILED_CELLS,
         )
 
 
-def _run_and_report(suite: Suite, folder: Path, execution: Execution, with_page: bool) -> Run:
-    """Run a suite and make tables and figures of its rows, also after an interrupt."""
-    from isacbench.bench.run.looks import record_look
-    from isacbench.bench.run.runner import run_suite
-
-    if (log := record_look(suite)) is not None:
-        say(f"{log}: this look at reporting scenes is recorded; commit it")
-    with progress_shown(suite.name, is_idle=execution.is_timing) as show:
-        run = run_suite(suite, folder, show, execution)
-    if not run.rows.empty:
-        report_run(run, with_page)
-    return run
+SAME_S = 1.0
+"""Signals within this time count as one: GNU timeout signals a process and then its group."""
 
 
-def _describe_left(folder: Path) -> str:
-    """Describe what is stored after an interrupt outside the work on cells."""
-    from isacbench.bench.store.run_folder import MANIFEST
+class Termination:
+    """SIGTERM of job schedulers, containers and CI while a command runs: it ends it as Ctrl-C does.
 
-    if not (folder / MANIFEST).exists():
-        return "nothing is done yet"
-    return f"what is done so far is in {folder}; isacbench report {folder} tabulates it"
+    The first signal raises KeyboardInterrupt in the main thread, so that the command can write what it has.
+    A later one ends the process at once. Handlers installed by other code, before or meanwhile, stay.
+    """
+
+    def __init__(self) -> None:
+        self._first_s: float | None = None
+
+    def __enter__(self) -> Self:
+        in_main_thread = threading.current_thread() is threading.main_thread()
+        if in_main_thread and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, self._receive)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if signal.getsignal(signal.SIGTERM) == self._receive:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+    def fail(self, message: str) -> NoReturn:
+        """End the command with a message that names the interrupt: SIGTERM if received, otherwise Ctrl-C."""
+        if self._first_s is None:
+            fail(f"interrupted: {message}", Exit.INTERRUPTED)
+        fail(f"terminated: {message}", Exit.TERMINATED)
+
+    def _receive(self, number: int, frame: FrameType | None) -> None:
+        now_s = time.monotonic()
+        if self._first_s is None:
+            self._first_s = now_s
+            raise KeyboardInterrupt
+        if now_s - self._first_s > SAME_S:
+            os._exit(Exit.TERMINATED)

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from functools import partial
 from math import prod
 from operator import itemgetter
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,6 @@ from numpy.typing import NDArray
 from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import HELD_BYTES, require_file
 from isacbench.files.escaping import shortened
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Box = tuple[slice, ...]
 Lengths = tuple[int, ...]
@@ -262,27 +260,18 @@ def _list_mat(path: Path) -> ArrayFile:
     if HDF5_SIGNATURE in (head[: len(HDF5_SIGNATURE)], head[USER_BLOCK:]):
         return _list_hdf5(path)
     require_file(path, HELD_BYTES)
-    load = partial(loadmat, path, appendmat=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # SciPy gives the last of several variables of one name. All objects have the name None to it.
         warnings.filterwarnings("error", 'Duplicate variable name "(?!None")')
-        variables = load()
+        variables = loadmat(path, appendmat=False)
         entries: Entries = {}
-        if isinstance(variables.get("None"), MatlabOpaque):
-            del variables["None"]
-            while (name := _last_object(load, 1 + len(entries))) not in entries:
-                entries[name] = "object"
+        if isinstance(variables.get("None"), MatlabOpaque):  # the last one, if they are several
+            entries[variables.pop("None")["s0"].item().decode("latin1")] = "object"
     for name, value in variables.items():
         if not name.startswith("__"):
             entries.update(_variable(name, value))
     return ArrayFile(entries)
-
-
-def _last_object(load: Callable[..., dict[str, Any]], n: int) -> str:
-    """Name of the last of the first n objects of MATLAB: of as many as are wanted, SciPy gives that."""
-    name: str = load(variable_names=["None"] * n)["None"]["s0"].item().decode("latin1")
-    return name
 
 
 def _variable(name: str, value: Any) -> Iterator[tuple[str, StoredArray | str]]:
@@ -337,21 +326,15 @@ def _matlab_class(attributes: Any) -> str | None:
     if "MATLAB_sparse" in attributes:
         return SPARSE
     value = attributes.get("MATLAB_class")
-    return (
-        None
-        if value is None
-        else shortened(value.decode("latin1") if isinstance(value, bytes) else str(value))
-    )
+    text = value.decode("latin1") if isinstance(value, bytes) else str(value)
+    return None if value is None else shortened(text)
 
 
 def _list_zarr(path: Path) -> ArrayFile:
     """List everything in a zarr store of version 2 or 3, in a folder or a zip file."""
     zarr: Any = import_extra("zarr", "cubes", str(path))
-    store = (
-        zarr.storage.LocalStore(path, read_only=True)
-        if path.is_dir()
-        else zarr.storage.ZipStore(path, mode="r")
-    )
+    storage = zarr.storage
+    store = storage.LocalStore(path, read_only=True) if path.is_dir() else storage.ZipStore(path, mode="r")
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

@@ -68,13 +68,14 @@ def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     kind, location = mistake["type"], mistake["loc"]
     key = _dotted(location)
     if kind == "extra_forbidden":
-        return f"unknown key {key}: {did_you_mean(str(location[-1]), _known_keys(model, location))}"
+        known = list(_schema_at(model, location[:-1])["properties"])
+        return f"unknown key {key}: {did_you_mean(str(location[-1]), known)}"
     if kind == "missing":
         return f"missing {'item' if isinstance(location[-1], int) else 'key'} {key}"
     if kind == "union_tag_not_found":
         return f"missing key {key}.{_tag_key(mistake)}"
     if kind == "union_tag_invalid":
-        tag, allowed = mistake["ctx"]["tag"], _union_tags(model, location)
+        tag, allowed = mistake["ctx"]["tag"], _schema_at(model, location)["discriminator"]["mapping"]
         return f"{key}.{_tag_key(mistake)} = {quoted(tag)}: {did_you_mean(tag, allowed)}"
     message = _message(mistake)
     return f"{key} = {quoted(mistake['input'])}: {message[0].lower()}{message[1:]}"
@@ -109,16 +110,6 @@ def _dotted(location: Location) -> str:
 def _tag_key(mistake: ErrorDetails) -> str:
     """Key that tells the members of a union apart."""
     return str(mistake["ctx"]["discriminator"]).strip("'")
-
-
-def _union_tags(model: type[BaseModel], location: Location) -> list[str]:
-    """Values of the key that tells the members of a union apart."""
-    return list(_schema_at(model, location)["discriminator"]["mapping"])
-
-
-def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
-    """Keys of the table that a location's last part was looked up in."""
-    return list(_schema_at(model, location[:-1])["properties"])
 
 
 def _schema_at(model: type[BaseModel], location: Location) -> dict[str, Any]:

@@ -1,16 +1,20 @@
 """Pictures of point clouds: in perspective and in projection, coloured by radial velocity."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, MultipleLocator
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
+from isacbench.charts import Variant
 from isacbench.errors import InputError, require
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted
@@ -27,42 +31,28 @@ from isacbench.report.figures import (
     velocity_colours,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import pandas as pd
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from isacbench.charts import Variant
-
-    Floats = NDArray[np.float64]
-    Axes3D = Any  # mpl_toolkits has no types
-
+Axes3D = Any  # mpl_toolkits has no types
 
 PANEL_IN = 3.2, 2.7
 LONE_PANEL_IN = 5.6, 4.6
-COMPARISON_IN = 11.0
-SIDES_IN, MOST_HEIGHT_IN = 1.4, 3.4
-"""Room beside a box in perspective or a projection, and the largest height of either."""
+COMPARISON_IN, PERSPECTIVE_IN = 11.0, 4.0
+"""Width of a comparison, and height of its panels in perspective."""
 
-HEADING_IN, LABELS_IN = 1.0, 0.6
-"""Room above and below a box in perspective, and below a projection."""
+MARGIN_IN, LABELS_IN, MOST_HEIGHT_IN = 1.4, 0.6, 3.4
+"""Room beside and below a projection, and its largest height."""
 
 MAX_COLUMNS = 4
-ELEVATION_DEG, AZIMUTH_DEG, ZOOM = 27.0, -50.0, 0.85
-MOST_ZOOM = 1.4
-"""Zoom above which the labels of a very long box would leave its panel."""
+ELEVATION_DEG, AZIMUTH_DEG = 27.0, -50.0
+ZOOM, COMPARISON_ZOOM = 0.85, 1.1
 
 TICKS, TICKS_IN_PROJECTION = 4, 6
+"""About so many ticks along the longest edge of a box."""
+
 SMALLEST_BOX_M = 2.0
 FLATTEST = 0.1
 """Shortest edge of a box over its longest one: the scales of a flatter box would overlap."""
 
 AXES = "xyz"
-BAR_LABEL = "radial velocity [m/s], approaching > 0"
 
 MOST_CLOUDS = 16
 """Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
@@ -79,8 +69,8 @@ class _Scene(NamedTuple):
     """Truth, drawn box and colours that all panels of a figure share."""
 
     truth: PointCloud
-    lower_m: Floats
-    upper_m: Floats
+    lower_m: NDArray[np.float64]
+    upper_m: NDArray[np.float64]
     colours: ScalarMappable
     has_velocities: bool
     radius_m: float
@@ -106,18 +96,9 @@ def draw_clouds(
 ) -> Figure:
     """Draw images of one scenario beside the truth, a column an estimator, a row an SNR.
 
-    Parameters
-    ----------
-    truth : PointCloud
-        At least one scatterer; it stands faintly behind every estimate.
-    region : Region
-        Its speeds span the colours.
-    columns : sequence of str
-        Labels of the estimators.
-    rows : mapping of float to sequence of Image
-        For each SNR in dB one image an estimator.
-    radius_m : float
-        Distance from the truth in m beyond which a point is marked as false.
+    The truth, at least one scatterer, stands faintly behind every estimate. The speeds of the region span the
+    colours, `columns` are labels of the estimators, `rows` has for each SNR in dB one image an estimator, and
+    a point farther than the radius from the truth is marked as false.
     """
     images = [image for row in rows.values() for image in (_image_of_truth(truth), *row)]
     headings = ["truth", *columns, *[""] * (len(images) - len(columns) - 1)]
@@ -132,81 +113,39 @@ def draw_clouds(
 def draw_images(
     title: str, truth: PointCloud, images: Mapping[str, Image], region: Region, radius_m: float
 ) -> Figure:
-    """Draw images of one scene side by side, after the truth if there is any.
+    """Draw images of one scene, by their headings, side by side, after the truth if there is any.
 
     Without truth no point is marked, and nothing is compared.
-
-    Parameters
-    ----------
-    truth : PointCloud
-        True scatterers, possibly none.
-    images : mapping of str to Image
-        At least one, by its heading.
-    region : Region
-        Its speeds span the colours.
-    radius_m : float
-        Distance from the truth in m beyond which a point is marked as false.
     """
     headings, shown = [drawable(heading) for heading in images], list(images.values())
     if len(truth):
         headings, shown = ["truth", *headings], [_image_of_truth(truth), *shown]
     scene = _scene(truth, shown, region, radius_m)
     panel_in = PANEL_IN if len(shown) > 1 else LONE_PANEL_IN
-    figure, _ = _perspectives(title, scene, headings, shown, min(len(shown), MAX_COLUMNS), panel_in)
-    return figure
+    return _perspectives(title, scene, headings, shown, min(len(shown), MAX_COLUMNS), panel_in)[0]
 
 
 def draw_comparison(
     title: str, truth: PointCloud, heading: str, image: Image, region: Region, radius_m: float
 ) -> Figure:
-    """Draw one image beside the truth, and both over each other in the three projections.
-
-    Parameters
-    ----------
-    truth : PointCloud
-        True scatterers, at least one.
-    heading : str
-        Name of the image.
-    region : Region
-        Its speeds span the colours.
-    radius_m : float
-        Distance from the truth in m beyond which a point is marked as false.
-    """
+    """Draw one image beside the truth, at least one scatterer, and both over each other in projections."""
     scene = _scene(truth, [_image_of_truth(truth), image], region, radius_m)
-    upper_in, zoom = _perspective_size(scene, COMPARISON_IN / 2)
-    lower_in = _projection_height_in(scene, COMPARISON_IN / 3)
-    figure = new_figure(COMPARISON_IN, upper_in + lower_in, legend=_legend(scene), title=title)
+    x_m, y_m, z_m = scene.upper_m - scene.lower_m
+    # The highest projection fills its width.
+    projection_in = (COMPARISON_IN / 3 - MARGIN_IN) * max(y_m / x_m, z_m / x_m, z_m / y_m)
+    heights_in = [PERSPECTIVE_IN, min(projection_in, MOST_HEIGHT_IN) + LABELS_IN]
+    figure = new_figure(COMPARISON_IN, sum(heights_in), legend=_legend(scene), title=title)
     places: list[Any] = [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2]
-    in_perspective: Any = {("truth", "estimate"): {"projection": "3d"}}
-    panels = figure.subplot_mosaic(places, per_subplot_kw=in_perspective, height_ratios=[upper_in, lower_in])
-    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth), zoom)
-    _draw_perspective(panels["estimate"], scene, drawable(heading), image, zoom)
+    panels = figure.subplot_mosaic(
+        places, per_subplot_kw={("truth", "estimate"): {"projection": "3d"}}, height_ratios=heights_in
+    )
+    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth), COMPARISON_ZOOM)
+    _draw_perspective(panels["estimate"], scene, drawable(heading), image, COMPARISON_ZOOM)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
     if scene.has_velocities:
-        velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]], BAR_LABEL)
+        velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]])
     return figure
-
-
-def _perspective_size(scene: _Scene, width_in: float) -> tuple[float, float]:
-    """Choose height in inches and zoom of a panel of this width, so that the box fills it."""
-    elevation, azimuth = np.deg2rad([ELEVATION_DEG, AZIMUTH_DEG])
-    ahead = np.abs([np.cos(azimuth), np.sin(azimuth)])
-    size_m = scene.upper_m - scene.lower_m
-    across_m = ahead[::-1] @ size_m[:2]
-    up_m = np.sin(elevation) * (ahead @ size_m[:2]) + np.cos(elevation) * size_m[2]
-    inches_a_metre = min((width_in - SIDES_IN) / across_m, MOST_HEIGHT_IN / up_m)
-    height_in = inches_a_metre * up_m + HEADING_IN
-    # The axes are a square, in which a zoom of 1 makes the box's diagonal as long as a side.
-    zoom = inches_a_metre * np.linalg.norm(size_m) / min(width_in, height_in)
-    return float(height_in), min(float(zoom), MOST_ZOOM)
-
-
-def _projection_height_in(scene: _Scene, width_in: float) -> float:
-    """Height in inches of the row of projections, in which the highest one fills its width."""
-    x_m, y_m, z_m = scene.upper_m - scene.lower_m
-    highest_in = (width_in - SIDES_IN) * max(y_m / x_m, z_m / x_m, z_m / y_m)
-    return min(float(highest_in), MOST_HEIGHT_IN) + LABELS_IN
 
 
 def _image_of_truth(truth: PointCloud) -> Image:
@@ -246,17 +185,27 @@ def _perspectives(
     figure.subplots_adjust(0.01, bottom_in / height_in, 1.0, 1 - 0.4 / height_in, wspace=0, hspace=0)
     panels: list[Axes3D] = []
     for number, (heading, image) in enumerate(zip(headings, images, strict=True), start=1):
-        axes = figure.add_subplot(n_rows, n_columns, number, projection="3d")
-        _draw_perspective(axes, scene, heading, image)
-        panels.append(axes)
+        panels.append(figure.add_subplot(n_rows, n_columns, number, projection="3d"))
+        _draw_perspective(panels[-1], scene, heading, image, ZOOM)
     if scene.has_velocities:
-        velocity_bar(figure, scene.colours, panels, BAR_LABEL)
+        velocity_bar(figure, scene.colours, panels)
     return figure, panels
 
 
-def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image, zoom: float = ZOOM) -> None:
+def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image, zoom: float) -> None:
     """Draw an image in perspective, the truth faintly behind it, false points marked."""
-    _draw_box(axes, scene, zoom)
+    axes.computed_zorder = False
+    axes.set_facecolor("none")
+    axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
+    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=zoom)
+    x_m, y_m, z_m = zip(scene.lower_m, scene.upper_m, strict=True)
+    axes.set(xlim=x_m, ylim=y_m, zlim=z_m)
+    for name, axis in zip(AXES, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
+        axis.set_major_locator(_ticks(scene, name, TICKS))
+        axis.set_pane_color("0.95", alpha=1.0 if name == "z" else 0.0)
+        axis.set_label_text(f"{name} [m]")
+        axis.set_tick_params(pad=1 if name == "z" else -2, labelsize=7)
+        axis.labelpad = -6 if name == "z" else -4
     centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "top"}
     axes.text2D(0.5, 1.0, heading, weight="bold", **centred)
     axes.text2D(0.5, 0.94, image.note, size=8, color="0.25", **centred)
@@ -266,33 +215,28 @@ def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image, z
         axes.scatter(*points.xyz.T, c=scene.colours.to_rgba(points.velocity), **marks, **style)
 
 
-def _draw_box(axes: Axes3D, scene: _Scene, zoom: float) -> None:
-    """Set up axes with one scale in all directions, a grid and a grey floor."""
-    axes.computed_zorder = False
-    axes.set_facecolor("none")
-    axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
-    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=zoom)
-    x_m, y_m, z_m = zip(scene.lower_m, scene.upper_m, strict=True)
-    axes.set(xlim=x_m, ylim=y_m, zlim=z_m)
-    for name, axis in zip(AXES, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
-        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, name, TICKS)))
-        axis.set_pane_color("0.95", alpha=1.0 if name == "z" else 0.0)
-        axis.set_label_text(f"{name} [m]")
-        axis.set_tick_params(pad=1 if name == "z" else -2, labelsize=7)
-        axis.labelpad = -6 if name == "z" else -4
+def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -> None:
+    """Draw truth and estimate over each other, projected on a plane."""
+    shown = [AXES.index(name) for name in plane]
+    across, up = scene.truth.xyz[:, shown].T
+    axes.scatter(across, up, s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8)
+    for points, marks in _marked(scene, cloud):
+        across, up = points.xyz[:, shown].T
+        axes.scatter(across, up, c=scene.colours.to_rgba(points.velocity), **marks)
+    margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
+    x_m, y_m = zip(scene.lower_m[shown] - margin_m, scene.upper_m[shown] + margin_m, strict=True)
+    axes.set(xlim=x_m, ylim=y_m, xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
+    axes.set_aspect("equal", anchor="S")
+    for name, axis in zip(plane, (axes.xaxis, axes.yaxis), strict=True):
+        axis.set_major_locator(_ticks(scene, name, TICKS_IN_PROJECTION))
+    axes.grid(True)
 
 
-def _tick_step_m(scene: _Scene, name: str, n_ticks: int) -> float:
-    """Distance of ticks along an edge: 1, 2 or 5 times a power of ten.
-
-    There are about so many along the longest edge, and at most three steps up a low box.
-    """
+def _ticks(scene: _Scene, name: str, n_ticks: int) -> MaxNLocator:
+    """Ticks along an edge, on a short one in proportion fewer, but three."""
     size_m = scene.upper_m - scene.lower_m
-    longest_m, height_m = float(size_m.max()), float(size_m[2])
-    if name == "z" and height_m < longest_m / 2:
-        longest_m, n_ticks = height_m, 3
-    ticks_m = MaxNLocator(n_ticks, steps=[1, 2, 5, 10]).tick_values(0.0, longest_m)
-    return float(ticks_m[1] - ticks_m[0])
+    n_own = round(n_ticks * size_m[AXES.index(name)] / size_m.max())
+    return MaxNLocator(max(n_own, 2), steps=[1, 2, 5, 10])
 
 
 def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str, Any]]]:
@@ -306,36 +250,13 @@ def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str
     ]
 
 
-def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -> None:
-    """Draw truth and estimate over each other, projected on a plane."""
-    across, up = AXES.index(plane[0]), AXES.index(plane[1])
-    true_m = scene.truth.xyz
-    axes.scatter(
-        true_m[:, across], true_m[:, up], s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8
-    )
-    for points, marks in _marked(scene, cloud):
-        colours = scene.colours.to_rgba(points.velocity)
-        axes.scatter(points.xyz[:, across], points.xyz[:, up], c=colours, **marks)
-    margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
-    lower_m, upper_m = scene.lower_m - margin_m, scene.upper_m + margin_m
-    axes.set(xlim=(lower_m[across], upper_m[across]), ylim=(lower_m[up], upper_m[up]))
-    axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
-    axes.set_aspect("equal", anchor="S")
-    for name, axis in zip(plane, (axes.xaxis, axes.yaxis), strict=True):
-        axis.set_major_locator(MultipleLocator(_tick_step_m(scene, name, TICKS_IN_PROJECTION)))
-    axes.grid(True)
-
-
 def _legend(scene: _Scene) -> list[Line2D]:
     """Make the entries that explain the marks."""
     false = f"false point: farther than {scene.radius_m:g} m from the truth"
+    entries = ("o", CONTEXT, 3, "truth"), ("o", "0.2", 4, "estimate"), ("x", "0.2", 5, false)
     return [
         Line2D([], [], marker=marker, linestyle="", color=colour, markersize=size, label=label)
-        for marker, colour, size, label in (
-            ("o", CONTEXT, 3, "truth"),
-            ("o", "0.2", 4, "estimate"),
-            ("x", "0.2", 5, false),
-        )
+        for marker, colour, size, label in entries
     ]
 
 
@@ -351,9 +272,9 @@ def plot_clouds(
     """Draw estimated point clouds beside the truth, or alone where there is no truth.
 
     Clouds are shown in perspective, coloured by radial velocity, grey where it
-    is unknown. One estimate
-    and the truth are also laid over each other in the xy, xz and yz
-    projections. A notebook shows the figure after ``%matplotlib inline``.
+    is unknown. One estimate and the truth are also laid over each other in the
+    xy, xz and yz projections. A notebook shows the figure after ``%matplotlib
+    inline``.
 
     Parameters
     ----------
@@ -400,14 +321,22 @@ def plot_clouds(
     >>> both = plot_clouds(truth, {"first": estimate, "second": truth})
     >>> alone = plot_clouds(None, estimate)
     """
-    truth = PointCloud.empty() if truth is None else _cloud("truth", truth)
-    clouds = _named(estimate)
+    truth = PointCloud.empty() if truth is None else truth
+    _require_cloud("truth", truth)
+    clouds = estimate if isinstance(estimate, Mapping) else {"estimate": estimate}
+    if not clouds:
+        raise InputError("estimate: a mapping without clouds; allowed is at least one")
+    for name, cloud in clouds.items():
+        _require_cloud(f"estimate {name!r}" if clouds is estimate else "estimate", cloud)
     require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive, finite number of m")
     path = None if out is None else Path(out)
     if path is not None:
         require_picture(path)
-    region = _span([truth, *clouds.values()]) if region is None else region
-    images = {name: Image(cloud, _note(cloud)) for name, cloud in clouds.items()}
+    region = _region_of([truth, *clouds.values()]) if region is None else region
+    images = {
+        str(name): Image(cloud, counted(len(cloud), "point") if len(cloud) else "no points")
+        for name, cloud in clouds.items()
+    }
     with styled():
         if len(truth) and len(images) == 1:
             ((heading, image),) = images.items()
@@ -421,32 +350,17 @@ def plot_clouds(
     return figure
 
 
-def _named(estimate: PointCloud | Mapping[str, PointCloud]) -> dict[str, PointCloud]:
-    """Key clouds by the titles of their panels."""
-    if not isinstance(estimate, Mapping):
-        return {"estimate": _cloud("estimate", estimate)}
-    if not estimate:
-        raise InputError("estimate: a mapping without clouds; allowed is at least one")
-    return {str(name): _cloud(f"estimate {name!r}", cloud) for name, cloud in estimate.items()}
-
-
-def _cloud(name: str, value: object) -> PointCloud:
-    """Refuse values that are no cloud."""
+def _require_cloud(name: str, value: object) -> None:
     if not isinstance(value, PointCloud):
         raise InputError(
             f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
             "PointCloud.from_array makes one of columns x, y, z, v"
         )
-    return value
 
 
-def _span(clouds: Sequence[PointCloud]) -> Region:
+def _region_of(clouds: Sequence[PointCloud]) -> Region:
     """Compute the smallest region of all points and speeds; an empty one of no points."""
     points = np.concatenate([cloud.to_array()[:, :4] for cloud in clouds])
     points[np.isnan(points)] = 0.0  # velocities that are unknown
     lower, upper = (points.min(axis=0), points.max(axis=0)) if len(points) else np.zeros((2, 4))
     return Region(*zip(lower.tolist(), upper.tolist(), strict=True))
-
-
-def _note(cloud: PointCloud) -> str:
-    return counted(len(cloud), "point") if len(cloud) else "no points"

@@ -1,13 +1,17 @@
 """Figures: their style, and charts as panels of a figure with one legend."""
 
-from __future__ import annotations
-
 import math
 import textwrap
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Literal
 
+import matplotlib.axis
 import matplotlib.style
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import AsinhNorm, LinearSegmentedColormap
@@ -16,24 +20,17 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from isacbench.bench.store.run_folder import replacing
-from isacbench.charts import NO_SCORE
-from isacbench.files.checked_files import make_own_folder
+from isacbench.charts import NO_SCORE, Axis, Chart, ChartGroup, LineStyle, Series
+from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from contextlib import AbstractContextManager
-    from pathlib import Path
+Floats = NDArray[np.float64]
 
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis as FigureAxis
-    from numpy.typing import NDArray
-
-    from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series
-
+FOLDER = "figures"
+"""Folder of the figures in that of a run."""
 
 DPI = 150
 FONT = "DejaVu Sans"
@@ -51,6 +48,7 @@ VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
 UNKNOWN = "#7A7A7A"
 """Grey of points whose velocity is unknown."""
 
+VELOCITY = "radial velocity [m/s], approaching > 0"
 SLOW_MPS = 2.0
 TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
 
@@ -169,13 +167,13 @@ def velocity_colours(fastest_mps: float) -> ScalarMappable:
     return ScalarMappable(AsinhNorm(SLOW_MPS, -fastest_mps, fastest_mps), colours)
 
 
-def velocity_bar(figure: Figure, colours: ScalarMappable, panels: Iterable[Axes], label: str) -> None:
+def velocity_bar(figure: Figure, colours: ScalarMappable, panels: Iterable[Axes]) -> None:
     """Draw the colour bar of `velocity_colours` to the right of some panels."""
     fastest_mps = colours.norm.vmax or 0.0
-    ticks = [tick for tick in TICKS_MPS if abs(tick) <= fastest_mps]
     width_in = figure.get_figwidth()
     place: dict[str, Any] = {"fraction": 0.8 / width_in, "pad": 0.5 / width_in, "shrink": 0.7, "aspect": 25}
-    bar = figure.colorbar(colours, ax=list(panels), label=label, ticks=ticks, format="%g", **place)
+    ticks = TICKS_MPS[np.abs(TICKS_MPS) <= fastest_mps]
+    bar = figure.colorbar(colours, ax=list(panels), label=VELOCITY, ticks=ticks, format="%g", **place)
     bar.minorticks_off()
 
 
@@ -203,11 +201,17 @@ FEW_POINTS = 40
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def save_charts(groups: Iterable[ChartGroup], folder: Path, extension: str = "png") -> list[Path]:
-    """Draw groups of charts into files of a folder, which is made; they are drawn one after the other."""
+def save_figures(figures: Iterable[tuple[str, Figure]], folder: Path, extension: str = "png") -> list[Path]:
+    """Save figures by the stems of their files into a folder, which is made; they are drawn meanwhile."""
+    require_picture(Path(f"figure.{extension}"))
     make_own_folder(folder)
     with styled():
-        return [save(draw_charts(group), folder / f"{group.stem}.{extension}") for group in groups]
+        return [save(figure, folder / f"{stem}.{extension}") for stem, figure in figures]
+
+
+def drawn_charts(groups: Iterable[ChartGroup]) -> Iterator[tuple[str, Figure]]:
+    """Draw groups of charts one after the other, each by the stem of its file."""
+    return ((group.stem, draw_charts(group)) for group in groups)
 
 
 def draw_charts(group: ChartGroup) -> Figure:
@@ -267,7 +271,7 @@ def _draw_chart(axes: Axes, chart: Chart, letters: int) -> None:
     alpha = min(0.22, 0.6 / max(len(chart.series), 1))  # bands of many lines lie over each other
     n_points = sum(np.size(series.x) for series in chart.series if series.mark == "points")
     size = 6.0 if n_points <= FEW_POINTS else 3.0
-    left: NDArray[np.float64] | float = 0.0
+    left: Floats | float = 0.0
     for series in chart.series:
         x, y = (np.asarray(values, dtype=np.float64) for values in (series.x, series.y))
         if series.mark == "bar":
@@ -284,13 +288,7 @@ def _draw_chart(axes: Axes, chart: Chart, letters: int) -> None:
 
 
 def _draw_series(
-    axes: Axes,
-    series: Series,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    y_axis: Axis,
-    alpha: float,
-    size: float,
+    axes: Axes, series: Series, x: Floats, y: Floats, y_axis: Axis, alpha: float, size: float
 ) -> None:
     """Draw a line in its band, points with bars, or steps."""
     colour, style = _colour(series.style), series.style
@@ -322,9 +320,7 @@ def _draw_series(
             axes.annotate(text, place, color=colour, ha="center", fontsize=6.0, **offset)
 
 
-def _inside(
-    values: NDArray[np.float64], axis: Axis, instead: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+def _inside(values: Floats, axis: Axis, instead: Floats | None = None) -> Floats:
     """Clip values to the ends of an axis; on a logarithmic one without, what is not positive is not drawn.
 
     An end of an interval that is not positive there is a tenth of the value `instead`.
@@ -337,7 +333,7 @@ def _inside(
 
 
 def _scale(axes: Axes, name: str, axis: Axis) -> None:
-    own: FigureAxis = getattr(axes, f"{name}axis")
+    own: matplotlib.axis.Axis = getattr(axes, f"{name}axis")
     if axis.log:
         axes.set(**{f"{name}scale": "log"})
     if axis.limits is not None:

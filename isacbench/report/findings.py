@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 from rich.console import Console
@@ -14,12 +14,10 @@ from rich.text import Text
 
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.charts import Table, text_table
+from isacbench.checking.plugin_check import CheckReport, PluginFindings
 from isacbench.checking.stress import BROKEN, CaseResult, case_table
 from isacbench.files.escaping import counted, visible, visible_lines
-
-if TYPE_CHECKING:
-    from isacbench.checking.plugin_check import CheckReport, PluginFindings
-
+from isacbench.report.tables import json_rows
 
 WORDS = {
     "ok": ("ok", "green"),
@@ -49,28 +47,20 @@ def describe_checks(report: CheckReport) -> dict[str, Any]:
 
 def print_findings(plugin: PluginFindings) -> None:
     """Print the findings about a plugin, a line a check."""
-    console = _console()
-    console.print(Text(visible(str(plugin)), style="bold"))
     table = RichTable.grid(padding=(0, 2))
     for finding in plugin.findings:
         word, colour = WORDS[finding.status]
-        table.add_row(
-            "",
-            Text(word, style=colour),
-            Text(visible(finding.check)),
-            Text(visible_lines(finding.message)),
-        )
+        message = visible_lines(finding.message)
+        table.add_row("", Text(word, style=colour), Text(visible(finding.check)), Text(message))
+    console = Console(soft_wrap=False, highlight=False)
+    console.print(Text(visible(str(plugin)), style="bold"))
     console.print(table)
 
 
-def print_counts(report: CheckReport) -> None:
-    """Print how many checks of all plugins ended how."""
+def counts_line(report: CheckReport) -> str:
+    """Count how many checks of all plugins ended how."""
     counts = ", ".join(f"{n} {WORDS[status][0]}" for status, n in report.counts.items() if n)
-    _console().print(f"{counted(len(report.plugins), 'plugin')}: {counts}")
-
-
-def _console() -> Console:
-    return Console(soft_wrap=False, highlight=False)
+    return f"{counted(len(report.plugins), 'plugin')}: {counts}"
 
 
 CASE_WIDTH, TARGET_WIDTH = 64, 16
@@ -129,16 +119,9 @@ def summary(results: Sequence[CaseResult]) -> str:
     return f"{counted(len(results), 'case')}: {', '.join(f'{n} {status}' for status, n in counts) or 'none'}"
 
 
-def search_summary(found: Sequence[CaseResult], n_examples: int, n_targets: int) -> str:
-    """Summarise a search of so many cases a family and target in one line."""
-    findings = counted(len(found), "finding") if found else "no finding"
-    return f"searched {n_examples} cases a family for {counted(n_targets, 'target')}: {findings}"
-
-
 def describe_stress(results: Sequence[CaseResult]) -> dict[str, Any]:
     """Cases in terms of JSON, null where nothing was measured, and the number of every outcome."""
     cases = case_table(results).drop(columns=["params", "seed"])
     cases["estimator"] = [result.task.target.spec for result in results]
-    cases = cases.astype(object).where(~cases.isin([math.nan, math.inf]), None)
     counts = Counter(result.status for result in results)
-    return {"cases": cases.to_dict("records"), "counts": dict(sorted(counts.items()))}
+    return {"cases": json_rows(cases), "counts": dict(sorted(counts.items()))}

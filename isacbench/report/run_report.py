@@ -3,44 +3,73 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
 from isacbench.bench.cells.record import CLOUD_KEYS, failed
 from isacbench.bench.kinds.imaging import SCORE_AXES, score_charts
-from isacbench.bench.kinds.kind import lines_of
+from isacbench.bench.kinds.kind import lines_of, title_stems
 from isacbench.bench.kinds.population import scene_cells
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, averaged_columns, summarise_scores
-from isacbench.bench.store.run import CellKey
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
+from isacbench.bench.store.manifest import command_to_show
+from isacbench.bench.store.run import CellKey, Run
+from isacbench.bench.store.run_folder import cannot_be_written, replacing
+from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.charts import Axis, Chart, ChartGroup, Series, batched, nearest_values, rows_of, with_symbol
+from isacbench.charts import (
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    Line,
+    Series,
+    Table,
+    Variant,
+    batched,
+    nearest_values,
+    rows_of,
+    text_table,
+    variants_in,
+    with_symbol,
+)
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.files.checked_files import make_own_folder, require_picture
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import counted, shortened
 from isacbench.files.file_names import file_stems
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
+from isacbench.model.radio_coordinates import median_gain_db
+from isacbench.model.scene import warned_before
 from isacbench.report.clouds import Image, best_variants, draw_clouds, draw_comparison
 from isacbench.report.diagnoses import diagnosis_figures
-from isacbench.report.figures import draw_charts, drawable, save, styled
+from isacbench.report.figures import FOLDER, drawable, drawn_charts, save_figures
 from isacbench.report.html.written_pages import write_run_page
-from isacbench.report.run_tables import write_run_tables
+from isacbench.report.tables import markdown
 
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+NamedFigure = tuple[str, Figure]
 
-    import pandas as pd
-    from matplotlib.figure import Figure
+MOST_FAILURES = 20
+NOTHING: Mapping[str, Any] = {}
 
-    from isacbench.bench.store.run import Run
-    from isacbench.charts import Line, Table, Variant
+CLOUD_SNRS_DB = -20.0, -5.0, 10.0
+CLOUDS_A_FIGURE = 4
+CELL = ["estimator", "params", "snr_db"]
+MOST_WORST = 6
+"""Most estimators whose worst scene is drawn."""
 
-    NamedFigure = tuple[str, Figure]
+WORST_SNR_DB = 10.0
+"""SNR of the pictures of worst scenes, if it was run, otherwise the nearest one."""
+
+NOT_RUN = Image(PointCloud.empty(), "not run")
+"""Cell of which an interrupted run has no row."""
 
 
 def write_report(run: Run, with_page: bool = True) -> tuple[list[Path], list[Table]]:
@@ -60,18 +89,99 @@ def draw_with_page(run: Run, with_page: bool = True) -> list[Path]:
     return written
 
 
-FOLDER = "figures"
-CLOUD_SNRS_DB = -20.0, -5.0, 10.0
-CLOUDS_A_FIGURE = 4
-CELL = ["estimator", "params", "snr_db"]
-MOST_WORST = 6
-"""Most estimators whose worst scene is drawn."""
+def write_run_tables(run: Run) -> tuple[list[Path], list[Table]]:
+    """Write ``summary.csv`` and ``summary.md`` into the folder of a run, and the tables of its times.
 
-WORST_SNR_DB = 10.0
-"""SNR of the pictures of worst scenes, if it was run, otherwise the nearest one."""
+    ``summary.md`` ends with the reasons of failed cells, if there are any, and commands that repeat them.
+    Of timed rows also ``stages.csv``, ``stages.md``, and of images ``pareto.csv``. Tables of these names are
+    replaced; those of times are removed where no row is timed any more. Returned are the files, and the
+    tables but that of failures.
+    """
+    rows, kind, folder = run.rows, KINDS[run.kind], run.folder
+    is_empty, has_times = rows.empty, not rows.empty and is_timed(rows)
+    tables, stages = [] if is_empty else kind.tables(rows), stage_tables(rows) if has_times else []
+    written = _write(folder / "summary.csv", None if is_empty else kind.summary(rows))
+    further = _gain_tables(run) + failure_tables(rows, run.manifest)
+    written += _write(folder / "summary.md", tables + further)
+    written += _write(folder / "stages.csv", summarise_stages(rows) if has_times else None)
+    written += _write(folder / "stages.md", stages)
+    if kind.has_images:
+        written += _write(folder / "pareto.csv", summarise_points(timed_rows(rows)) if has_times else None)
+    return written, tables + stages
 
-NOT_RUN = Image(PointCloud.empty(), "not run")
-"""Cell of which an interrupted run has no row."""
+
+def _write(path: Path, content: pd.DataFrame | list[Table] | None) -> list[Path]:
+    """Replace a file, or remove an earlier one where there is nothing to write; return what was written."""
+    if content is None or not len(content):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise cannot_be_written(path, error) from error
+        return []
+    with replacing(path) as temporary:
+        if isinstance(content, list):
+            text = "\n".join(map(markdown, content))
+        else:
+            text = without_formulas(content).to_csv(index=False)
+        temporary.write_text(text, encoding="utf-8", newline="")
+    return [path]
+
+
+def _gain_tables(run: Run) -> list[Table]:
+    """SNR of a median scatterer after all gains.
+
+    Nothing where no scenario is stored, trials draw, or some images sense with a part of the frame.
+    """
+    try:
+        with warned_before():
+            scenarios, draws = run.scenarios, run.draws
+    except InputError:
+        return []
+    if not draws.empty or run.manifest["suite"].get("sensing", ["all"]) != ["all"]:
+        return []
+    gains_db = {name: median_gain_db(scenario) for name, scenario in scenarios.items()}
+    rows = [[name, f"{gain_db:+.1f}"] for name, gain_db in gains_db.items()]
+    if len(rows) > MANY_SCENARIOS:
+        extent = f"{min(gains_db.values()):+.1f} to {max(gains_db.values()):+.1f}"
+        rows = [[f"{len(gains_db)} scenarios", extent]]
+    title = "SNR of a median scatterer after all gains, over the SNR of a resource element"
+    return [text_table(title, ["scenario", "dB"], rows, is_detail=True)]
+
+
+def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) -> list[Table]:
+    """Count the failed cells of a run by reason, estimator and scenario, the most frequent first.
+
+    With its manifest the table has a command for a cell of each row. Of more than twenty rows the last one
+    counts what the others leave; long reasons are without their middle.
+    """
+    broken = rows[failed(rows)]
+    if broken.empty:
+        return []
+    labels, keys = estimator_labels(variants_in(rows)), ["reason", "status", "estimator", "params", "place"]
+    place = broken["scenario"]
+    if "template" in broken:  # scenes that are made from templates count together
+        place = broken["template"].where(broken["template"] != "", place)
+    groups = broken.assign(place=place).groupby(keys, sort=False)
+    first = {name: (name, "first") for name in ("scenario", "snr_db", "trial")}
+    table = groups.agg(n_cells=("trial", "size"), **first).reset_index()
+    counts = table.sort_values("n_cells", ascending=False, kind="stable").to_dict("records")
+    for row in counts:
+        row["label"] = label = labels[row["estimator"], row["params"]]
+        row["command"] = command_to_show(manifest, row["scenario"], label, row["snr_db"], row["trial"])
+    shown, rest = counts[:MOST_FAILURES], counts[MOST_FAILURES:]
+    if rest:
+        n_cells = sum(row["n_cells"] for row in rest)
+        shown.append({"reason": f"{len(rest)} further rows", "n_cells": n_cells})
+    columns = [
+        Column("reason", "reason", shortened),
+        Column("status", "status"),
+        Column("estimator", "label"),
+        Column("scenario", "place"),
+        Column("cells", "n_cells"),
+    ]
+    if any(row["command"] for row in counts):  # no command repeats the cells of some kinds
+        columns.append(Column("the first one again", "command"))
+    return [Table(f"{len(broken)} of {len(rows)} cells failed", columns, shown)]
 
 
 def draw_run(run: Run, extension: str = "png") -> list[Path]:
@@ -81,39 +191,28 @@ def draw_run(run: Run, extension: str = "png") -> list[Path]:
     many, and of the 16 best alone where they are more; of a population ``worst-*.png``. Of more than 12
     scenarios no clouds. Nothing where the run holds no cells.
     """
-    return [] if run.rows.empty else save_figures(run.folder, run_figures(run), extension)
+    return [] if run.rows.empty else save_figures(run_figures(run), run.folder / FOLDER, extension)
 
 
 def run_figures(run: Run) -> Iterator[NamedFigure]:
     """Figures of a run by the stems of their files."""
     kind = KINDS[run.kind]
-    for group in kind.charts(run.rows, run.scenarios):
-        yield group.stem, draw_charts(group)
+    yield from drawn_charts(kind.charts(run.rows, run.scenarios))
     if not kind.has_images:
         return
     lines = lines_of(run.rows)
-    for group in radius_charts(run, lines):
-        yield group.stem, draw_charts(group)
+    yield from drawn_charts(radius_charts(run, lines))
     if kind.name == "population":
         yield from _worst_images(run, lines)
     elif run.rows["scenario"].nunique() > MANY_SCENARIOS:
-        warnings.warn(
-            f"of more than {MANY_SCENARIOS} scenarios only means are drawn; isacbench image -s "
-            "SCENARIO -e ESTIMATOR --plot draws one",
-            InputWarning,
-            stacklevel=2,
-        )
+        told = f"of more than {MANY_SCENARIOS} scenarios only means are drawn"
+        one = "isacbench image -s SCENARIO -e ESTIMATOR --plot draws one"
+        warnings.warn(f"{told}; {one}", InputWarning, stacklevel=2)
     else:
-        yield from _clouds(run, lines)
-
-
-def save_figures(folder: Path, figures: Iterable[NamedFigure], extension: str = "png") -> list[Path]:
-    """Save figures by the stems of their files into ``figures`` of a run, drawn one after the other."""
-    target = folder / FOLDER
-    require_picture(Path(f"figure.{extension}"))
-    make_own_folder(target)
-    with styled():
-        return [save(figure, target / f"{stem}.{extension}") for stem, figure in figures]
+        for scenario, stem, rows in title_stems(run.rows, "scenario"):
+            snrs_db = nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
+            trial = int(rows["trial"].min())
+            yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, trial)
 
 
 def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
@@ -121,49 +220,32 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
     rows = run.rows
     top_db, first = rows["snr_db"].max(), int(rows["trial"].min())
     is_drawn = (rows["snr_db"] == top_db) & (rows["trial"] == first) & ~failed(rows)
-    curves: dict[Variant, list[Curve]] = {variant: [] for variant in lines}
+    curves: dict[Variant, list[Curve]] = {}
     for place in np.flatnonzero(is_drawn).tolist():
-        name, *variant = rows[["scenario", "estimator", "params"]].iloc[place]
+        name, estimator, params = rows[["scenario", "estimator", "params"]].iloc[place]
         pair = CloudPair.of(run.scenarios[name], run.cloud_array.cloud(place))
-        curves[variant[0], variant[1]].append(score_curve(pair))
-    means = {variant: Curve(*np.nanmean(own, axis=0)) for variant, own in curves.items() if own}
-    if not means:
+        curves.setdefault((estimator, params), []).append(score_curve(pair))
+    if not curves:
         return []
+    means = {variant: Curve(*np.nanmean(curves[variant], axis=0)) for variant in lines if variant in curves}
     x = Axis("radius [m]", log=True)
     charts = []
     for name in ("f_score", "precision", "recall"):
         heading = name.replace("f_score", "F-score")
-        series = [
-            Series(
-                f"{lines[variant].label}: area {mean.area:.2f}",
-                mean.radius_m,
-                getattr(mean, name),
-                style=with_symbol(lines[variant].style, ""),
+        series = []
+        for variant, mean in means.items():
+            label, style = lines[variant].label, with_symbol(lines[variant].style, "")
+            series.append(
+                Series(f"{label}: area {mean.area:.2f}", mean.radius_m, getattr(mean, name), style=style)
             )
-            for variant, mean in means.items()
-        ]
         charts.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
     n_scenes = counted(rows.loc[is_drawn, "scenario"].nunique(), "scene")
-    return [
-        ChartGroup("radii", f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}", charts)
-    ]
-
-
-def _clouds(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
-    """Clouds of every scenario's first trial."""
-    for scenario, stem in file_stems(run.rows["scenario"].unique()).items():
-        rows = run.rows[run.rows["scenario"] == scenario]
-        snrs_db = nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
-        yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, int(rows["trial"].min()))
+    title = f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}"
+    return [ChartGroup("radii", title, charts)]
 
 
 def cloud_figures(
-    run: Run,
-    lines: Mapping[Variant, Line],
-    scenario: str,
-    stem: str,
-    snrs_db: Sequence[float],
-    trial: int,
+    run: Run, lines: Mapping[Variant, Line], scenario: str, stem: str, snrs_db: Sequence[float], trial: int
 ) -> Iterator[NamedFigure]:
     """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure."""
     # A run of references alone still has clouds to show.
@@ -188,19 +270,15 @@ def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
     # Numbers first: they are compared much faster than text, and leave little of it.
     places = np.flatnonzero(run.rows["trial"] == trial)
     places = places[run.rows["scenario"].iloc[places] == scenario]
-    rows = run.rows.iloc[places].set_index(CELL)
-    return {
-        key: _image(run.cloud_array.cloud(place), row)
-        for place, (key, row) in zip(places.tolist(), rows.iterrows(), strict=True)
-    }
-
-
-def _image(cloud: PointCloud, record: pd.Series[Any]) -> Image:
-    """Cloud of one cell, and what came of it."""
-    if record["status"] == "ok":
-        hausdorff_m = record[[*PROJECTIONS]].sum()
-        return Image(cloud, f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m")
-    return Image(cloud, "nothing detected" if record["status"] == "no_detection" else str(record["status"]))
+    rows, found = run.rows.iloc[places].set_index(CELL), {}
+    for place, (key, row) in zip(places.tolist(), rows.iterrows(), strict=True):
+        cloud = run.cloud_array.cloud(place)
+        note = "nothing detected" if row["status"] == "no_detection" else str(row["status"])
+        if note == "ok":
+            hausdorff_m = row[[*PROJECTIONS]].sum()
+            note = f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m"
+        found[key] = Image(cloud, note)
+    return found
 
 
 def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
@@ -224,8 +302,7 @@ def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigu
         yield f"worst-{stem}", figure
 
 
-@dataclass(frozen=True)
-class FigureChoice:
+class FigureChoice(NamedTuple):
     """Choice of figures of a run; None leaves it open.
 
     Attributes
@@ -255,16 +332,16 @@ def draw_chosen(run: Run, choice: FigureChoice, extension: str = "png") -> list[
             f"{run.label}: figures can be chosen of runs of the kinds {allowed}; this one is of the kind "
             f"{run.kind}"
         )
-    return save_figures(run.folder, _figures(run, _chosen_rows(run, choice), choice), extension)
+    return save_figures(_figures(run, _chosen_rows(run, choice), choice), run.folder / FOLDER, extension)
 
 
 def _chosen_rows(run: Run, choice: FigureChoice) -> pd.DataFrame:
     """Rows of the chosen scenario; whatever else is chosen must be among them."""
     rows, names, folder = run.rows, list(run.rows["scenario"].unique()), run.label
-    if choice.scenario is not None and choice.scenario not in names:
-        raise InputError(f"{folder}: {unknown_name('scenario', choice.scenario, names)}")
     if choice.scenario is not None:
         rows = rows[rows["scenario"] == choice.scenario]
+        if rows.empty:
+            raise InputError(f"{folder}: {unknown_name('scenario', choice.scenario, names)}")
     elif len(names) > MANY_SCENARIOS:
         raise InputError(
             f"{folder}: {len(names)} scenarios are too many for figures of each; give --scenario"
@@ -284,16 +361,14 @@ def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[Nam
     lines = lines_of(rows)
     is_of_images = choice.snr_db is not None or choice.trial is not None
     summary = summarise_scores(rows)
-    for scenario, stem in file_stems(rows["scenario"].unique()).items():
-        scene, own = run.scenarios[scenario], rows[rows["scenario"] == scenario]
+    for scenario, stem, own in title_stems(rows, "scenario"):
+        scene = run.scenarios[scenario]
         part = summary[summary["scenario"] == scenario]
-        if choice.metric is not None:
-            group = score_charts(part, [choice.metric], f"{choice.metric}-{stem}", lines, scene)
-            yield group.stem, draw_charts(group)
-        elif not is_of_images:
-            scores = [score for score in SCORE_AXES if f"{score}_mean" in part]
-            group = score_charts(part, scores, f"curves-{stem}", lines, scene)
-            yield group.stem, draw_charts(group)
+        if choice.metric is not None or not is_of_images:
+            all_scores = [score for score in SCORE_AXES if f"{score}_mean" in part]
+            scores = all_scores if choice.metric is None else [choice.metric]
+            own_stem = f"{choice.metric or 'curves'}-{stem}"
+            yield from drawn_charts([score_charts(part, scores, own_stem, lines, scene)])
         if choice.metric is not None and not is_of_images:
             continue
         trial = int(own["trial"].min()) if choice.trial is None else choice.trial

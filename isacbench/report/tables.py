@@ -1,16 +1,18 @@
-"""Writers of tables: for the terminal, and as Markdown."""
+"""Writers of tables: for the terminal, as Markdown and as JSON."""
 
-from __future__ import annotations
-
+from collections.abc import Hashable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
+import pandas as pd
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from isacbench.charts import Table
 from isacbench.files.escaping import in_markdown, visible
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
-    from isacbench.charts import Column, Table
 
 LONGEST_HEADING = 24
 LONGEST_NUMBER = 40
@@ -21,34 +23,27 @@ def terminal_tables(table: Table, width: int) -> list[RichTable]:
 
     Without room it leaves out optional columns, then shows parts one below the other, and last breaks lines.
     """
-    levels = sorted({column.optional for column in table.columns}, reverse=True)
-    for most in levels:
+    for most in sorted({column.optional for column in table.columns}, reverse=True):
         kept = replace(table, columns=[column for column in table.columns if column.optional <= most])
         if _fits(kept, width):
             return [_rich_table(kept)]
-    found: list[list[Column]] = []
     names = [column for column in kept.columns if column.part == 0]
+    found: list[Table] = []
     for part in dict.fromkeys(column.part for column in kept.columns if column.part):
         own = [column for column in kept.columns if column.part == part]
-        if found and _fits(replace(kept, columns=[*found[-1], *own]), width):
-            found[-1] += own
+        longer = replace(kept, columns=[*found[-1].columns, *own]) if found else None
+        if longer is not None and _fits(longer, width):
+            found[-1] = longer
         else:
-            found.append([*names, *own])
-    parts = [replace(kept, columns=columns) for columns in found]
-    return [_rich_table(part, no_wrap=_fits(part, width)) for part in parts]
+            found.append(replace(kept, columns=[*names, *own]))
+    return [_rich_table(one, no_wrap=_fits(one, width)) for one in found]
 
 
 def _fits(table: Table, width: int) -> bool:
-    from rich.console import Console
-
     return Console(width=100 * width).measure(_rich_table(replace(table, title=""))).maximum <= width
 
 
 def _rich_table(table: Table, no_wrap: bool = True) -> RichTable:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table as RichTable
-    from rich.text import Text
-
     laid_out = RichTable(
         title=Text(visible(table.title)) if table.title else None,
         title_justify="left",
@@ -86,3 +81,20 @@ def markdown(table: Table) -> str:
     header, *rows = ([in_markdown(text) for text in texts] for texts in (table.headings, *table.texts))
     lines = [f"| {' | '.join(texts)} |" for texts in (header, rule, *rows)]
     return "\n".join([f"**{in_markdown(table.title)}**", "", *lines, ""])
+
+
+def json_rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    """Convert a table to rows in terms of JSON, with null for what is missing or not finite."""
+    values = table.astype(object).replace([np.inf, -np.inf], None)
+    return values.where(values.notna(), None).to_dict("records")
+
+
+def signed(number: float) -> str:
+    """Write a number with three digits and a sign; zero has none.
+
+    Examples
+    --------
+    >>> signed(1.2345), signed(-0.0), signed(123.4)
+    ('+1.23', '0', '+123')
+    """
+    return f"{number:+.3g}" if number else "0"

@@ -13,8 +13,7 @@ from isacbench.bench.run import runner
 from isacbench.bench.store.provenance import environment_id, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
-from isacbench.report.run_report import draw_run
-from isacbench.report.run_tables import write_run_tables
+from isacbench.report.run_report import draw_run, write_run_tables
 
 MAX_MEMORY_MIB = 4096
 N_POINTS = 2

@@ -14,7 +14,7 @@ import pytest
 
 import isacbench
 from isacbench.bench.workers.guarded_cells import work_guarded, work_here
-from isacbench.cli.termination import Termination
+from isacbench.cli.run_commands import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 

@@ -7,16 +7,16 @@ from xml.etree import ElementTree
 import pytest
 
 from isacbench.bench.store.run_folder import open_folder
-from isacbench.report.comparisons import comparison_charts
+from isacbench.report import comparison
 from isacbench.report.figures import new_figure
 
-DRAW_CHARTS = comparison_charts.draw_charts
+DRAW_CHARTS = comparison.draw_charts
 
 
 @pytest.fixture
 def cli(command_line, monkeypatch):
     """Run the command in a folder of its own; figures are left empty."""
-    monkeypatch.setattr(comparison_charts, "draw_charts", lambda *_: new_figure(1, 1))
+    monkeypatch.setattr(comparison, "draw_charts", lambda *_: new_figure(1, 1))
     return partial(command_line, "compare")
 
 
@@ -39,7 +39,7 @@ def everything(folder):
 def test_without_a_regression_the_exit_code_is_0_and_nothing_but_a_figure_and_the_page_is_made(
     cli, folders, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(comparison_charts, "draw_charts", DRAW_CHARTS)
+    monkeypatch.setattr(comparison, "draw_charts", DRAW_CHARTS)
     before = everything(tmp_path)
     result = cli("base", "same")
     assert result.exit_code == 0, result.output

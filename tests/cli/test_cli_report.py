@@ -10,8 +10,8 @@ import pytest
 
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.cli.completion import estimators_like, metrics_like, scenarios_like, suites_like
-from isacbench.report import run_report
+from isacbench.cli.options import estimators_like, metrics_like, scenarios_like, suites_like
+from isacbench.report import figures, run_report
 from isacbench.report.figures import new_figure
 from tests.conftest import TINY, TINY_POINTS
 
@@ -32,8 +32,8 @@ def runs(tmp_path_factory):
 @pytest.fixture
 def cli(runs, command_line, tmp_path, monkeypatch):
     """Run the command line in a folder with a scenario and two stored runs; figures are left empty."""
-    for name in ("draw_charts", "draw_clouds"):
-        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
+    for module, name in ((figures, "draw_charts"), (run_report, "draw_clouds")):
+        monkeypatch.setattr(module, name, lambda *_: new_figure(1, 1))
     shutil.copytree(runs, tmp_path, dirs_exist_ok=True)
     return command_line
 

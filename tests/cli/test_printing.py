@@ -3,7 +3,7 @@ import pytest
 
 from isacbench.bench.store.run import Run
 from isacbench.charts import text_table
-from isacbench.cli.printing import report_run
+from isacbench.cli.app import report_run
 
 
 def shown_of(records, tables, monkeypatch, capsys):

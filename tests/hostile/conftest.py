@@ -12,7 +12,7 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
-from isacbench.report import run_report
+from isacbench.report import figures, run_report
 from isacbench.report.figures import new_figure
 from tests.conftest import TINY, TINY_POINTS
 
@@ -98,5 +98,5 @@ def made(tmp_path_factory):
 @pytest.fixture
 def written_empty(monkeypatch):
     """Leave figures empty, and write all of them."""
-    for name in ("draw_charts", "draw_clouds"):
-        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
+    for module, name in ((figures, "draw_charts"), (run_report, "draw_clouds")):
+        monkeypatch.setattr(module, name, lambda *_: new_figure(1, 1))

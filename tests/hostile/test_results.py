@@ -22,9 +22,8 @@ from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.metrics.paper import Paper
-from isacbench.report.comparisons.comparison_tables import comparison_grids
-from isacbench.report.run_report import draw_run
-from isacbench.report.run_tables import tables_of, write_run_tables
+from isacbench.report.comparison import ComparisonReport
+from isacbench.report.run_report import draw_run, write_run_tables
 from isacbench.report.tables import terminal_tables
 
 from .files import ANY, Trap, content
@@ -120,10 +119,9 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
         warnings.simplefilter("ignore")
         try:
             results = Run.open(run_folder)
-            for table in tables_of(results.rows, results.kind):
+            for table in write_run_tables(results)[1]:
                 terminal_tables(table, 100)
-            write_run_tables(results)
-            comparison_grids(compare(made[1], run_folder))
+            ComparisonReport(compare(made[1], run_folder)).grids()
             rescore(run_folder)
         except NotComparableError:
             pass

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import same_color
 
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, assign_lines
-from isacbench.report.figures import draw_charts, save_charts, styled
+from isacbench.report.figures import draw_charts, drawn_charts, save_figures, styled
 
 RED, BLUE = LineStyle("#FF0000", "dashdot", "square"), LineStyle("#0000FF", "solid", "circle")
 X, Y = Axis("SNR [dB]"), Axis("error [m]")
@@ -188,6 +188,6 @@ def test_figures_are_written_by_stem_and_extension_each_in_its_format(tmp_path):
         for n, stem in enumerate("ab")
     ]
     for extension, magic in (("png", b"\x89PNG"), ("svg", b"<?xml")):
-        paths = save_charts(groups, tmp_path / "figures", extension)
+        paths = save_figures(drawn_charts(groups), tmp_path / "figures", extension)
         assert [path.name for path in paths] == [f"a.{extension}", f"b.{extension}"]
         assert all(path.read_bytes().startswith(magic) for path in paths)

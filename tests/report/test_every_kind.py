@@ -10,8 +10,7 @@ from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.figures import draw_charts, styled
-from isacbench.report.html.page_charts import chart_rows
-from isacbench.report.run_tables import tables_of
+from isacbench.report.html.page_content import chart_rows
 from isacbench.report.tables import markdown
 from tests.report.test_table_texts import printed
 
@@ -66,7 +65,7 @@ def rows(kind, seen, plugins, tiny):
 
 
 def test_tables_keep_to_the_width_of_a_terminal_and_markdown_has_every_text(kind, rows):
-    tables = tables_of(rows, kind)
+    tables = KINDS[kind].tables(rows)
     assert not all(table.is_detail for table in tables)
     for table in tables:
         assert all(len(texts) == len(table.headings) for texts in table.texts)

@@ -5,7 +5,7 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
-from isacbench.report import run_report
+from isacbench.report import figures, run_report
 from isacbench.report.figures import new_figure
 from isacbench.report.html import page_content
 from isacbench.report.run_report import draw_with_page
@@ -23,8 +23,8 @@ def run(tiny, tmp_path):
 @pytest.fixture(autouse=True)
 def _empty_here(monkeypatch):
     """Leave figures empty."""
-    for name in ("draw_charts", "draw_clouds"):
-        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
+    for module, name in ((figures, "draw_charts"), (run_report, "draw_clouds")):
+        monkeypatch.setattr(module, name, lambda *_: new_figure(1, 1))
 
 
 def names_of(paths):

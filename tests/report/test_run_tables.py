@@ -11,7 +11,7 @@ from isacbench.bench.kinds.imaging import ImagingKind
 from isacbench.bench.run_times import stage_tables, summarise_stages
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.report.run_tables import failure_tables, tables_of, write_run_tables
+from isacbench.report.run_report import failure_tables, write_run_tables
 from isacbench.report.tables import markdown
 
 
@@ -77,7 +77,7 @@ def test_tables_are_written_with_the_summary_and_the_failures_and_replaced(timed
     assert len(summary) == len(ImagingKind().summary(timed))
     assert summary["params"].map(json.loads).tolist() == [{}] * len(summary)
     lines = paths[1].read_text(encoding="utf-8").splitlines()
-    assert [table.title for table in shown] == [table.title for table in tables_of(timed)]
+    assert [table.title for table in shown] == [table.title for table in ImagingKind().tables(timed)]
     titles = [table.title for table in [*shown, *failure_tables(timed)]]
     assert [line for line in lines if line.startswith("**")] == [f"**{title}**" for title in titles]
     assert "| no luck | error | nomp4d | street | 9 |" in lines
@@ -92,17 +92,17 @@ def test_tables_of_times_are_written_and_shown_beside_the_others_where_a_run_was
     pd.testing.assert_frame_equal(written, summarise_stages(timed).reset_index(drop=True))
     assert (tmp_path / "stages.md").read_text().count("**street: median processor time of an estimate") == 1
     titles = [table.title for table in ImagingKind().tables(timed) + stage_tables(timed)]
-    assert [table.title for table in shown] == [table.title for table in tables_of(timed)] == titles
+    assert [table.title for table in shown] == titles
     # They go where no row is timed any more.
     ordinary = timed.drop(columns=[*TIMING_COLUMNS]).assign(timing=False)
-    assert [path.name for path in write_run_tables(made(tmp_path, ordinary))[0]] == names[:2]
+    paths, shown = write_run_tables(made(tmp_path, ordinary))
+    assert [path.name for path in paths] == names[:2]
     assert sorted(path.name for path in tmp_path.iterdir()) == names[:2]
-    assert len(tables_of(ordinary)) == 2
+    assert len(shown) == 2
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_that_was_interrupted_before_its_first_cell_has_no_tables(kind, tmp_path):
     columns = KINDS[kind].columns
     rows = typed(pd.DataFrame(columns=[*COLUMNS, *columns]), columns)
-    assert tables_of(rows, kind) == []
     assert write_run_tables(made(tmp_path, rows, kind)) == ([], [])

@@ -97,7 +97,7 @@ def direction(
     Parameters
     ----------
     described : mapping of str to ScoreColumn
-        Columns of the run's metrics, as `isacbench.bench.store.score_columns.stored_columns` has them.
+        Columns of the run's metrics, as `isacbench.bench.store.manifest.stored_columns` has them.
     columns : collection of str
         Numeric columns that the runs have.
 

@@ -1,26 +1,19 @@
 """Runs of the same scenes as one table: estimators of several runs side by side."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from isacbench.bench.compare.pairs import incomparable
 from isacbench.bench.compare.scenes import with_ratios
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.run import MOST_NAMED, Run
-from isacbench.charts import variants_in
+from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import pandas as pd
-
-    from isacbench.charts import Variant
 
 RUN = "run"
 """Column of joined rows with the number of their run."""
@@ -76,7 +69,7 @@ def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool =
         is_kept = np.ones(len(rows), dtype=np.bool_)
         for name, params in variants_in(run.rows):
             variant, label = (name, params), own[number][name, params]
-            of_variant = np.asarray((run.rows["estimator"] == name) & (run.rows["params"] == params))
+            of_variant = ((run.rows["estimator"] == name) & (run.rows["params"] == params)).to_numpy()
             is_shared = name not in limits and sum(variant in other for other in own) > 1
             earlier = seen.setdefault(variant, rows[of_variant])
             is_first = earlier[RUN].iloc[0] == number
@@ -95,7 +88,11 @@ def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool =
                 label = f"{label}{ending}"
             labels[name, params], specs[name, params] = label, spec
         kept.append(run.changed(rows=rows).take(is_kept))
-    joined = Run.joined(kept).changed(manifest=_united(runs))
+    scenarios: dict[str, Any] = {}
+    for run in reversed(runs):
+        scenarios |= run.manifest["scenarios"]
+    manifest = {**runs[0].manifest, "scenarios": scenarios}
+    joined = Run.joined(kept).changed(manifest=manifest)
     if joined.rows.empty:
         raise InputError("the runs have no common page: no SNR and trial is in all of them")
     table = joined.changed(rows=with_ratios(joined))
@@ -134,11 +131,3 @@ def _scores_equal(one: pd.DataFrame, other: pd.DataFrame) -> bool:
     return first.index.sort_values().equals(second.index.sort_values()) and np.allclose(
         first, second.reindex(first.index), rtol=1e-9, equal_nan=True
     )
-
-
-def _united(runs: Sequence[Run]) -> dict[str, Any]:
-    """Manifest of the first run with the scenarios of all."""
-    parts = [run.manifest["scenarios"] for run in reversed(runs)]
-    scenarios = {name: content for part in parts for name, content in part.items()}
-    first = runs[0].manifest
-    return {**first, "scenarios": {name: scenarios[name] for name in [*first["scenarios"], *scenarios]}}

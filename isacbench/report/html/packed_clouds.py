@@ -1,18 +1,10 @@
 """Point clouds in the compact form of a page, and the rule by which a page holds only some of them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.charts import nearest_values
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 MOST_POINTS = 1_500_000
 """Points of estimated clouds in a page: 7 MB in it, at 3.6 bytes a point before base64."""
@@ -29,20 +21,12 @@ WEAKEST = 1e-30
 """Power below which all is as weak."""
 
 
-def pack_clouds(points: Floats, n_points: NDArray[np.int64]) -> bytes:
+def pack_clouds(points: NDArray[np.float64], n_points: NDArray[np.int64]) -> bytes:
     """Quantise clouds, each between its own limits, for compression and for a quick start of a page.
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (sum of n_points, 5)
-        Clouds one after the other: x, y, z in m, v in m/s, power.
-    n_points : ndarray of int64, shape (n,)
-
-    Returns
-    -------
-    bytes
-        Little-endian float32 of shape (n, 10): lowest value and step of x, y, z, v, and of the power in dB;
-        then bytes, of all points: high and low byte of x, of y, of z, of v, and one byte of power.
+    `points` has x, y, z in m, v in m/s and power of one cloud after the other. Returned is little-endian
+    float32 of shape (n, 10): lowest value and step of x, y, z, v, and of the power in dB; then bytes, of all
+    points: high and low byte of x, of y, of z, of v, and one byte of power.
     """
     values = points.copy()
     values[:, 4] = 10 * np.log10(np.maximum(points[:, 4], WEAKEST))
@@ -73,21 +57,7 @@ def choose_clouds(
     estimator the first trial at the SNR nearest 10 dB; its cell of largest
     deviation; the first trial at other SNRs; then further trials.
 
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run.
-    n_points : ndarray of int64, shape (n,)
-        Points of the cloud of each row.
-    first : ndarray of bool, shape (n,), optional
-        Rows whose clouds are wanted most.
-    most_points : int
-        Points of all clouds together.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Every row in the page's order as long as the points of all allow it.
+    `first` are the rows whose clouds the caller wants; `most_points` is the sum of all clouds.
     """
     if n_points.sum() <= most_points:
         return np.ones(len(records), dtype=np.bool_)

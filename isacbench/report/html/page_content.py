@@ -2,44 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from isacbench.bench.cells.record import SCORED
 from isacbench.bench.compare.pairs import code_version
-from isacbench.bench.compare.ranking import default_metric, rank_table
+from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
 from isacbench.bench.compare.verdicts import direction
-from isacbench.bench.kinds.imaging import SCORE_AXES
+from isacbench.bench.kinds.imaging import SCORE_AXES, ScoreAxis
+from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
-from isacbench.charts import ROLES, assign_lines
+from isacbench.bench.store.run import Run
+from isacbench.bench.suites.suite_kinds import KINDS
+from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant, assign_lines, rows_of
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
+from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import median_gain_db
-from isacbench.report.comparisons.comparison_tables import json_rows
 from isacbench.report.figures import VELOCITY_COLOURS
-from isacbench.report.html.joined_runs import RUN
+from isacbench.report.html.joined_runs import RUN, JoinedRuns
 from isacbench.report.html.packed_clouds import SHOWN_SNR_DB, choose_clouds, pack_clouds
-from isacbench.report.html.page_charts import page_charts
-from isacbench.report.html.page_file import numbers
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from isacbench.bench.compare.ranking import Ranking
-    from isacbench.bench.kinds.scenes import ImagedScene
-    from isacbench.bench.store.run import Run
-    from isacbench.charts import Line
-    from isacbench.model.cloud import PointCloud
-    from isacbench.report.html.joined_runs import JoinedRuns
+from isacbench.report.tables import json_rows
 
 DEFAULT_METRIC = "deviation"
 """Metric that a page of fewer than six scenes shows first. A page of more shows what `rank` goes by."""
@@ -56,6 +48,9 @@ FURTHER_METRICS = {
 HIDDEN = ("seed", "suite", "environment", "scenario_content", "timing", "n_stored", RUN)
 """Columns of rows that a page leaves out."""
 
+DIGITS = 6
+"""Significant digits of numbers in a page."""
+
 MOST_FREEDOM = 200
 """Degrees of freedom from which on the page takes an approximation of the quantiles of Student's t."""
 
@@ -64,9 +59,7 @@ MOST_ROWS = 200_000
 
 
 def page_content(
-    joined: JoinedRuns,
-    metric: str | None = None,
-    first: NDArray[np.bool_] | None = None,
+    joined: JoinedRuns, metric: str | None = None, first: NDArray[np.bool_] | None = None
 ) -> tuple[dict[str, Any], bytes]:
     """Describe runs for a page: its content in terms of JSON, and the clouds in it, packed.
 
@@ -75,14 +68,17 @@ def page_content(
     chosen ones are in the order of the rows, then come the truths. InputError if the rows are more than a
     browser can hold.
     """
-    records, names = joined.table.rows, list(joined.labels)
+    records = joined.table.rows
     if len(records) > MOST_ROWS:
         raise InputError(
             f"{joined.table.label}: {len(records)} rows are too many for a page; allowed are {MOST_ROWS}; "
             "tables and figures show them"
         )
+    kind = KINDS[joined.table.kind]
     scenes, truths = _scenes(joined)
-    has_image = _has_image(joined)
+    imaged = {name for run in joined.runs for name in _imaged(run)}
+    is_imaged = records["deviation"].notna() & records["scenario"].isin(imaged)
+    has_image = is_imaged.to_numpy() & joined.table.is_whole()
     n_points = joined.table.cloud_array.n_points
     chosen = has_image & choose_clouds(records, n_points, first)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
@@ -93,8 +89,8 @@ def page_content(
     points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
     lines = assign_lines(joined.labels, find_limits(records))
     metrics = _metrics(joined)
-    metric = metric or _first_metric(records)
-    estimators = [_estimator(joined, variant, line) for variant, line in lines.items()]
+    is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records
+    metric = metric or (default_metric(records) if is_many else DEFAULT_METRIC)
     content = {
         "metric": metric,
         "shown_snr_db": SHOWN_SNR_DB,
@@ -105,11 +101,11 @@ def page_content(
         "scored": list(SCORED),
         "velocity_colours": list(VELOCITY_COLOURS),
         "runs": [_run(joined, index) for index in range(len(joined.runs))],
-        "estimators": estimators,
+        "estimators": [_estimator(joined, variant, line) for variant, line in lines.items()],
         "scenes": scenes,
         "metrics": metrics,
         "rows": {
-            **_columns(records, names, [scene["name"] for scene in scenes]),
+            **_columns(joined, [scene["name"] for scene in scenes]),
             "cloud": number.tolist(),
             "has_image": has_image.tolist(),
         },
@@ -117,22 +113,20 @@ def page_content(
         "n_clouds_left_out": int((has_image & ~chosen & (n_points > 0)).sum()),
         "ranks": _ranks(joined, [one["name"] for one in metrics], metric),
         "times": _times(joined),
-        "charts": page_charts(joined),
+        # Images have views of their own instead.
+        "charts": [] if kind.has_images else chart_rows(kind.charts(records)),
     }
     return content, pack_clouds(points, counts)
 
 
-def _columns(
-    records: pd.DataFrame, names: Sequence[tuple[str, str]], scenes: Sequence[str]
-) -> dict[str, Any]:
+def _columns(joined: JoinedRuns, scenes: Iterable[str]) -> dict[str, Any]:
     """Columns of rows: numbers of estimator and scene, numbers, and texts as levels and codes."""
-    found: dict[str, Any] = {}
-    of_variant = {variant: number for number, variant in enumerate(names)}
+    records = joined.table.rows
     of_scene = {scene: number for number, scene in enumerate(scenes)}
-    found["estimator"] = [
-        of_variant[key] for key in zip(records["estimator"], records["params"], strict=True)
-    ]
-    found["scene"] = [of_scene[scene] for scene in records["scenario"]]
+    found: dict[str, Any] = {
+        "estimator": _numbers_of(joined, records["estimator"], records["params"]),
+        "scene": [of_scene[scene] for scene in records["scenario"]],
+    }
     for name in records.columns.drop(["scenario", "estimator", "params", *HIDDEN], errors="ignore"):
         values = records[name]
         if name == "snr_db":  # with all digits: other parts of the page name the same SNRs
@@ -146,12 +140,10 @@ def _columns(
     return found
 
 
-def _has_image(joined: JoinedRuns) -> NDArray[np.bool_]:
-    """Tell which rows have a cloud: scored ones of estimators on scenes, whose cloud is stored."""
-    records = joined.table.rows
-    imaged = {name for run in joined.runs for name in _imaged(run)}
-    is_stored = joined.table.is_whole()
-    return np.asarray(records["deviation"].notna() & records["scenario"].isin(imaged) & is_stored)
+def _numbers_of(joined: JoinedRuns, names: Iterable[str], params: Iterable[str]) -> list[int]:
+    """Numbers of estimators in the page."""
+    places = {variant: number for number, variant in enumerate(joined.labels)}
+    return [places[variant] for variant in zip(names, params, strict=True)]
 
 
 def _imaged(run: Run) -> Mapping[str, ImagedScene]:
@@ -167,50 +159,47 @@ def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]
     # A reference run has no truth in its folder; that of the other run is the same.
     imaged = {name: run for run in reversed(joined.runs) for name in _imaged(run)}
     for name in dict.fromkeys(records["scenario"].astype(object)):
-        told = {"name": name, "family": "", "truth": []}
-        if name in imaged:
-            run = imaged[name]
-            scene = run.imaged_scenes[name]
-            template, texts = scene.template, scenario_texts(run.manifest)
-            trials = (
-                sorted(records.loc[records["scenario"] == name, "trial"].unique())
-                if scene.is_drawn
-                else [None]
-            )
-            drawn = [template if trial is None else run.observed(name, trial) for trial in trials]
-            objects = drawn[0].scatterers.objects if len(drawn) == 1 else ()
-            codes, levels = pd.factorize(np.array(objects, dtype=object))
-            told |= {
+        if name not in imaged:
+            found.append({"name": name, "family": "", "truth": []})
+            continue
+        run = imaged[name]
+        scene = run.imaged_scenes[name]
+        template = scene.template
+        trials: list[int | None] = [None]
+        if scene.is_drawn:
+            trials = sorted(set(records.loc[records["scenario"] == name, "trial"].tolist()))
+        drawn = [template if trial is None else run.observed(name, trial) for trial in trials]
+        objects = drawn[0].scatterers.objects if len(drawn) == 1 else ()
+        codes, levels = pd.factorize(np.array(objects, dtype=object))
+        region = template.region
+        found.append(
+            {
+                "name": name,
                 "family": template.family,
+                "truth": [[trial, len(truths) + place] for place, trial in enumerate(trials)],
                 "frame": run.manifest["scenarios"].get(template.name, {}).get("frame", {}).get("name", ""),
                 "coherent_phase": template.system.coherent_phase,
                 "radius_m": template.radius_m,
                 "gain_db": numbers([median_gain_db(drawn[0])])[0],
                 "station_m": numbers(template.base_station_m),
-                "region_m": [list(template.region.x_m), list(template.region.y_m), list(template.region.z_m)],
-                "speed_mps": max(map(abs, template.region.speed_mps)),
+                "region_m": [list(region.x_m), list(region.y_m), list(region.z_m)],
+                "speed_mps": max(map(abs, region.speed_mps)),
                 "objects": {"codes": codes.tolist(), "levels": list(levels)},
-                "text": texts.get(name, ""),
+                "text": scenario_texts(run.manifest).get(name, ""),
                 "seed": int(run.manifest["seed"]),
-                "truth": [
-                    [None if trial is None else int(trial), len(truths) + place]
-                    for place, trial in enumerate(trials)
-                ],
             }
-            truths += [one.truth for one in drawn]
-        found.append(told)
+        )
+        truths += [one.truth for one in drawn]
     return found, truths
 
 
-def _estimator(joined: JoinedRuns, variant: tuple[str, str], line: Line) -> dict[str, Any]:
-    own = joined.table.rows
-    run = int(own.loc[(own["estimator"] == variant[0]) & (own["params"] == variant[1]), RUN].iloc[0])
+def _estimator(joined: JoinedRuns, variant: Variant, line: Line) -> dict[str, Any]:
     return {
         "label": joined.labels[variant],
         "spec": joined.specs[variant],
         "name": variant[0],
         "params": variant[1],
-        "run": run,
+        "run": int(rows_of(joined.table.rows, variant)[RUN].iloc[0]),
         "is_reference": line.is_reference,
         "role": ROLES.get(variant[0], "sees the truth") if line.is_reference else "",
         "colour": line.style.colour,
@@ -224,16 +213,14 @@ def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
     run = joined.runs[index]
     manifest, suite = run.manifest, run.manifest["suite"]
     hours, rest = divmod(float(manifest.get("wall_time_s") or 0.0), 3600)
-    minutes, seconds = divmod(rest, 60)
+    took = f"{rest // 60:.0f} min {rest % 60:.0f} s"
     packages = manifest.get("packages") or {}
     facts = {
         "suite": str(suite.get("name")) + (f", version {suite['version']}" if "version" in suite else ""),
         "kind": str(suite.get("kind", "imaging")),
         "command": " ".join(map(str, manifest.get("argv") or [])) or "from Python",
         "started": str(manifest.get("started")),
-        "took": f"{hours:.0f} h {minutes:.0f} min {seconds:.0f} s"
-        if hours
-        else f"{minutes:.0f} min {seconds:.0f} s",
+        "took": f"{hours:.0f} h {took}" if hours else took,
         "seed": str(manifest.get("seed")),
         "isacbench": code_version(manifest),
         "machine": f"{manifest.get('processor')}, {manifest.get('cores')} cores, {manifest.get('platform')}",
@@ -243,11 +230,6 @@ def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
         "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "",
     }
     return {"name": run.label, "facts": facts}
-
-
-def _first_metric(records: pd.DataFrame) -> str:
-    is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records
-    return default_metric(records) if is_many else DEFAULT_METRIC
 
 
 def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
@@ -267,19 +249,16 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
             if name != "n_estimated":
                 continue
             better = "neither"
-        panel = SCORE_AXES.get(name)
         plain = described[name].title if name in described else FURTHER_METRICS.get(name, name)
-        title = panel.title.replace("{radius_m:g}", radius) if panel else plain
-        axis = panel.axis if panel else plain
-        spread = f"{name}_spread" if f"{name}_spread" in records else ""
+        panel = SCORE_AXES.get(name, ScoreAxis(plain, plain, log=name == TIME))
         found.append(
             {
                 "name": name,
-                "title": title,
-                "axis": axis,
+                "title": panel.title.replace("{radius_m:g}", radius),
+                "axis": panel.axis,
                 "better": better,
-                "log": bool(panel and panel.log) or name == TIME,
-                "spread": spread,
+                "log": panel.log,
+                "spread": f"{name}_spread" if f"{name}_spread" in records else "",
                 "is_median": name == TIME,
             }
         )
@@ -289,8 +268,8 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
 def _ranks(joined: JoinedRuns, metrics: Iterable[str], metric: str) -> dict[str, Any]:
     """Rank sets by metric; or the reason why there are none."""
     found: dict[str, Any] = {}
-    available = list(metrics)
-    for name in dict.fromkeys([*([metric] if metric in available else []), *RANKED]):
+    available = set(metrics)
+    for name in dict.fromkeys([metric, *RANKED]):
         if name not in available:
             continue
         try:
@@ -304,22 +283,15 @@ def _ranks(joined: JoinedRuns, metrics: Iterable[str], metric: str) -> dict[str,
 
 
 def _ranking(joined: JoinedRuns, ranking: Ranking) -> dict[str, Any]:
-    place = {variant: index for index, variant in enumerate(joined.labels)}
-
-    def rows(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    found: dict[str, Any] = {"better": ranking.better, "notes": list(ranking.notes)}
+    for part in ("ranks", "wins", "worst"):
+        table = getattr(ranking, part)
         for name, params in (("estimator", "params"), ("other", "other_params")):
             if name in table:
-                numbers_of = [place[key] for key in zip(table[name], table[params], strict=True)]
-                table = table.assign(**{name: numbers_of}).drop(columns=params)
-        return json_rows(table)
-
-    return {
-        "better": ranking.better,
-        "ranks": rows(ranking.ranks),
-        "wins": rows(ranking.wins),
-        "worst": rows(ranking.worst),
-        "notes": list(ranking.notes),
-    }
+                own = _numbers_of(joined, table[name], table[params])
+                table = table.assign(**{name: own}).drop(columns=params)
+        found[part] = json_rows(table)
+    return found
 
 
 def _times(joined: JoinedRuns) -> dict[str, Any]:
@@ -329,6 +301,54 @@ def _times(joined: JoinedRuns) -> dict[str, Any]:
     if rows.empty or not is_timed(records) or rows["deviation"].isna().all():
         return {}
     points = summarise_points(rows)
-    variants = zip(points["estimator"], points["params"], strict=True)
-    points["label"] = [joined.labels[variant] for variant in variants]
+    labels = list(joined.labels.values())
+    points["label"] = [labels[one] for one in _numbers_of(joined, points["estimator"], points["params"])]
     return {"points": json_rows(points), "stages": json_rows(summarise_stages(rows))}
+
+
+def chart_rows(groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
+    """Describe charts: each has the title of its group, its own, axes, series and lines across."""
+    return [
+        {
+            "group": group.title,
+            "title": chart.title,
+            "x": _axis(chart.x),
+            "y": _axis(chart.y),
+            "lines": [float(value) for value in chart.lines],
+            "series": [_series(one) for one in chart.series],
+        }
+        for group in groups
+        for chart in group.charts
+    ]
+
+
+def _axis(axis: Axis) -> dict[str, Any]:
+    limits = None if axis.limits is None else [float(end) for end in axis.limits]
+    return {"title": axis.title, "log": axis.log, "range": limits}
+
+
+def _series(series: Series) -> dict[str, Any]:
+    return {
+        "label": series.label,
+        "mark": series.mark,
+        "colour": series.style.colour,
+        "dash": series.style.dash,
+        "symbol": series.style.symbol,
+        "texts": list(series.texts),
+        **{name: numbers(np.asarray(getattr(series, name), float)) for name in ("x", "y", "low", "high")},
+    }
+
+
+def numbers(values: ArrayLike) -> list[float | None]:
+    """Write numbers for JSON, with six significant digits; None for what is not finite.
+
+    Examples
+    --------
+    >>> numbers([1.23456789, np.nan, 2])
+    [1.23457, None, 2.0]
+    """
+    listed: list[float | int] = np.asarray(values).tolist()
+    return [
+        number if isinstance(number, int) else float(f"{number:.{DIGITS}g}") if np.isfinite(number) else None
+        for number in listed
+    ]

@@ -1,28 +1,41 @@
-"""Pages of runs, rankings, comparisons and leaderboards, written into files."""
+"""Pages of runs, rankings, comparisons and leaderboards: one HTML file each, with no way out of the page."""
 
-from __future__ import annotations
-
+import base64
+import hashlib
+import html
+import json
+import re
+import zlib
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
+from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.store.run import Run
+from isacbench.bench.store.run_folder import replacing
 from isacbench.errors import InputError
-from isacbench.report.html.comparison_content import compared_content
-from isacbench.report.html.diagnosed_maps import diagnosed_maps
+from isacbench.report.diagnoses import diagnosed_maps
 from isacbench.report.html.joined_runs import join_runs
+from isacbench.report.html.page_comparison import compared_content
 from isacbench.report.html.page_content import DEFAULT_METRIC, page_content
-from isacbench.report.html.page_file import write_page
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from isacbench.bench.compare.comparison import Comparison
 
 RUN_PAGE = "report.html"
 RANK_PAGE = "rank.html"
 LEADERBOARD_PAGE = "leaderboard.html"
 COMPARISON_PAGES = {False: "compare.html", True: "between.html"}
 """Name of the page of a comparison of runs, and of one of two estimators."""
+
+SCRIPTS = (
+    *("data", "elements", "figures", "tables", "clouds", "filters"),
+    *("overview", "curves", "images", "maps", "scenes", "time", "studies", "comparison", "all_rows"),
+    *("views", "start"),
+)
+"""Parts of the page's script, in the order in which they are joined."""
+
+GZIP = 16 + zlib.MAX_WBITS
+"""Window of zlib that stands for the format gzip, which browsers read."""
 
 
 def write_run_page(run: Run) -> Path:
@@ -32,18 +45,15 @@ def write_run_page(run: Run) -> Path:
     """
     name = run.folder.resolve().name
     content, clouds = page_content(join_runs([run.changed(label=name)]))
-    path = run.folder / RUN_PAGE
-    write_page(path, f"{name} - isacbench", {**content, "maps": diagnosed_maps(run)}, clouds)
-    return path
+    content["maps"] = diagnosed_maps(run)
+    return _write(run.folder / RUN_PAGE, f"{name} - isacbench", content, clouds)
 
 
 def write_rank_page(run: Run, metric: str | None = None) -> Path:
     """Write the page of a ranking, ``rank.html``, into the folder of its run."""
     name = run.folder.resolve().name
     content, clouds = page_content(join_runs([run.changed(label=name)]), metric)
-    path = run.folder / RANK_PAGE
-    write_page(path, f"{name} ranked - isacbench", content, clouds)
-    return path
+    return _write(run.folder / RANK_PAGE, f"{name} ranked - isacbench", content, clouds)
 
 
 def write_comparison_page(comparison: Comparison, compared: Sequence[Run]) -> Path:
@@ -60,10 +70,9 @@ def write_comparison_page(comparison: Comparison, compared: Sequence[Run]) -> Pa
     found, is_shown = compared_content(comparison, joined)
     metric = comparison.tolerances[0].metric if comparison.tolerances else DEFAULT_METRIC
     content, clouds = page_content(joined, metric, is_shown)
+    content["comparison"] = found
     path = compared[-1].folder / COMPARISON_PAGES[is_between]
-    title = f"{' and '.join(names)} compared - isacbench"
-    write_page(path, title, {**content, "comparison": found}, clouds)
-    return path
+    return _write(path, f"{' and '.join(names)} compared - isacbench", content, clouds)
 
 
 def write_leaderboard(runs: Sequence[Run], out: Path) -> Path:
@@ -77,8 +86,7 @@ def write_leaderboard(runs: Sequence[Run], out: Path) -> Path:
     named = [run.changed(label=name) for run, name in zip(runs, names_of(folders), strict=True)]
     joined = join_runs(named, only_common=True)
     content, clouds = page_content(joined)
-    write_page(out, f"{joined.table.manifest['suite']['name']}: leaderboard - isacbench", content, clouds)
-    return out
+    return _write(out, f"{joined.table.manifest['suite']['name']}: leaderboard - isacbench", content, clouds)
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
@@ -91,3 +99,51 @@ def names_of(folders: Sequence[Path]) -> list[str]:
     """
     short = [folder.resolve().name for folder in folders]
     return short if len(set(short)) == len(short) else [str(folder) for folder in folders]
+
+
+def _write(path: Path, title: str, content: dict[str, Any], clouds: bytes) -> Path:
+    """Write a page, in place of an older one.
+
+    It loads nothing, and runs two scripts: its own and that of plotly, whose digests its
+    Content-Security-Policy names.
+    """
+    own = "\n".join(_asset(f"{name}.js") for name in SCRIPTS)
+    packed_plotly, plotly_digest = _plotly()
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    replaced = {
+        "policy": f"default-src 'none'; script-src {_digest(own)} {plotly_digest}; "
+        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'",
+        "title": html.escape(title),
+        "style": _asset("page.css"),
+        "content": _packed(text.encode()),
+        "clouds": _packed(clouds),
+        "plotly": packed_plotly,
+        "script": own,
+    }
+    page = re.sub(r"\{\{(\w+)\}\}", lambda found: replaced[found[1]], _asset("page.html"))
+    with replacing(path, afterwards="") as temporary:
+        temporary.write_text(page, encoding="utf-8", newline="\n")
+    return path
+
+
+@cache
+def _asset(name: str) -> str:
+    return (files(__package__) / "page" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _plotly() -> tuple[str, str]:
+    """Script of plotly, packed, and its digest."""
+    script = (files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    return _packed(script.encode()), _digest(script)
+
+
+def _digest(script: str) -> str:
+    """Digest of a script as a Content-Security-Policy writes it."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _packed(content: bytes) -> str:
+    """Compress bytes with gzip and write them as text."""
+    packer = zlib.compressobj(level=6, wbits=GZIP)
+    return base64.b64encode(packer.compress(content) + packer.flush()).decode()

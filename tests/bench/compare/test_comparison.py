@@ -12,7 +12,7 @@ from isacbench.bench.compare.pairs import NotComparableError, code_version
 from isacbench.bench.compare.verdicts import Tolerance, parse_tolerance, share_level
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
-from isacbench.report.comparisons.comparison_tables import comparison_summary
+from isacbench.report.comparison import ComparisonReport
 
 KEYS = ["metric", "scenario", "estimator", "params"]
 
@@ -276,7 +276,7 @@ def test_scores_that_disappear_are_told_and_a_regression(two_runs):
     assert found.notes[0].startswith("deviation: 30 cells that have one in the base alone, and 0")
     assert found.n_lost_scores == 30
     assert found.is_regression
-    assert "30 scores missing in the new run" in comparison_summary(found)
+    assert "30 scores missing in the new run" in ComparisonReport(found).summary()
 
 
 def test_higher_is_better_where_the_metric_says_so(two_runs):

@@ -12,15 +12,8 @@ from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.significance import bootstrap_changes, signed_rank_test
 from isacbench.bench.compare.verdicts import Tolerance
 from isacbench.bench.store.run import Run
-from isacbench.report.comparisons.ci_files import comparison_junit, comparison_markdown
-from isacbench.report.comparisons.comparison_charts import comparison_charts
-from isacbench.report.comparisons.comparison_tables import (
-    comparison_content,
-    comparison_grids,
-    comparison_lines,
-    comparison_summary,
-    effect_lines,
-)
+from isacbench.report.ci_files import comparison_junit, comparison_markdown
+from isacbench.report.comparison import ComparisonReport
 
 PAIR = ("fft4d", "music2d")
 
@@ -92,7 +85,7 @@ def test_below_six_scenes_and_for_other_kinds_the_trial_is_the_unit(two_runs):
     assert found.unit == "trial"
     assert set(found.curves["scenario"]) == {f"town[seed={seed}]" for seed in range(5)}
     assert "win_probability" not in found.curves
-    assert {"unit", "scenes"} & set(comparison_content(found)) == set()
+    assert {"unit", "scenes"} & set(ComparisonReport(found).content()) == set()
     runs = two_runs(worse(1.2), town=8, trials=8)
     for run in runs:
         run.manifest["suite"]["kind"] = "resolution"
@@ -105,7 +98,7 @@ def test_estimators_of_one_run_are_compared_over_scenes(scenes_run):
     found = compare_tables(run, run, partners=partners, is_between=True)
     (row,) = found.curves.to_dict("records")
     assert (row["scenario"], row["n_pairs"], row["verdict"]) == ("all scenes", 9, "regression")
-    (grid, *_) = comparison_grids(found)
+    (grid, *_) = ComparisonReport(found).grids()
     headings = [column.heading for column in grid.columns]
     assert {"P(B better)", "scenes"} <= set(headings)
     assert "trials" not in headings
@@ -117,7 +110,7 @@ def test_the_first_lines_count_the_scenes_where_the_new_side_is_better_or_equal(
         records.loc[chosen & records["scenario"].isin(["town[seed=1]", "town[seed=7]"]), "deviation"] *= 0.5
         records.loc[chosen & (records["scenario"] == "town[seed=2]"), "deviation"] *= 2
 
-    unchanged, changed = effect_lines(compare_tables(*two_runs(change, town=8)))
+    unchanged, changed = ComparisonReport(compare_tables(*two_runs(change, town=8))).effect_lines()
     assert "+0 %, better on 0 of 8 scenes, equal on 8" in unchanged
     assert "better on 2 of 8 scenes, equal on 5" in changed
 
@@ -140,7 +133,7 @@ def test_an_estimator_better_in_one_score_and_worse_in_another_is_told_as_both(s
     run = scenes_run(change, town=12)
     scores = [Tolerance("deviation", 0.05, True), Tolerance("precision", 0.05, True)]
     partners = {("fft4d", "{}"): ("music2d", "{}")}
-    told = comparison_summary(compare_tables(run, run, scores, partners=partners, is_between=True))
+    told = ComparisonReport(compare_tables(run, run, scores, partners=partners, is_between=True)).summary()
     assert told.startswith("music2d is worse than fft4d in one part and better in another: ")
 
 
@@ -157,8 +150,8 @@ def test_scenes_that_changed_most_are_listed_with_the_image_that_changed_most(tw
     assert "changed most: town[seed=4], fft4d" in comparison_junit(found)
     assert "8 scenes" in comparison_junit(found)
     assert "town[seed=4], fft4d" in comparison_markdown(found)
-    assert comparison_lines(found)[0].startswith("the scene is the unit")
-    content = json.loads(json.dumps(comparison_content(found), allow_nan=False))
+    assert ComparisonReport(found).lines()[0].startswith("the scene is the unit")
+    content = json.loads(json.dumps(ComparisonReport(found).content(), allow_nan=False))
     assert content["unit"] == "scene"
     assert content["scenes"][0]["scenario"] == "town[seed=4]"
 
@@ -168,7 +161,7 @@ def test_equal_runs_are_the_same_and_the_figure_speaks_of_scenes(two_runs):
     assert set(found.curves["verdict"]) == {"same"}
     assert (found.curves["win_probability"] == 0.5).all()
     assert found.scenes.empty
-    assert "mean of 8 scenes" in comparison_charts(found, "deviation").title
+    assert "mean of 8 scenes" in ComparisonReport(found).charts("deviation").title
 
 
 def test_a_scene_that_one_side_lacks_is_left_out_and_a_failed_one_is_a_regression(two_runs):

@@ -16,8 +16,7 @@ from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import KINDS, load_suite
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Table, line_series
-from isacbench.report.run_report import draw_run
-from isacbench.report.run_tables import write_run_tables
+from isacbench.report.run_report import draw_run, write_run_tables
 
 
 class CountSuite(Suite):

@@ -6,17 +6,7 @@ import pytest
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
-from isacbench.report.comparisons.comparison_charts import (
-    comparison_charts,
-    comparison_paths,
-    draw_comparison_files,
-)
-from isacbench.report.comparisons.comparison_tables import (
-    comparison_content,
-    comparison_grids,
-    comparison_lines,
-    comparison_summary,
-)
+from isacbench.report.comparison import ComparisonReport
 
 
 def worse_at_10_db(records):
@@ -29,7 +19,7 @@ def failing(records):
 
 
 def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
-    curves, points = comparison_grids(compared(worse_at_10_db, trials=12))
+    curves, points = ComparisonReport(compared(worse_at_10_db, trials=12)).grids()
     assert [row[0] for row in curves.texts] == ["street, blob", "street, nomp4d"]
     (row,) = points.texts
     assert dict(zip(points.headings, row, strict=True)) | {"p": "", "95 % interval": ""} == {
@@ -47,24 +37,24 @@ def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
 
 
 def test_nothing_changed_is_one_table_of_curves(compared):
-    (grid,) = comparison_grids(compared())
+    (grid,) = ComparisonReport(compared()).grids()
     assert [row[-1] for row in grid.texts] == ["same", "same"]
     assert [row[4] for row in grid.texts] == ["0", "0"]
 
 
 def test_an_inconclusive_curve_says_what_it_would_take(compared):
-    few = comparison_grids(compared(worse_at_10_db, trials=2))[0]
+    few = ComparisonReport(compared(worse_at_10_db, trials=2)).grids()[0]
     assert few.texts[1][-1] == "inconclusive: needs 8 trials"
     assert few.texts[1][5] == ""
 
     def noisy(records):
         records["deviation"] *= 1 + np.random.default_rng(0).normal(0, 0.5, len(records))
 
-    relative = comparison_grids(compared(noisy, trials=12))[0]
+    relative = ComparisonReport(compared(noisy, trials=12)).grids()[0]
     shown = relative.texts[0][-1]
     assert shown.startswith("inconclusive: shows ")
     assert shown.endswith(" %")
-    absolute = comparison_grids(compared(noisy, ["deviation=0.1"], trials=12))[0]
+    absolute = ComparisonReport(compared(noisy, ["deviation=0.1"], trials=12)).grids()[0]
     assert absolute.headings[4] == "change"
     assert not absolute.texts[0][-1].endswith("%")
 
@@ -75,14 +65,14 @@ def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
     def change(records):
         records.loc[records["estimator"] == "e55", "deviation"] *= 1.5
 
-    curves = comparison_grids(compared(change, estimators=names))[0]
+    curves = ComparisonReport(compared(change, estimators=names)).grids()[0]
     assert len(curves.texts) == 40
     assert curves.texts[0][0] == "street, e55"
     assert curves.title.endswith("(20 same more not shown)")
 
 
 def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(compared):
-    (line,) = comparison_lines(compared(failing))
+    (line,) = ComparisonReport(compared(failing)).lines()
     assert line.startswith(
         "5 cells failed in the new run alone: blob on street at -20 dB, trial 0 (timeout: TimeoutError: 9 s)"
     )
@@ -91,26 +81,26 @@ def test_failures_missing_and_repaired_cells_are_counted_and_the_first_named(com
     def renumber(records):
         records.loc[0, "trial"] = 99
 
-    assert comparison_lines(compared(renumber)) == [
+    assert ComparisonReport(compared(renumber)).lines() == [
         "1 cell missing in the new run: blob on street at -20 dB, trial 0",
         "1 cell missing in the base: blob on street at -20 dB, trial 99",
     ]
 
 
 def test_the_summary_is_one_line_with_all_counts(compared):
-    assert comparison_summary(compared()) == "no regression: of 2 curves 2 same; of 6 points 6 same"
-    summary = comparison_summary(compared(failing))
+    assert ComparisonReport(compared()).summary() == "no regression: of 2 curves 2 same; of 6 points 6 same"
+    summary = ComparisonReport(compared(failing)).summary()
     assert summary.startswith("no regression, but results are missing: of 2 curves")
     assert summary.endswith("5 cells failed in the new run alone")
 
     def nothing(records):
         records["deviation"] = np.nan
 
-    assert "inconclusive" in comparison_summary(compared(nothing))
+    assert "inconclusive" in ComparisonReport(compared(nothing)).summary()
 
 
 def test_the_content_is_json_without_infinities(compared):
-    content = comparison_content(compared(worse_at_10_db, trials=2))
+    content = ComparisonReport(compared(worse_at_10_db, trials=2)).content()
     again = json.loads(json.dumps(content, allow_nan=False))
     assert again == content
     assert content["comparable"]
@@ -123,7 +113,7 @@ def test_the_content_is_json_without_infinities(compared):
 
 def charts_of(comparison):
     """Title of the group of a comparison's charts, and its charts."""
-    group = comparison_charts(comparison, "deviation")
+    group = ComparisonReport(comparison).charts("deviation")
     return group.title, group.charts
 
 
@@ -169,7 +159,7 @@ def test_fewer_than_five_pairs_have_no_band_and_the_title_says_so(compared):
 def test_of_many_curves_those_with_a_regression_are_drawn_first_and_long_names_are_shortened(
     compared, monkeypatch
 ):
-    monkeypatch.setattr("isacbench.report.comparisons.comparison_charts.MOST_CHARTS", 6)
+    monkeypatch.setattr("isacbench.report.comparison.MOST_CHARTS", 6)
     names = [f"nomp4d_with_a_{'very_' * 9}long_name_{n:02d}" for n in range(8)]
 
     def change(records):
@@ -186,23 +176,23 @@ def test_of_many_curves_those_with_a_regression_are_drawn_first_and_long_names_a
 
 def test_a_figure_for_each_score_lies_beside_the_new_run_or_where_asked(compared, tmp_path):
     found = compared(tolerances=["recall=0.1"])
-    paths = draw_comparison_files(found, tmp_path)
+    paths = ComparisonReport(found).draw(tmp_path)
     assert paths == [tmp_path / "figures" / f"compare-{name}.png" for name in ("deviation", "recall")]
     assert all(path.stat().st_size > 10_000 for path in paths)
-    asked = comparison_paths(found, tmp_path, tmp_path / "my.svg")
+    asked = ComparisonReport(found).paths(tmp_path, tmp_path / "my.svg")
     assert list(asked.values()) == [tmp_path / "my.svg", tmp_path / "my-recall.svg"]
     with pytest.raises(InputError, match=r"a picture takes the extension \.png"):
-        comparison_paths(found, tmp_path, tmp_path / "my.txt")
+        ComparisonReport(found).paths(tmp_path, tmp_path / "my.txt")
 
 
 def test_without_a_pair_nothing_is_drawn(compared, tmp_path):
     def nothing(records):
         records["deviation"] = np.nan
 
-    assert draw_comparison_files(compared(nothing), tmp_path) == []
+    assert ComparisonReport(compared(nothing)).draw(tmp_path) == []
 
 
 def test_a_figure_that_cannot_be_written_is_told(compared, tmp_path):
     (tmp_path / "figures").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
-        draw_comparison_files(compared(), tmp_path)
+        ComparisonReport(compared()).draw(tmp_path)

@@ -11,7 +11,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.contracts import Diagnoser
 from isacbench.plugins.registry import get_estimator
-from isacbench.report import clouds, diagnoses, run_report
+from isacbench.report import clouds, diagnoses, figures, run_report
 from isacbench.report.figures import new_figure
 from isacbench.report.run_report import FigureChoice, draw_chosen
 
@@ -84,7 +84,7 @@ def run_of(shower, tiny, tmp_path):
 @pytest.fixture
 def quick_figures(monkeypatch):
     """Leave figures empty."""
-    for module, name in itertools.product((run_report, diagnoses), ("charts", "clouds", "map")):
+    for module, name in itertools.product((figures, run_report, diagnoses), ("charts", "clouds", "map")):
         if hasattr(module, f"draw_{name}"):
             monkeypatch.setattr(module, f"draw_{name}", lambda *_: new_figure(1, 1))
 

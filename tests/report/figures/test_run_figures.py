@@ -17,7 +17,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
 from isacbench.metrics.one_to_one import Curve
 from isacbench.model.scenes.scenario import load_scenario
-from isacbench.report import clouds, run_report
+from isacbench.report import clouds, figures, run_report
 from isacbench.report.figures import new_figure
 from isacbench.report.run_report import draw_run, radius_charts
 
@@ -28,8 +28,8 @@ def drawn(monkeypatch):
     calls = {"clouds": [], "comparisons": [], "saved": []}
     monkeypatch.setattr(run_report, "draw_clouds", lambda *arguments: calls["clouds"].append(arguments))
     monkeypatch.setattr(run_report, "draw_comparison", lambda *one: calls["comparisons"].append(one))
-    monkeypatch.setattr(run_report, "draw_charts", lambda *_: None)
-    monkeypatch.setattr(run_report, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
+    monkeypatch.setattr(figures, "draw_charts", lambda *_: None)
+    monkeypatch.setattr(figures, "save", lambda figure, path: calls["saved"].append(path.stem) or path)
     return calls
 
 
@@ -164,8 +164,8 @@ def test_of_very_many_estimators_the_best_have_their_clouds_drawn_and_the_title_
 
 
 def test_the_users_own_matplotlib_settings_come_back(run_of, monkeypatch):
-    for name in ("draw_charts", "draw_clouds"):
-        monkeypatch.setattr(run_report, name, lambda *_: new_figure(1, 1))
+    for module, name in ((figures, "draw_charts"), (run_report, "draw_clouds")):
+        monkeypatch.setattr(module, name, lambda *_: new_figure(1, 1))
     run = run_of("blob")
     with matplotlib.rc_context({"text.usetex": True, "font.size": 30.0}):
         draw_run(run)

@@ -9,8 +9,8 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
-from isacbench.report.html import diagnosed_maps as maps_module
-from isacbench.report.html.diagnosed_maps import diagnosed_maps
+from isacbench.report import diagnoses
+from isacbench.report.diagnoses import diagnosed_maps
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_every_scene_comes_before_any_has_a_second_estimator_and_what_is_more_is
     order = [("tiny", "fft4d"), ("other", "fft4d"), ("tiny", "showing"), ("other", "showing")]
     assert [(one["scene"], one["estimator"]) for one in found["maps"]] == order
     assert found["left_out"] == 0
-    monkeypatch.setattr(maps_module, "MOST_MAPS", 3)
+    monkeypatch.setattr(diagnoses, "MOST_MAPS", 3)
     found = diagnosed_maps(run)
     assert [(one["scene"], one["estimator"]) for one in found["maps"]] == order[:3]
     assert found["left_out"] == 1

@@ -1,0 +1,143 @@
+"""Comparison as files for continuous integration: Markdown, and JUnit XML with a test for each curve."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
+from typing import NamedTuple
+
+from isacbench.bench.compare.comparison import Comparison
+from isacbench.bench.compare.verdicts import Tolerance
+from isacbench.charts import text_table
+from isacbench.files.escaping import counted, in_markdown, shortened, visible
+from isacbench.report.comparison import ComparisonReport, Row
+from isacbench.report.tables import markdown
+
+MAX_CHARACTERS = 60_000
+"""Characters of a Markdown file; a comment on GitHub takes 65 536."""
+
+MAX_LINE = 600
+"""Characters of a line or a cell in Markdown."""
+
+
+class _Case(NamedTuple):
+    """A test case: its text is its output, or the message of a problem, a failure or an error, of a kind."""
+
+    suite: str
+    name: str
+    text: str
+    problem: str
+    kind: str
+
+
+def comparison_markdown(comparison: Comparison) -> str:
+    """Write a comparison as Markdown of bounded length.
+
+    The verdict comes first, then the counts, what was compared, a table of curves and one of changed points
+    for each score, cells and notes, as far as they fit.
+    """
+    report = ComparisonReport(comparison)
+    lines = [_line(report.counts()), "", *_items([*report.heading, *report.effect_lines()]), ""]
+    for table in report.grids():
+        bounded = [[shortened(text, MAX_LINE) for text in row] for row in table.texts]
+        lines += markdown(text_table(table.title, table.headings, bounded)).split("\n")
+    return _markdown(report.outcome, lines + _items(report.lines()))
+
+
+def incomparable_markdown(base: str, new: str, reasons: Sequence[str]) -> str:
+    """Write that two runs, given by their folders, cannot be compared, with all reasons."""
+    return _markdown("not comparable", _items([f"base {base}", f"new {new}", *reasons]))
+
+
+def _items(texts: Sequence[str]) -> list[str]:
+    return [f"- {_line(text)}" for text in texts]
+
+
+def _line(text: str) -> str:
+    return in_markdown(shortened(text, MAX_LINE))
+
+
+def _markdown(outcome: str, lines: Sequence[str]) -> str:
+    """Join the lines that fit, below a heading."""
+    kept, room = [], MAX_CHARACTERS
+    for line in (f"### isacbench compare: {_line(outcome)}", "", *lines):
+        room -= len(line) + 1
+        if room < 0:
+            kept += ["", "The rest is left out: it is too long. `isacbench compare --json` has all of it."]
+            break
+        kept.append(line)
+    return "\n".join(kept) + "\n"
+
+
+def comparison_junit(comparison: Comparison) -> str:
+    """Write a comparison as JUnit XML.
+
+    It has a suite for each score and scenario, with a case for each curve and each changed point, which
+    fails where it is a regression; and a suite of cells, whose cases fail where cells or scores failed or
+    are missing.
+    """
+    report = ComparisonReport(comparison)
+    lines = [*report.heading, *report.lines(), *report.scene_lines()]
+    return _xml([*_row_cases(report), *_lost_cases(report)], lines)
+
+
+def incomparable_junit(base: str, new: str, reasons: Sequence[str]) -> str:
+    """Write that two runs, given by their folders, cannot be compared: an error for each reason."""
+    cases = [_Case("comparable", reason, reason, "error", "not comparable") for reason in reasons]
+    return _xml(cases, [f"base {base}", f"new {new}"])
+
+
+def _row_cases(report: ComparisonReport) -> Iterator[_Case]:
+    """Cases of curves and points, of each score scenario by scenario."""
+    for tolerance in report.comparison.tolerances:
+        curves, changed = report.compared_rows(tolerance)
+        for scenario in dict.fromkeys(curves["scenario"]):
+            for table in (curves, changed):
+                for row in table[table["scenario"] == scenario].to_dict("records"):
+                    place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
+                    name = f"{report.name(row, after=', ')}{place}"
+                    problem = "failure" if row["verdict"] == "regression" else ""
+                    text, kind = _outcome(row, tolerance, report), report.verdict("regression")
+                    yield _Case(f"{tolerance}: {scenario}", name, text, problem, kind)
+
+
+def _outcome(row: Row, tolerance: Tolerance, report: ComparisonReport) -> str:
+    """Verdict and numbers of a curve or point in a sentence."""
+    base, new, change, interval, p_value, *win, verdict = report.row_texts(row, tolerance).values()
+    unit = " %" if tolerance.is_relative else ""
+    numbers = [f"{report.heads[0]} {base}", f"{report.heads[1]} {new}", f"change {change}{unit}"]
+    numbers += [f"95 % interval {interval}{unit}"] if interval else []
+    numbers += [f"p {p_value}", counted(row["n_pairs"], report.unit)]
+    numbers += [f"probability that {report.heads[1]} is better {text}" for text in win]
+    return f"{verdict}; {', '.join(numbers)}"
+
+
+def _lost_cases(report: ComparisonReport) -> Iterator[_Case]:
+    lost = [
+        (f"no cells {what}", report.cell_line(cells, what) if len(cells) else "")
+        for cells, what in report.lost
+    ]
+    n_lost, what = report.comparison.n_lost_scores, f"missing in {report.sides[1]}"
+    lost.append((f"no scores {what}", f"{counted(n_lost, 'score')} {what}" if n_lost else ""))
+    for name, text in lost:
+        yield _Case("cells", name, text, "failure" if text else "", report.verdict("regression"))
+
+
+def _xml(cases: Sequence[_Case], lines: Sequence[str]) -> str:
+    """Write suites of cases with their numbers, and lines as the output of the last suite."""
+    root = ET.Element("testsuites", name="isacbench compare")
+    for suite_name, own in groupby(cases, attrgetter("suite")):
+        suite = ET.SubElement(root, "testsuite", name=visible(suite_name))
+        for one in own:
+            case = ET.SubElement(suite, "testcase", classname=visible(suite_name), name=visible(one.name))
+            text = visible(one.text)
+            if one.problem:
+                ET.SubElement(case, one.problem, type=one.kind, message=text).text = text
+            elif one.text:
+                ET.SubElement(case, "system-out").text = text
+    for element in (*root, root):
+        for name, tag in (("tests", "testcase"), ("failures", "failure"), ("errors", "error")):
+            element.set(name, str(len(element.findall(f".//{tag}"))))
+    ET.SubElement(root[-1], "system-out").text = "\n".join(map(visible, lines))
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'

@@ -1,0 +1,392 @@
+"""A comparison in words, tables, charts and terms of JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from isacbench.bench.compare.comparison import Comparison, verdict_counts
+from isacbench.bench.compare.pairs import CURVE
+from isacbench.bench.compare.verdicts import VERDICTS, Tolerance
+from isacbench.bench.kinds.imaging import SCORE_AXES
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.statistics import mean_of_trials
+from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, text_table
+from isacbench.files.checked_files import make_own_folder, require_picture
+from isacbench.files.escaping import counted, shortened
+from isacbench.files.file_names import file_stems
+from isacbench.report.figures import FOLDER, draw_charts, save, styled
+from isacbench.report.tables import json_rows, signed
+
+Row = Mapping[Hashable, Any]
+
+MAX_ROWS = 40
+"""Rows of a table that somebody reads: of more, the worst verdicts are shown."""
+
+CELLS_NAMED = 3
+NAME_WIDTH = 40
+
+SCENE_LINE = (
+    "the scene is the unit: scores are averaged over its trials, and tests, intervals and probabilities are "
+    "over scenes"
+)
+
+MOST_CHARTS = 12
+LONGEST_LINE = 42
+BASE, NEW = LineStyle("#595959", "dash", "square"), LineStyle("#0072B2", "solid", "circle")
+RINGS = {
+    "regression": LineStyle("#D55E00", "", "circle-open"),
+    "improvement": LineStyle("#009E73", "", "diamond-open"),
+}
+"""Marks around points of a verdict."""
+
+
+class ComparisonReport:
+    """A comparison in words ("regression" for two runs, "worse" for two estimators), tables, charts, JSON.
+
+    Attributes
+    ----------
+    comparison : Comparison
+    heads, sides, legend : (str, str)
+        Names of base and new side at the head of a column, in a sentence, and with what distinguishes them.
+    heading : list of str
+        Both sides with the version of their code, one line each.
+    outcome : str
+        Summary in one phrase: the new side is worse, lacks results, or neither.
+    labels : mapping of (str, str) to str
+        Names of estimators, by name and parameters.
+    unit : {"trial", "scene"}
+        Noun for what is paired.
+    lost, gained : list of (DataFrame, str)
+        Cells that one side alone delivered, base or new, with words for them.
+    """
+
+    def __init__(self, comparison: Comparison) -> None:
+        self.comparison = comparison
+        self.labels = estimator_labels(comparison.variants)
+        self.unit = comparison.unit
+        self._is_between = comparison.between is not None
+        self._verdicts: dict[str, str] = {}
+        versions = comparison.base_version, comparison.new_version
+        if comparison.between is None:
+            self.heads, self.sides = ("base", "new"), ("the base", "the new run")
+            self.legend = f"base: {versions[0]}", f"new: {versions[1]}"
+            self.heading = [
+                f"base {comparison.base}: isacbench {versions[0]}",
+                f"new  {comparison.new}: isacbench {versions[1]}",
+            ]
+            worse, fine = "regression", "no regression"
+        else:
+            first, second = (self.labels[variant] for variant in comparison.between)
+            self.heads = self.sides = "A", "B"
+            self.legend = f"A: {first}", f"B: {second}"
+            self.heading = [f"A {first}", f"B {second}", f"in {comparison.base}: isacbench {versions[0]}"]
+            self._verdicts = {"regression": "worse", "improvement": "better"}
+            worse, fine = f"{second} is worse than {first}", _fine(comparison, first, second)
+            if comparison.is_better:
+                worse += " in one part and better in another"
+        lost = ", but results are missing" if comparison.is_regression else ""
+        self.outcome = worse if comparison.is_worse else f"{fine}{lost}"
+        cells, (base, new) = comparison.cells, self.sides
+        self.lost = [(cells.new_failures, f"failed in {new} alone"), (cells.missing, f"missing in {new}")]
+        self.gained = [(cells.repaired, f"failed in {base} alone"), (cells.added, f"missing in {base}")]
+
+    def verdict(self, verdict: str) -> str:
+        """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
+        return self._verdicts.get(verdict, verdict)
+
+    def estimators(self, row: Row) -> list[str]:
+        """Name the estimator of a curve, point or cell, or both of a pair.
+
+        None if two estimators are compared, because the heading names them.
+        """
+        if self._is_between:
+            return []
+        sides = (row["estimator"], row["params"]), (row["new_estimator"], row["new_params"])
+        return list(dict.fromkeys(self.labels[variant] for variant in sides))
+
+    def name(self, row: Row, before: str = "", after: str = "") -> str:
+        """Name the estimators of a row in a sentence, with text around; empty where there are none."""
+        estimators = self.estimators(row)
+        return f"{before}{' → '.join(estimators)}{after}" if estimators else ""
+
+    def changed_points(self) -> pd.DataFrame:
+        """Points that got worse or better, without the point of a curve of one SNR, which is the curve."""
+        points = self.comparison.points
+        return points[(points["n_snr"] > 1) & points["verdict"].isin(["regression", "improvement"])]
+
+    def compared_rows(self, tolerance: Tolerance) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Choose the curves of a score, and its points that got worse or better."""
+        curves, changed = self.comparison.curves, self.changed_points()
+        return curves[curves["metric"] == tolerance.metric], changed[changed["metric"] == tolerance.metric]
+
+    def grids(self) -> list[Table]:
+        """Lay out every curve and the points that got worse or better, and the scenes that changed most."""
+        found = []
+        for tolerance in self.comparison.tolerances:
+            curves, changed = self.compared_rows(tolerance)
+            for table, title in ((curves, "curves, means over all SNRs"), (changed, "points that changed")):
+                if len(table):
+                    found.append(self._grid(f"{tolerance}: {title}", table, tolerance))
+        return [*found, self._scene_grid()] if len(self.comparison.scenes) else found
+
+    def _grid(self, title: str, table: pd.DataFrame, tolerance: Tolerance) -> Table:
+        """One row a curve or point, the worst verdicts first where they are too many for a screen."""
+        if len(table) > MAX_ROWS:
+            worst_first = table["verdict"].map(VERDICTS.index).argsort(kind="stable")
+            left_out = verdict_counts(table.iloc[worst_first[MAX_ROWS:]], self.verdict)
+            table, title = table.iloc[worst_first[:MAX_ROWS]], f"{title} ({left_out} more not shown)"
+        texts = []
+        for row in table.to_dict("records"):
+            own = {"curve": f"{row['scenario']}{self.name(row, before=', ')}"}
+            if "snr_db" in row:
+                own["SNR [dB]"] = f"{row['snr_db']:g}"
+            own |= {f"{self.unit}s": str(row["n_pairs"]), **self.row_texts(row, tolerance)}
+            texts.append(own)
+        return text_table(title, list(texts[0]), [list(own.values()) for own in texts])
+
+    def row_texts(self, row: Row, tolerance: Tolerance) -> dict[str, str]:
+        """Write the numbers of a curve or point, and its verdict last, by the headings of their columns."""
+        name, scale, unit = ("relative", 100.0, " [%]") if tolerance.is_relative else ("change", 1.0, "")
+        change, low, high = (scale * row[f"{name}{end}"] for end in ("", "_low", "_high"))
+        p_value = min(row["p_worse"], row["p_better"])
+        found = {
+            self.heads[0]: f"{row['base_mean']:.4g}",
+            self.heads[1]: f"{row['new_mean']:.4g}",
+            f"change{unit}": signed(change),
+            "95 % interval": "" if math.isnan(low) else f"{signed(low)} to {signed(high)}",
+            "p": "<0.0001" if p_value < 1e-4 else f"{p_value:.2g}",
+        }
+        if self.unit == "scene":
+            win = f"{row['win_probability']:.2f} ({row['win_low']:.2f} to {row['win_high']:.2f})"
+            found[f"P({self.heads[1]} better)"] = "" if math.isnan(row["win_probability"]) else win
+        return {**found, "verdict": self._verdict_text(row, tolerance)}
+
+    def _verdict_text(self, row: Row, tolerance: Tolerance) -> str:
+        """Write the verdict of a curve or point, if inconclusive with the effect that it could have shown."""
+        if row["verdict"] != "inconclusive":
+            return self.verdict(row["verdict"])
+        if not row["n_pairs"]:
+            return "inconclusive: no pairs"
+        if not math.isfinite(row["smallest_effect"]):
+            return f"inconclusive: needs {row['trials_needed']} {self.unit}s"
+        if not tolerance.is_relative:
+            return f"inconclusive: shows {row['smallest_effect']:.2g}"
+        relative = row["smallest_effect"] / abs(row["base_mean"]) if row["base_mean"] else math.inf
+        return f"inconclusive: shows {100 * relative:.2g} %"
+
+    def _scene_grid(self) -> Table:
+        """One row each scene that changed most."""
+        columns = [
+            Column("scene", form=lambda row: f"{row['scenario']}{self.name(row, before=', ')}", part=0),
+            Column("score", "metric"),
+            Column(self.heads[0], "base", "{:.4g}"),
+            Column(self.heads[1], "new", "{:.4g}"),
+            Column("change", "change", signed),
+            Column("at SNR [dB]", "snr_db", "{:g}"),
+            Column("trial", "trial"),
+        ]
+        return Table("scenes that changed most", columns, self.comparison.scenes)
+
+    def scene_lines(self) -> list[str]:
+        """Write the scenes that changed most, one line each."""
+        return [
+            f"changed most: {scene}: {score} {base} to {new}; most at {snr_db} dB, trial {trial}"
+            for scene, score, base, new, _, snr_db, trial in self._scene_grid().texts
+        ]
+
+    def effect_lines(self) -> list[str]:
+        """Write the effect on each score and pair of estimators: means, change, and where it is better."""
+        found = []
+        for tolerance in self.comparison.tolerances:
+            curves, _ = self.compared_rows(tolerance)
+            keys = ["estimator", "params", "new_estimator", "new_params"]
+            for _, rows in curves[curves["n_pairs"] > 0].groupby(keys, sort=False):
+                first = rows.to_dict("records")[0]
+                n_pairs, of, each = first["n_pairs"], len(rows), " a scene"
+                n_better, n_equal = rows["is_better"].sum(), (rows["change"] == 0).sum()
+                if self.unit == "scene":
+                    rows = rows.iloc[:1]  # all scenes
+                    n_better, n_equal, of, each = first["n_better"], first["n_equal"], n_pairs, ""
+                base, new = rows["base_mean"].mean(), rows["new_mean"].mean()
+                relative = f", {100 * (new - base) / abs(base):+.0f} %" if base else ""
+                few = ""
+                if not np.isfinite(rows["smallest_effect"]).any():
+                    needed = f"{first['trials_needed']:g} needed"
+                    few = f"; {counted(n_pairs, self.unit)}{each}, too few for a test ({needed})"
+                equal = f", equal on {n_equal}" if n_equal else ""
+                where = f"better on {n_better} of {counted(of, 'scene')}{equal}{few}"
+                name = shortened(self.name(first, before=" of "), NAME_WIDTH)
+                found.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
+        return found
+
+    def lines(self) -> list[str]:
+        """Write what tables do not show: cells that one side alone has, and what was not compared."""
+        lines = [SCENE_LINE] if self.comparison.unit == "scene" else []
+        lines += [self.cell_line(cells, what) for cells, what in self.lost + self.gained if len(cells)]
+        if self.comparison.cells.n_failed_both:
+            lines.append(f"{counted(self.comparison.cells.n_failed_both, 'cell')} failed in both, left out")
+        return [*lines, *self.comparison.notes]
+
+    def cell_line(self, cells: pd.DataFrame, what: str) -> str:
+        """Count the cells that something became of, in words, and name the first few."""
+        named = []
+        for cell in cells.head(CELLS_NAMED).to_dict("records"):
+            reason = f" ({': '.join(filter(None, [cell['status'], cell['reason']]))})"
+            named.append(
+                f"{self.name(cell, after=' on ')}{cell['scenario']} at {cell['snr_db']:g} dB, "
+                f"trial {cell['trial']}{'' if cell['status'] == 'ok' else reason}"
+            )
+        more = "; ..." if len(cells) > CELLS_NAMED else ""
+        return f"{counted(len(cells), 'cell')} {what}: {'; '.join(named)}{more}"
+
+    def summary(self) -> str:
+        """Write the outcome in one line, with the counts of verdicts."""
+        return f"{self.outcome}: {self.counts()}"
+
+    def counts(self) -> str:
+        """Count verdicts of curves and points, and lost cells and scores."""
+        points = self.comparison.points[self.comparison.points["n_snr"] > 1]
+        parts = [
+            f"of {counted(len(table), noun)} {verdict_counts(table, self.verdict)}"
+            for table, noun in ((self.comparison.curves, "curve"), (points, "point"))
+            if len(table)
+        ]
+        parts += [f"{counted(len(cells), 'cell')} {what}" for cells, what in self.lost if len(cells)]
+        if self.comparison.n_lost_scores:
+            parts.append(f"{counted(self.comparison.n_lost_scores, 'score')} missing in {self.sides[1]}")
+        return "; ".join(parts) or "nothing compared"
+
+    def content(self) -> dict[str, Any]:
+        """Describe a comparison in terms of JSON; numbers that are not finite are null."""
+        one, cells = self.comparison, self.comparison.cells
+        found: dict[str, Any] = {
+            "comparable": True,
+            "regression": one.is_regression,
+            "base": {"folder": one.base, "version": one.base_version},
+            "new": {"folder": one.new, "version": one.new_version},
+            "between": one.between and [self.labels[variant] for variant in one.between],
+            "alpha": one.alpha,
+            "tolerances": [dataclasses.asdict(tolerance) for tolerance in one.tolerances],
+            "curves": json_rows(one.curves),
+            "points": json_rows(one.points),
+            "cells": {
+                "n_paired": cells.n_paired,
+                "n_failed_both": cells.n_failed_both,
+                "new_failures": json_rows(cells.new_failures),
+                "missing": json_rows(cells.missing),
+                "repaired": json_rows(cells.repaired),
+                "added": json_rows(cells.added),
+                "n_lost_scores": one.n_lost_scores,
+            },
+            "notes": list(one.notes),
+        }
+        if self.unit == "scene":
+            found |= {"unit": self.unit, "scenes": json_rows(self.comparison.scenes)}
+        return found
+
+    def paths(self, folder: Path, plot: Path | None = None) -> dict[str, Path]:
+        """Name the files for the figures of a comparison, by score.
+
+        By default ``figures/compare-<score>.png`` in the folder of the new run, of two estimators
+        ``figures/between-<score>.png``. Instead `plot`, to whose stem all scores but the first add theirs.
+        """
+        curves = self.comparison.curves
+        metrics = curves.loc[curves["n_pairs"] > 0, "metric"].unique().tolist()
+        stems = file_stems(metrics)
+        if plot is None:
+            stem = "compare" if self.comparison.between is None else "between"
+            return {metric: folder / FOLDER / f"{stem}-{stems[metric]}.png" for metric in metrics}
+        require_picture(plot)
+        others = {metric: plot.with_stem(f"{plot.stem}-{stems[metric]}") for metric in metrics[1:]}
+        return {**dict.fromkeys(metrics[:1], plot), **others}
+
+    def draw(self, folder: Path, plot: Path | None = None) -> list[Path]:
+        """Draw every score of a comparison into the files that `paths` names."""
+        found = []
+        for metric, path in self.paths(folder, plot).items():
+            # A folder that the user has named may be a link, that of a run may not.
+            make_own_folder(path.parent if plot is None else path.parent.resolve())
+            with styled():
+                found.append(save(draw_charts(self.charts(metric)), path))
+        return found
+
+    def charts(self, metric: str) -> ChartGroup:
+        """One score of both sides over the SNR, a chart a curve, points that changed marked.
+
+        Of more than twelve curves those with the worst verdicts.
+        """
+        points, curves = (
+            table[(table["metric"] == metric) & (table["n_pairs"] > 0)]
+            for table in (self.comparison.points, self.comparison.curves)
+        )
+        shown = _worst_first(curves, points) if len(curves) > MOST_CHARTS else curves
+        part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
+        n_pairs = int(curves["n_pairs"].max())
+        of_scenes = f"mean of {n_pairs} scenes, 95 % confidence band"
+        mean = mean_of_trials(n_pairs) if self.unit == "trial" else of_scenes
+        of_curve, charts = points.groupby(CURVE), []
+        for curve in shown.to_dict("records"):
+            own = of_curve.get_group(tuple(curve[key] for key in CURVE)).sort_values("snr_db")
+            y = Axis(SCORE_AXES[metric].axis if metric in SCORE_AXES else metric, limits=_limits(own))
+            charts.append(Chart(self._title(curve), Axis("SNR [dB]"), y, self._series(own)))
+        return ChartGroup("compare", f"{metric} of paired cells: {mean}{part}", charts, n_columns=3)
+
+    def _series(self, points: pd.DataFrame) -> list[Series]:
+        """Both curves with their bands, and rings around points that changed."""
+        found = []
+        for style, side, label in zip((BASE, NEW), ("base", "new"), self.legend, strict=True):
+            mean, band = points[f"{side}_mean"], points[f"{side}_band"]
+            found.append(Series(label, points["snr_db"], mean, mean - band, mean + band, style=style))
+        for verdict, style in RINGS.items():
+            marked = points[points["verdict"] == verdict]
+            if len(marked):
+                label = self.verdict(verdict)
+                found.append(Series(label, marked["snr_db"], marked["new_mean"], mark="points", style=style))
+        return found
+
+    def _title(self, curve: Row) -> str:
+        """Name a curve, on two lines at most, and what became of it as a whole."""
+        estimators = self.estimators(curve)
+        lines = [curve["scenario"], *estimators]
+        if len(estimators) == 2:
+            lines = [f"{curve['scenario']}, {estimators[0]}", f"→ {estimators[1]}"]
+        elif len(", ".join(lines)) <= LONGEST_LINE:
+            lines = [", ".join(lines)]
+        relative = curve["relative"]
+        change = f" ({100 * relative:+.3g} %)" if relative and np.isfinite(relative) else ""
+        outcome = f"whole curve: {self.verdict(curve['verdict'])}{change}"
+        return "\n".join([*(shortened(line, LONGEST_LINE) for line in lines), outcome])
+
+
+def _fine(comparison: Comparison, first: str, second: str) -> str:
+    """Outcome of two estimators of which the second one is not worse by any test."""
+    curves = comparison.curves[comparison.curves["n_pairs"] > 0]
+    if (curves["verdict"] == "improvement").any():
+        return f"{second} is better than {first}"
+    if len(curves) and curves["is_better"].all():
+        return f"{second} is better than {first} everywhere, which is not tested or may be chance"
+    return f"no test shows {second} to be worse than {first}"
+
+
+def _worst_first(curves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
+    """The curves that a reader wants to see, worst verdict of the curve or any of its points first."""
+    rank = points["verdict"].map(VERDICTS.index)
+    worst_point = points.assign(rank=rank).groupby(CURVE)["rank"].min().rename("worst_point")
+    ranks = curves.join(worst_point, on=CURVE)["worst_point"]
+    order = np.minimum(ranks, curves["verdict"].map(VERDICTS.index)).argsort(kind="stable")
+    return curves.iloc[order[:MOST_CHARTS]]
+
+
+def _limits(points: pd.DataFrame) -> tuple[float, float]:
+    """Bands do not dwarf the means, and curves that hardly vary are not blown up to fill the chart."""
+    means = points[["base_mean", "new_mean"]].to_numpy()
+    low, high = float(means.min()), float(means.max())
+    margin = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high))) or 1.0
+    return low - margin, high + margin

@@ -1,0 +1,184 @@
+"""A ranking in tables, charts and terms of JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from isacbench.bench.compare.pairs import VARIANT
+from isacbench.bench.compare.ranking import BESIDE, Ranking, rank_text
+from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
+from isacbench.charts import (
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    LineStyle,
+    Series,
+    Table,
+    assign_lines,
+    number_or_blank,
+    text_table,
+    variants_in,
+)
+from isacbench.files.escaping import counted, shortened
+from isacbench.files.file_names import file_stems
+from isacbench.report.figures import FOLDER, drawn_charts, save_figures
+from isacbench.report.tables import json_rows, signed
+
+HEADINGS = {
+    "f_score": "F-score",
+    "velocity_error_mps": "velocity: error [m/s]",
+    "objects_f_score": "objects: F-score",
+}
+"""Headings of columns beside the ranks."""
+
+LONGEST_LABEL = 36
+FAR = 2.0
+"""Largest distance of a reference that is drawn, in widths of all intervals together: to scale, farther ones
+would leave no room for the differences."""
+
+
+def ranking_grids(ranking: Ranking) -> list[Table]:
+    """Lay out the ranks and the win probabilities of every group, and the worst scenes."""
+    found = []
+    for group, ranks in ranking.ranks.groupby("group", sort=False):
+        found.append(_rank_grid(ranking, str(group), ranks))
+        if not ranking.is_descriptive:
+            found.append(_win_grid(ranking, str(group), ranks))
+    return [*found, _worst_grid(ranking)]
+
+
+def ranking_lines(ranking: Ranking) -> list[str]:
+    """Write what the tables do not show: what was left out, and what sets are."""
+    return [
+        *ranking.notes,
+        "of fewer than six scenes, nothing can be said of unseen ones"
+        if ranking.is_descriptive
+        else "rank sets hold for all estimators of a table at once with 95 % confidence (less with rare "
+        "failures), other intervals each by itself; families with fewer than "
+        f"{MIN_FAMILY_SCENES} scenes have no table of their own",
+    ]
+
+
+def ranking_content(ranking: Ranking) -> dict[str, Any]:
+    """Describe a ranking in terms of JSON: its tables, with ``scores`` a row for each scene and estimator."""
+    scores = ranking.scores.rename_axis("scenario").stack(VARIANT, future_stack=True)
+    return {
+        "run": {"folder": ranking.run, "version": ranking.version},
+        "metric": ranking.metric,
+        "better": ranking.better,
+        "ranks": json_rows(ranking.ranks),
+        "wins": json_rows(ranking.wins),
+        "worst": json_rows(ranking.worst),
+        "scores": json_rows(pd.DataFrame({"score": scores}).reset_index()),
+        "notes": list(ranking.notes),
+    }
+
+
+def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
+    """One row an estimator, references last."""
+    n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
+    what = f"descriptive: {n_scenes}, means" if ranking.is_descriptive else f"{n_scenes}, ranks"
+    rows = []
+    for row in ranks.to_dict("records"):
+        is_reference = row["is_reference"]
+        texts = {"estimator": ranking.labels[row["estimator"], row["params"]]}
+        if not ranking.is_descriptive:
+            texts["rank"] = "reference" if is_reference else rank_text(row["rank_low"], row["rank_high"])
+        texts[f"mean {ranking.metric}"] = number_or_blank(row["mean"], "{:.4g}")
+        beside = [name for name in BESIDE if name in ranks]
+        texts |= {HEADINGS.get(name, name): number_or_blank(row[name], "{:.2f}") for name in beside}
+        texts["from the best"] = "" if is_reference else signed(row["change"])
+        if not ranking.is_descriptive:
+            interval = f"{signed(row['change_low'])} to {signed(row['change_high'])}"
+            texts["95 % interval"] = "" if is_reference or not row["change"] else interval
+        rows.append(texts)
+    title = f"{group}: {what} by {ranking.metric}, {ranking.better} is better"
+    return text_table(title, list(rows[0]), [list(texts.values()) for texts in rows])
+
+
+def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
+    """One row an estimator, one column each that it is compared with."""
+    variants = variants_in(ranks[~ranks["is_reference"]])
+    texts = {
+        (row["estimator"], row["params"], row["other"], row["other_params"]): (
+            f"{row['probability']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
+        )
+        for row in ranking.wins[ranking.wins["group"] == group].to_dict("records")
+    }
+    return text_table(
+        f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval",
+        ["better", *(ranking.labels[variant] for variant in variants)],
+        [
+            [ranking.labels[variant], *(texts.get((*variant, *other), "") for other in variants)]
+            for variant in variants
+        ],
+    )
+
+
+def _worst_grid(ranking: Ranking) -> Table:
+    """One row each scene in which an estimator is worst."""
+    columns = [
+        Column("estimator", form=lambda row: ranking.labels[row["estimator"], row["params"]], part=0),
+        Column("scene", "scenario"),
+        Column(ranking.metric, "score", "{:.4g}"),
+        Column("worst image", form=_worst_image),
+    ]
+    return Table(f"worst scenes by {ranking.metric}", columns, ranking.worst)
+
+
+def _worst_image(row: Mapping[str, Any]) -> str:
+    return f"{row['cell_score']:.4g}{'' if row['status'] == 'ok' else ' (' + row['status'] + ')'}"
+
+
+def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
+    """Draw a ranking into ``figures/ranks-<metric>.png`` of a run."""
+    (path,) = save_figures(drawn_charts([ranking_charts(ranking)]), folder / FOLDER)
+    return path
+
+
+def ranking_charts(ranking: Ranking) -> ChartGroup:
+    """For each group of scenes, rank sets, and mean differences from the best estimator."""
+    charts, most = [], 1
+    for group, part in ranking.ranks.groupby("group", sort=False):
+        own = part[~part["is_reference"]]
+        most = max(most, len(own))
+        names = [shortened(ranking.labels[variant], LONGEST_LABEL) for variant in variants_in(own)]
+        y, low, high = Axis("", categories=names), min(own["change_low"].min(), 0.0), own["change_high"].max()
+        sets = Axis("rank", limits=(0.5, len(own) + 0.5))
+        title = f"{group}: {part['n_scenes'].iloc[0]} scenes"
+        charts.append(Chart(title, sets, y, _series(ranking, own, ("rank", "rank_low", "rank_high"))))
+        differences = _series(ranking, own, ("change", "change_low", "change_high"))
+        reach = FAR * (max(high, 0.0) - low)
+        for row in part[part["is_reference"]].to_dict("records"):
+            place = row["mean"] - own["mean"].iloc[0]
+            if math.isnan(place):
+                continue
+            label = f"{ranking.labels[row['estimator'], row['params']]} (ref.)"
+            ends = [-0.5, len(own) - 0.5]
+            if not low - reach <= place <= max(high, 0.0) + reach:
+                label, ends = f"{label} at {place:+.3g}", []
+            style = LineStyle("", "dash", "")
+            differences.append(Series(label, [place] * len(ends), ends, style=style))
+        x = Axis(f"mean {ranking.metric} less that of the best")
+        charts.append(Chart("mean difference, 95 % interval", x, y, differences))
+    stem = f"ranks-{file_stems([ranking.metric])[ranking.metric]}"
+    title = f"Ranks by {ranking.metric}, {ranking.better} is better: ranks of means in their 95 % sets"
+    return ChartGroup(stem, title, charts, n_columns=2, panel_in=(4.0, 0.7 + 0.27 * most))
+
+
+def _series(ranking: Ranking, own: pd.DataFrame, columns: tuple[str, str, str]) -> list[Series]:
+    """A point with its interval for every estimator."""
+    lines = assign_lines(ranking.labels)
+    found = []
+    for place, row in enumerate(own.assign(rank=range(1, len(own) + 1)).to_dict("records")):
+        x, low, high = ([row[name]] for name in columns)
+        style = replace(lines[row["estimator"], row["params"]].style, dash="")
+        found.append(Series("", x, [place], x_low=low, x_high=high, mark="points", style=style))
+    return found
