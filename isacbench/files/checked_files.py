@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import os
 import stat
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from isacbench.errors import AccessError, InputError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TOML_BYTES = 2**20
 """Largest scenario or suite: ten thousand objects."""

@@ -15,15 +15,12 @@ Estimators of other packages may do the same:
 from __future__ import annotations
 
 import time
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Literal, Self, get_args
+from typing import Literal, Self, get_args
 
 from isacbench.errors import unknown_name
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
 
 Stage = Literal["rdm", "detection", "subspace", "spectrum", "peaks", "refinement"]
 """Steps of an estimate, in the order of the chain.

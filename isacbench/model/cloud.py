@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Floats, checked_array, freeze_arrays, named_columns, unmasked_array
 from isacbench.display import Description, Displayed, span
@@ -13,12 +16,6 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import pandas as pd
-    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

@@ -18,13 +18,14 @@ import random
 import time
 import tracemalloc
 import zlib
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import Row
 from isacbench.errors import InputError
@@ -32,20 +33,13 @@ from isacbench.instrument.stages import STAGES, StageClock
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.contracts import TruthEstimator
+from isacbench.model.observation import Observation
+from isacbench.model.scene import Scenario
+from isacbench.plugins.contracts import Estimator, ReferenceEstimator, TruthEstimator
 from isacbench.plugins.discovery import error_place
 from isacbench.plugins.registry import canonical_params
 from isacbench.plugins.scoring import Metrics
 from isacbench.streams import plugin_output
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from isacbench.model.observation import Observation
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Estimator, ReferenceEstimator
 
 
 def seed_global_generators(*key: object) -> None:

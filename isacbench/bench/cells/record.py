@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
+import pandas as pd
+
+from isacbench.bench.store.provenance import Environment
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from isacbench.bench.store.provenance import Environment
 
 CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 

@@ -5,24 +5,30 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
+
+import pandas as pd
 
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
+from isacbench.bench.kinds.scenes import Scene
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import Line, Variant, assign_lines, number_table, short_labels, variants_in
+from isacbench.charts import (
+    ChartGroup,
+    Line,
+    Table,
+    Variant,
+    assign_lines,
+    number_table,
+    short_labels,
+    variants_in,
+)
 from isacbench.errors import InputError
 from isacbench.files.file_names import file_stems
+from isacbench.metrics.descriptions import Direction
+from isacbench.model.scene import Scenario
+from isacbench.plugins.contracts import Metric
 from isacbench.plugins.scoring import Metrics
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from isacbench.bench.kinds.scenes import Scene
-    from isacbench.charts import ChartGroup, Table
-    from isacbench.metrics.descriptions import Direction
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.contracts import Metric
 
 SNR_GAIN: Mapping[str, float] = {"snr_gain_db": math.nan}
 """Column of every kind of suite that knows the SNR after all gain (array and processing)."""

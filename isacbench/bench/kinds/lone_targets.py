@@ -13,22 +13,19 @@ no estimator finds the scatterer without false points.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.dsp.bounds import joint_bound
 from isacbench.model.echo import echo_parameters
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+from isacbench.model.scene import Scenario
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.bench.cells.cell import MeasuredImage
-    from isacbench.model.scene import Scenario
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 RESOLVABLE_CELLS = 0.1
 """Largest bound of a resolvable scatterer, a standard deviation, in Rayleigh cells."""

@@ -13,36 +13,34 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.cell import (
     PAPER_ALONE,
+    Found,
+    Measure,
     MeasuredImage,
     array_digest,
     estimate_cloud,
     image_reference,
 )
-from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, status_of
+from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, Row, status_of
 from isacbench.bench.plan.labels import variant_label
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
+from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
+from isacbench.model.observation import Observation
 from isacbench.model.radio_coordinates import gain_db
+from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.registry import build_variants, canonical_params
-
-if TYPE_CHECKING:
-    from isacbench.bench.cells.cell import Found, Measure
-    from isacbench.bench.cells.record import Row
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.observation import Observation
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.scoring import Metrics
+from isacbench.plugins.scoring import Metrics
 
 SNR_DECIMALS = 6
 """Digits after which an SNR is rounded, so that a gain added and taken away leaves it as it was."""

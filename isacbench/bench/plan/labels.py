@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from isacbench.charts import Variant
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import parameter_defaults, sees_truth
 from isacbench.specifications import spell_spec
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Params = Mapping[str, Any]
 

@@ -7,34 +7,28 @@ file, from another process or in another order find their place.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, pairwise
 from threading import Lock
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
+from isacbench.bench.kinds.scenes import Entry, Scene
+from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
 from isacbench.plugins.code_digests import foreign_classes
-from isacbench.plugins.discovery import local_plugins, register_plugin
+from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
 from isacbench.plugins.registry import build_variants
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from isacbench.bench.kinds.scenes import Entry, Scene
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scene import Scenario
-    from isacbench.plugins.discovery import PluginFile, PluginKind
 
 
 class Block(NamedTuple):

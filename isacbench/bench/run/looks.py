@@ -5,14 +5,11 @@ from __future__ import annotations
 import csv
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import isacbench
 from isacbench.bench.store.provenance import git_state
+from isacbench.bench.suites.suite import Suite
 from isacbench.model.scenes.scene_families import family_specs, is_family_spec, use_of_seed
-
-if TYPE_CHECKING:
-    from isacbench.bench.suites.suite import Suite
 
 LOG = Path(isacbench.__file__).parents[1] / "results" / "looks.csv"
 """In a checkout; a package that is installed has none."""

@@ -5,14 +5,18 @@ They are merged by the plans that their manifests keep, so that no plugin has to
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, typed
+from isacbench.bench.plan.run_plan import Plan
 from isacbench.bench.store.manifest import (
     ENTRIES,
     RUN_KEYS,
@@ -30,14 +34,6 @@ from isacbench.bench.suites.suite_kinds import restore_suite
 from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 from isacbench.specifications import spec_variants
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from isacbench.bench.plan.run_plan import Plan
 
 BESIDE = {"name", "kind", "seed", "version", "estimators", "scenarios", "metrics"}
 """Keys of a suite that are compared in other ways than by their values."""

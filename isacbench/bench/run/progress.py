@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import TYPE_CHECKING
+
+from rich.console import Console
 
 from isacbench.files.escaping import visible
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rich.console import Console
 
 Progress = Callable[[int, int], None]
 """Function that is called after each piece of work, with the number of pieces done and of all."""

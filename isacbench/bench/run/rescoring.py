@@ -10,13 +10,15 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage, image_reference
 from isacbench.bench.cells.record import N_STORED, failed
+from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store.manifest import (
     SCORES,
     describe_scores,
@@ -29,15 +31,9 @@ from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
-from isacbench.plugins.contracts import is_reference
+from isacbench.plugins.contracts import ReferenceEstimator, is_reference
 from isacbench.plugins.registry import get_estimator
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from isacbench.bench.kinds.scenes import ImagedScene
-    from isacbench.plugins.contracts import ReferenceEstimator
-    from isacbench.plugins.scoring import Metrics
+from isacbench.plugins.scoring import Metrics
 
 
 class Change(NamedTuple):

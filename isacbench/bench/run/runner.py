@@ -8,14 +8,15 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from isacbench.bench.cells.cell import repeats_wanted
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, typed
-from isacbench.bench.plan.run_plan import Shard, load_job
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, typed
+from isacbench.bench.plan.run_plan import Block, Job, Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.manifest import (
@@ -36,15 +37,8 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
 from isacbench.errors import InputError
-from isacbench.plugins.contracts import is_reference
+from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from isacbench.bench.cells.record import Row
-    from isacbench.bench.plan.run_plan import Block, Job
-    from isacbench.plugins.contracts import Estimator
 
 
 @dataclass(frozen=True)

@@ -11,23 +11,19 @@ import base64
 import json
 import math
 import zlib
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import COLUMNS
+from isacbench.bench.cells.record import COLUMNS, Row
+from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import cannot_be_written
 from isacbench.bench.store.tables import CloudArray
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from isacbench.bench.cells.record import Row
-    from isacbench.bench.store.provenance import Environment
 
 MOST_ROWS = 10_000
 """Rows that are read before they become a table, which takes less memory."""

@@ -7,16 +7,19 @@ import math
 import platform
 import shlex
 import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import isacbench
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.kinds.scenes import Entry
-from isacbench.bench.plan.run_plan import Plan
+from isacbench.bench.plan.run_plan import Job, Plan
 from isacbench.bench.store.provenance import (
+    Environment,
     blas_libraries,
     git_state,
     machine,
@@ -25,23 +28,16 @@ from isacbench.bench.store.provenance import (
 )
 from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
+from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
 from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_inside, require_utf8
 from isacbench.files.escaping import visible
 from isacbench.metrics.descriptions import ScoreColumn
+from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scene_families import spelled_scenarios
 from isacbench.plugins.scoring import Metrics, object_kinds
 from isacbench.specifications import parse_spec
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from datetime import datetime
-
-    from isacbench.bench.plan.run_plan import Job
-    from isacbench.bench.store.provenance import Environment
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scene import Scenario
 
 SCORES = "scores"
 """Key of a manifest with the metrics and their columns."""

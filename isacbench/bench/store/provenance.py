@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from threadpoolctl import threadpool_info
 
@@ -29,10 +29,8 @@ from isacbench.plugins.code_digests import (
     root_of,
     with_imports,
 )
+from isacbench.plugins.contracts import Detector, Estimator
 from isacbench.plugins.discovery import GROUPS, entries, local_plugins
-
-if TYPE_CHECKING:
-    from isacbench.plugins.contracts import Detector, Estimator
 
 Environment = dict[str, Any]
 """Origin of a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Collection, Mapping
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import failed
 from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.run_plan import Plan
 from isacbench.bench.store.provenance import environment_id, environment_of
+from isacbench.bench.store.run import Run
+from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, unknown_name
 
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from numpy.typing import NDArray
-
-    from isacbench.bench.plan.run_plan import Plan
-    from isacbench.bench.store.run import Run
-    from isacbench.bench.suites.suite import Suite
-
-    Mask = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
 Rerun = Literal["failed", "stale", "all"]
 RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")

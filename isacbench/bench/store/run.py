@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import (
     CLOUD_KEYS,
@@ -25,6 +26,7 @@ from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store import run_folder as files
 from isacbench.bench.store.journal import read_journal
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
+from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import DAMAGE, damage_text, damage_told, replacing
 from isacbench.bench.store.tables import (
     CloudArray,
@@ -34,6 +36,7 @@ from isacbench.bench.store.tables import (
     write_table,
 )
 from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
+from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import AccessError, InputError, InputWarning, unknown_name
@@ -41,14 +44,7 @@ from isacbench.files.checked_files import is_there
 from isacbench.files.escaping import counted, quoted, shortened
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
-from isacbench.model.scene import Scatterers, warned_before
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from isacbench.bench.store.provenance import Environment
-    from isacbench.bench.suites.suite import Suite
-    from isacbench.model.scene import Scenario
+from isacbench.model.scene import Scatterers, Scenario, warned_before
 
 T = TypeVar("T")
 

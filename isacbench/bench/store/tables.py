@@ -9,11 +9,12 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import csv
 
 from isacbench.bench.cells.record import CLOUD_KEYS
@@ -23,11 +24,6 @@ from isacbench.errors import AccessError
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 TEXTS = ["scenario", "estimator", "params"]
 """Keys that a table of points holds as categories."""

@@ -16,26 +16,22 @@ import time
 import uuid
 import zlib
 from collections import defaultdict, deque
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import groupby
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from distributed import Client, Future
+
+from isacbench.bench.cells.record import Row
+from isacbench.bench.plan.run_plan import Block, Job
 from isacbench.bench.store.resume import differing_versions, versions_now
-from isacbench.bench.workers.guarded_cells import Lane, Workbench
+from isacbench.bench.workers.guarded_cells import Guard, Lane, Workbench
 from isacbench.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Mapping, Sequence
-
-    from distributed import Client, Future
-
-    from isacbench.bench.cells.record import Row
-    from isacbench.bench.plan.run_plan import Block, Job
-    from isacbench.bench.workers.guarded_cells import Guard
-
-    Piece = tuple[Block, ...]
+Piece = tuple[Block, ...]
 
 WAIT_S = 30.0
 """Longest time in s that a run waits for an answer of the scheduler, or for a worker."""

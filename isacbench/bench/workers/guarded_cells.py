@@ -12,6 +12,7 @@ import math
 import resource
 import time
 import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import copy_context
@@ -20,25 +21,18 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
-from isacbench.bench.cells.cell import failed_by, repeat, run_cell, seed_global_generators
+from isacbench.bench.cells.cell import Found, failed_by, repeat, run_cell, seed_global_generators
 from isacbench.bench.cells.record import SCORED, Row
-from isacbench.bench.plan.run_plan import BlockQueue
-from isacbench.bench.store.provenance import environment_id, environment_of
+from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation
+from isacbench.bench.plan.run_plan import Block, BlockQueue, Job
+from isacbench.bench.store.provenance import Environment, environment_id, environment_of
 from isacbench.bench.store.resume import versions_now
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
 from isacbench.process_state import process_state_kept
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-
-    from isacbench.bench.cells.cell import Found
-    from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation
-    from isacbench.bench.plan.run_plan import Block, Job
-    from isacbench.bench.store.provenance import Environment
 
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 

@@ -9,7 +9,7 @@ import fcntl
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -23,17 +23,14 @@ from multiprocessing import (
     resource_tracker,
     spawn,
 )
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.process import BaseProcess
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
 from isacbench.bench.suites.suite_kinds import PLANNERS
 from isacbench.streams import lent_streams
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from multiprocessing.connection import Connection
-    from multiprocessing.process import BaseProcess
 
 PRELOADED = ["isacbench.bench.workers.guarded_cells", *PLANNERS]
 """Modules that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
