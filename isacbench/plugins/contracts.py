@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import (
+    TYPE_CHECKING,
     ClassVar,
     Literal,
     Protocol,
@@ -14,19 +14,23 @@ from typing import (
     runtime_checkable,
 )
 
-import numpy as np
-from numpy.typing import NDArray
-
 from isacbench.display import brief
 from isacbench.dsp.detection import Detection as Detection
 from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
 from isacbench.metrics.descriptions import ScoreColumn as ScoreColumn
-from isacbench.metrics.geometry import CloudPair
-from isacbench.model.cloud import PointCloud
-from isacbench.model.observation import Observation
-from isacbench.model.radio_coordinates import Radio as Radio
 from isacbench.streams import plugin_output
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from isacbench.metrics.geometry import CloudPair
+    from isacbench.model.cloud import PointCloud
+    from isacbench.model.observation import Observation
+    from isacbench.model.radio_coordinates import Radio as Radio
 
 
 @dataclass(frozen=True)
