@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import sys
 import threading
 import time
 import warnings
@@ -32,13 +33,15 @@ def process_state_kept(at_import: bool = False) -> Iterator[None]:
 
     Put back are the working folder, the environment (not after the import of a plugin, which may set
     it for later), filters of warnings, NumPy's error handling and print options, and the random
-    generators of Python and NumPy.
+    generators of Python and NumPy. FFTs are SciPy's own afterwards.
     """
     import numpy as np
 
     with _alone, ExitStack() as stack:
         stack.callback(np.random.set_state, np.random.get_state())  # noqa: NPY002, plugins may use it
         stack.callback(random.setstate, random.getstate())
+        if fft := sys.modules.get("scipy.fft"):
+            stack.callback(fft.set_global_backend, "scipy")
         if not at_import:
             stack.callback(_set_environment, dict(os.environ))
         with suppress(OSError):  # a folder that is gone

@@ -17,6 +17,7 @@ ACTS = {
     "none": "sys.stdout = sys.stderr = None",
     "original": "sys.__stdout__.close(); sys.__stderr__.close()",
     "descriptors": "os.close(1); os.close(2)",
+    "backend": "scipy.fft.set_global_backend(Zero)",
 }
 ALONE = {  # what is not undone: the others have a process of their own
     "limits": "kind = resource.RLIMIT_NOFILE; resource.setrlimit(kind, (200, resource.getrlimit(kind)[1]))",
@@ -24,7 +25,6 @@ ALONE = {  # what is not undone: the others have a process of their own
     "library": "np.linalg.svd = scipy.fft.fft = len",
     "method": "PointCloud.to_dataframe = None",
     "signals": "signal.signal(signal.SIGUSR1, signal.SIG_IGN)",
-    "backend": "scipy.fft.set_global_backend(Zero)",
     "nice": "os.nice(5)",
     "thread": "threading.Thread(target=lambda: time.sleep(60), daemon=True, name='left').start()",
     "child": "subprocess.Popen(['sleep', '60'])",
