@@ -39,6 +39,9 @@ def slow_but(quick, every):
 
 MOST_WORKERS = 8
 
+# Tables keep to the width that COLUMNS names; processes of pytest-xdist are told one.
+os.environ.pop("COLUMNS", None)
+
 # Compiling the tests is half of their collection, so they are kept compiled whatever Python was told.
 sys.dont_write_bytecode = False
 

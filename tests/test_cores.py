@@ -143,7 +143,7 @@ def cube_cells():
             "isacbench.link.sensing.link_observation.weighted_echo",
             lambda: observe(SCENE, 10.0, sensing="prs"),
         ),
-        ("isacbench.cubes.transform.GateTransform._summed", cube_cells),
+        ("isacbench.dsp.partial_dft.transform_block", cube_cells),
         ("isacbench.metrics.paper.deviation_scores", lambda: score(SCENE.truth, SCENE.truth)),
     ],
 )

@@ -260,18 +260,27 @@ def _list_mat(path: Path) -> ArrayFile:
     if HDF5_SIGNATURE in (head[: len(HDF5_SIGNATURE)], head[USER_BLOCK:]):
         return _list_hdf5(path)
     require_file(path, HELD_BYTES)
+    load = partial(loadmat, path, appendmat=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # SciPy gives the last of several variables of one name. All objects have the name None to it.
         warnings.filterwarnings("error", 'Duplicate variable name "(?!None")')
-        variables = loadmat(path, appendmat=False)
+        variables = load()
         entries: Entries = {}
-        if isinstance(variables.get("None"), MatlabOpaque):  # the last one, if they are several
-            entries[variables.pop("None")["s0"].item().decode("latin1")] = "object"
+        if isinstance(variables.get("None"), MatlabOpaque):
+            del variables["None"]
+            while (name := _last_object(load, 1 + len(entries))) not in entries:
+                entries[name] = "object"
     for name, value in variables.items():
         if not name.startswith("__"):
             entries.update(_variable(name, value))
     return ArrayFile(entries)
+
+
+def _last_object(load: Callable[..., dict[str, Any]], n: int) -> str:
+    """Name of the last of the first n objects of MATLAB: of as many as are wanted, SciPy gives that."""
+    name: str = load(variable_names=["None"] * n)["None"]["s0"].item().decode("latin1")
+    return name
 
 
 def _variable(name: str, value: Any) -> Iterator[tuple[str, StoredArray | str]]:

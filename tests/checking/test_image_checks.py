@@ -71,7 +71,7 @@ class Twisted:
                 weights = np.linspace(1, 1.1, cells.shape[3])
                 seen = dataclasses.replace(observation, cells=cells * weights)
             case "counts threads":
-                n_threads = max(library["num_threads"] for library in threadpool_info())
+                n_threads = max(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
                 seen = dataclasses.replace(observation, cells=cells * n_threads)
         points = get_estimator("music2d").estimate(seen).to_array()
         match self.fault:

@@ -202,8 +202,10 @@ def test_every_kind_of_run_has_a_page_with_its_own_charts(runs):
     link = content_of(write_run_page(Run.open(runs("link"))))
     assert {chart["y"]["title"] for chart in link["charts"]} == {"bit error rate", "imaging deviation"}
     detection = content_of(write_run_page(Run.open(runs("detection"))))
-    rates = next(chart for chart in detection["charts"] if chart["y"]["title"] == "false-alarm rate")
-    assert rates["line"] == 1e-3
+    rates = next(
+        chart for chart in detection["charts"] if chart["y"]["title"] == "probability of false alarm"
+    )
+    assert rates["lines"] == [1e-3]
     assert [series["label"] for series in rates["series"]] == ["ca", "os"]
     assert all(
         low <= y <= high
