@@ -10,7 +10,7 @@ import typer
 from typer import Option
 
 from isacbench.cli import options as opt
-from isacbench.cli.app import Exit, app, fail, print_json, print_table, say, say_lines
+from isacbench.cli.app import Exit, app, fail, print_json, print_tables, say, say_lines
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
@@ -168,8 +168,8 @@ def stress_command(
         print_json(findings.describe_stress(results))
     else:
         if search is None and results:
-            print_table(findings.promise_grid(stress.check_table(results)))
-            print_table(findings.family_grid(stress.case_table(results)))
+            promises = findings.promise_grid(stress.check_table(results))
+            print_tables(promises, findings.family_grid(stress.case_table(results)))
         if search is None or interrupted:
             say(findings.summary(results))
         else:
