@@ -238,18 +238,12 @@ def draw_charts(group: ChartGroup) -> Figure:
 def _legend(group: ChartGroup) -> list[Artist]:
     """One entry a label, grey where its series have several colours."""
     by_label: dict[str, list[Series]] = {}
-    for chart in group.charts:
-        for series in chart.series:
-            if series.label:
-                by_label.setdefault(series.label, []).append(series)
-    # What has a score in one of the charts has it.
-    by_label = {
-        label: found
-        for label, found in by_label.items()
-        if not label.endswith(NO_SCORE) or label.removesuffix(NO_SCORE) not in by_label
-    }
+    for series in (series for chart in group.charts for series in chart.series if series.label):
+        by_label.setdefault(series.label, []).append(series)
     entries: list[Artist] = []
     for label, found in by_label.items():
+        if label.endswith(NO_SCORE) and label.removesuffix(NO_SCORE) in by_label:
+            continue  # what has a score in one of the charts has it
         first, text = found[0], drawable(shortened(label, LONGEST_LEGEND))
         colour = _colour(first.style) if len({one.style.colour for one in found}) == 1 else MIXED_COLOUR
         if first.mark == "bar":
