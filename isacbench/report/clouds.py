@@ -314,12 +314,16 @@ def plot_clouds(
     >>> alone = plot_clouds(None, estimate)
     """
     truth = PointCloud.empty() if truth is None else truth
-    _require_cloud("truth", truth)
     clouds = estimate if isinstance(estimate, Mapping) else {"estimate": estimate}
     if not clouds:
         raise InputError("estimate: a mapping without clouds; allowed is at least one")
-    for name, cloud in clouds.items():
-        _require_cloud(f"estimate {name!r}" if clouds is estimate else "estimate", cloud)
+    named = {f"estimate {name!r}": cloud for name, cloud in clouds.items()}
+    for name, value in {"truth": truth, **(named if clouds is estimate else clouds)}.items():
+        if not isinstance(value, PointCloud):
+            raise InputError(
+                f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
+                "PointCloud.from_array makes one of columns x, y, z, v"
+            )
     require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive, finite number of m")
     path = None if out is None else Path(out)
     if path is not None:
@@ -340,14 +344,6 @@ def plot_clouds(
         if path is not None:
             figures.save(figure, path)
     return figure
-
-
-def _require_cloud(name: str, value: object) -> None:
-    if not isinstance(value, PointCloud):
-        raise InputError(
-            f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
-            "PointCloud.from_array makes one of columns x, y, z, v"
-        )
 
 
 def _region_of(clouds: Sequence[PointCloud]) -> Region:

@@ -293,12 +293,10 @@ def _draw_series(
     marker = _marker(style, colour)
     if series.mark == "points":
         x_low, x_high = (np.asarray(end, dtype=np.float64) for end in (series.x_low, series.x_high))
-        bars: dict[str, Any] = {}
-        if x_low.size:
-            bars["xerr"] = [x - x_low, x_high - x]
-        if low.size:
-            bars["yerr"] = [y - low, high - y]
-        axes.errorbar(x, y, **bars, color=colour, linestyle="", elinewidth=1.2, markersize=size, **marker)
+        x_bars = [x - x_low, x_high - x] if x_low.size else None
+        y_bars = [y - low, high - y] if low.size else None
+        marker |= {"markersize": size, "elinewidth": 1.2}
+        axes.errorbar(x, y, y_bars, x_bars, color=colour, linestyle="", **marker)
     elif np.isfinite(x).sum() == 1:
         marker["marker"] = marker["marker"] or "_"
         axes.plot(x, y, color=colour, linestyle="", **marker)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -221,7 +222,7 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
         series = []
         for variant, mean in means.items():
             label = f"{lines[variant].label}: area {mean.area:.2f}"
-            style = charts.with_symbol(lines[variant].style, "")
+            style = replace(lines[variant].style, symbol="")
             series.append(Series(label, mean.radius_m, getattr(mean, name), style=style))
         panels.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
     n_scenes = counted(rows.loc[is_drawn, "scenario"].nunique(), "scene")
