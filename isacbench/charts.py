@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -444,11 +444,6 @@ def decades(values: pd.Series[float], least: float = 0.0) -> tuple[float, float]
         return (least or 0.1), 1.0
     low, high = np.floor(np.log10(shown.min() / 1.5)), np.ceil(np.log10(1.5 * shown.max()))
     return float(10.0**low), float(10.0**high)
-
-
-def with_symbol(style: LineStyle, symbol: str) -> LineStyle:
-    """The same style with another symbol."""
-    return replace(style, symbol=symbol)
 
 
 def variants_in(table: pd.DataFrame) -> list[Variant]:

@@ -9,6 +9,7 @@ import threading
 import warnings
 from collections.abc import Mapping
 from enum import IntEnum
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -98,9 +99,10 @@ def _options(
     pass
 
 
-def say(message: str, err: bool = False) -> None:
-    """Print one line on stdout or stderr, with control characters escaped."""
-    typer.echo(visible(message), err=err)
+def say(*messages: str, err: bool = False) -> None:
+    """Print messages on stdout or stderr, a line each, with control characters escaped."""
+    for message in messages:
+        typer.echo(visible(message), err=err)
 
 
 def say_lines(message: str) -> None:
@@ -126,8 +128,8 @@ def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | Non
         say(f"  {name:<16} {value:.6g}{spread}")
 
 
-def print_table(table: Table) -> None:
-    """Print a table within the width of the terminal or of COLUMNS, otherwise 100 characters."""
+def print_tables(*tables: Table) -> None:
+    """Print tables within the width of the terminal or of COLUMNS, otherwise 100 characters."""
     from rich.console import Console
 
     from isacbench.report.tables import terminal_tables
@@ -135,7 +137,7 @@ def print_table(table: Table) -> None:
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console = Console(width=PLAIN_WIDTH)
-    for laid_out in terminal_tables(table, console.width):
+    for laid_out in chain.from_iterable(terminal_tables(table, console.width) for table in tables):
         console.print(laid_out)
 
 
@@ -144,9 +146,7 @@ def report_run(run: Run, with_page: bool = True) -> None:
     from isacbench.report.run_report import write_report
 
     written, tables = write_report(run, with_page)
-    for table in tables:
-        if not table.is_detail:
-            print_table(table)
+    print_tables(*(table for table in tables if not table.is_detail))
     has_score = run.rows.reindex(columns=["deviation", "gospa_m"]).notna()
     if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
         say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")

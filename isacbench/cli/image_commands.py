@@ -11,14 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 from typer.core import TyperCommand
 
 import isacbench
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli import options as opt
-from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_table, say, say_lines
+from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_tables, say, say_lines
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted
@@ -27,9 +26,6 @@ from isacbench.files.file_names import file_stems
 if TYPE_CHECKING:
     import numpy as np
 
-EstimatorName = Annotated[
-    str, Option("-e", "--estimator", metavar=opt.SPEC, help="Estimator.", autocompletion=opt.estimators_like)
-]
 Precision = Annotated[str, Option(metavar="single|double", help="Precision of the recorded frame.")]
 DEFAULT_SNR = "10"
 
@@ -57,7 +53,7 @@ class _OptionalPicture(TyperCommand):
 @app.command("image", cls=_OptionalPicture)
 def image_command(
     scenario: opt.ScenarioName = "street",
-    estimator: EstimatorName = "music2d",
+    estimator: opt.EstimatorName = "music2d",
     cube: Annotated[Path | None, Option(help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")] = None,
     transmitted: Annotated[Path | None, Option(help="Transmitted grid, which divides the cube.")] = None,
     ascending: Annotated[
@@ -108,8 +104,7 @@ def image_command(
             along_u, _, along_w = ascending.partition(",")
             scene = replace(scene, array=replace(scene.array, ascending=(along_u, along_w)))
         observation = isacbench.observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
-        for sentence in summarise_frame(observation).sentences():
-            say(f"{cube.name}: {sentence}")
+        say(*(f"{cube.name}: {sentence}" for sentence in summarise_frame(observation).sentences()))
     title = ", ".join(told)
     take = one_blas_thread()(partial(estimate_cloud, imager, observation, scene.truth))
     try:
@@ -138,8 +133,7 @@ def image_command(
     else:  # which is what runs measure
         took = f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {took})"
     say(f"{title}: {counted(len(cloud), 'point')} in {took}")
-    for sentence in remarks.sentences():
-        typer.echo(sentence)
+    say(*remarks.sentences())
     if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
         return
     if is_reference(imager):
@@ -177,7 +171,7 @@ def simulate_command(
 @app.command("plan")
 def plan_command(
     scenario: opt.ScenarioName = "street",
-    estimator: EstimatorName = "music2d",
+    estimator: opt.EstimatorName = "music2d",
     precision: Precision = "single",
     as_json: opt.AsJson = False,
     plugin: opt.PluginFiles = None,
@@ -195,7 +189,7 @@ def plan_command(
         print_json(cost.to_json())
         return
     title = f"{scene.name}, {estimator}: recorded frame, compared with the full 4-D chain"
-    print_table(text_table(title, HEADER, cost.rows()))
+    print_tables(text_table(title, HEADER, cost.rows()))
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
 
 
@@ -219,9 +213,7 @@ def scene_command(
 def score_command(
     truth: Annotated[str, Argument(help="Cloud file, or a scenario by name or .toml path.")],
     cloud: Annotated[Path, Argument(help="Cloud file: .csv, .npy, .npz, .mat or .ply.")],
-    metric: Annotated[
-        str, Option(metavar=opt.SPEC, help="Metric.", autocompletion=opt.plugin_metrics_like)
-    ] = "paper",
+    metric: Annotated[str, opt.metric_option(help="Metric.")] = "paper",
     plugin: opt.PluginFiles = None,
     as_json: opt.AsJson = False,
 ) -> None:

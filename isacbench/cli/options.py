@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -55,28 +56,17 @@ def _like(names: list[str], incomplete: str) -> list[str]:
 
 
 SPEC = "NAME[param=value,...]"
+estimator_option: Any = partial(Option, "-e", "--estimator", metavar=SPEC, autocompletion=estimators_like)
+metric_option: Any = partial(Option, metavar=SPEC, autocompletion=plugin_metrics_like)
+scenario_option: Any = partial(Option, "-s", "--scenario", metavar="SCENARIO", autocompletion=scenarios_like)
+EstimatorName = Annotated[str, estimator_option(help="Estimator.")]
 EstimatorSpecs = Annotated[
-    list[str] | None,
-    Option(
-        "-e",
-        "--estimator",
-        metavar=SPEC,
-        help="Estimator; repeats. A value [a,b] means each of both.",
-        autocompletion=estimators_like,
-    ),
+    list[str] | None, estimator_option(help="Estimator; repeats. A value [a,b] means each of both.")
 ]
 PluginFiles = Annotated[
     list[Path] | None, Option("--plugin", metavar="FILE.py", help="Local file with plugins; repeats.")
 ]
-MetricSpecs = Annotated[
-    list[str] | None,
-    Option(
-        "--metric",
-        metavar=SPEC,
-        help="Further metric of every image; repeats.",
-        autocompletion=plugin_metrics_like,
-    ),
-]
+MetricSpecs = Annotated[list[str] | None, metric_option(help="Further metric of every image; repeats.")]
 AsJson = Annotated[bool, Option("--json", help="Print JSON and nothing else.")]
 MixVersions = Annotated[
     bool, Option("--mix-versions", help="Keep rows of an estimator that several code versions made.")
@@ -88,25 +78,9 @@ SuiteName = Annotated[
     str, Argument(metavar="[SUITE]", help="Suite by name or .toml path.", autocompletion=suites_like)
 ]
 Html = Annotated[bool, Option("--html/--no-html", help="Whether to write the interactive page.")]
-ScenarioName = Annotated[
-    str,
-    Option(
-        "-s",
-        "--scenario",
-        metavar="SCENARIO",
-        help="Name, .toml path or family[seed=7,...].",
-        autocompletion=scenarios_like,
-    ),
-]
+ScenarioName = Annotated[str, scenario_option(help="Name, .toml path or family[seed=7,...].")]
 ScenarioNames = Annotated[
-    list[str] | None,
-    Option(
-        "-s",
-        "--scenario",
-        metavar="SCENARIO",
-        help="Name, .toml path or family[seed=0:99,...]; repeats.",
-        autocompletion=scenarios_like,
-    ),
+    list[str] | None, scenario_option(help="Name, .toml path or family[seed=0:99,...]; repeats.")
 ]
 
 

@@ -10,12 +10,13 @@ import typer
 from typer import Option
 
 from isacbench.cli import options as opt
-from isacbench.cli.app import Exit, app, fail, print_json, print_table, say, say_lines
+from isacbench.cli.app import Exit, app, fail, print_json, print_tables, say, say_lines
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
-    from isacbench.checking.stress import CaseResult
+    from isacbench.checking.case import Family
+    from isacbench.checking.stress import CaseResult, Target
 
 TIMEOUT_S = 120.0
 """Equal to `isacbench.checking.stress.TIMEOUT_S`, whose import takes long."""
@@ -123,10 +124,8 @@ def stress_command(
     if estimator is None and detector is None:
         estimator = [name for name in estimator_names() if not sees_truth(name)]
         detector = detector_names()
-    targets = [
-        *stress.find_targets("estimator", estimator or ()),
-        *stress.find_targets("detector", detector or ()),
-    ]
+    targets = stress.find_targets("estimator", estimator or ())
+    targets += stress.find_targets("detector", detector or ())
     if search is None:
         running = stress.run_cases(stress.tasks_of(targets, case or [], seed), jobs, timeout)
     elif jobs > 1:
@@ -139,15 +138,11 @@ def stress_command(
         )
     else:
         families = stress.find_families(case or [], {target.kind for target in targets})
-        running = stress.search(
-            targets,
-            families,
-            search,
-            seed,
-            timeout,
-            # A search takes a while.
-            lambda target, family: say(f"searching {family.name} for {target.spec}", err=True),
-        )
+
+        def begin(target: Target, family: Family) -> None:  # a search takes a while
+            say(f"searching {family.name} for {target.spec}", err=True)
+
+        running = stress.search(targets, families, search, seed, timeout, begin)
     results: list[CaseResult] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
@@ -168,8 +163,8 @@ def stress_command(
         print_json(findings.describe_stress(results))
     else:
         if search is None and results:
-            print_table(findings.promise_grid(stress.check_table(results)))
-            print_table(findings.family_grid(stress.case_table(results)))
+            promises = findings.promise_grid(stress.check_table(results))
+            print_tables(promises, findings.family_grid(stress.case_table(results)))
         if search is None or interrupted:
             say(findings.summary(results))
         else:

@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 import isacbench
 from isacbench.cli import options as opt
-from isacbench.cli.app import Exit, app, fail, print_json, print_table, report_run, say
+from isacbench.cli.app import Exit, app, fail, print_json, print_tables, report_run, say
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
 
@@ -110,8 +110,7 @@ def rescore_command(
     if not rescored.run.rows.empty:
         report_run(rescored.run)
     say(f"{folder}: {rescored.n_scored} rows scored again, {rescored.n_changed} of them differ")
-    for change in rescored.changes:
-        say(str(change))
+    say(*map(str, rescored.changes))
 
 
 @app.command("compare")
@@ -154,13 +153,10 @@ def compare_command(
         raise InputError("--between and --and must be given together")
     _require_own_places([path for path in (markdown, junit) if path is not None])
     runs = [Run.open(path) for path in (base, new) if path is not None]
+    pair = None if between is None or other is None else (between, other)
     try:
         found = isacbench.compare(
-            *runs,
-            map=mapped or (),
-            between=None if between is None or other is None else (between, other),
-            tolerances=tolerance or (),
-            alpha=alpha,
+            *runs, map=mapped or (), between=pair, tolerances=tolerance or (), alpha=alpha
         )
     except isacbench.NotComparableError as error:
         _write(markdown, ci_files.incomparable_markdown(str(base), str(new), error.reasons))
@@ -178,12 +174,9 @@ def compare_command(
         if plot is not None:
             report.draw(folder, plot)
     else:
-        for line in (*report.heading, *report.effect_lines()):
-            say(line)
-        for grid in report.grids():
-            print_table(grid)
-        for line in report.lines():
-            say(line)
+        say(*report.heading, *report.effect_lines())
+        print_tables(*report.grids())
+        say(*report.lines())
         if plot is None:
             _draw_into(folder, lambda: report.draw(folder))
         else:
@@ -224,10 +217,8 @@ def rank_command(
     if as_json:
         print_json(ranking.ranking_content(found))
         return
-    for grid in ranking.ranking_grids(found):
-        print_table(grid)
-    for line in ranking.ranking_lines(found):
-        say(line)
+    print_tables(*ranking.ranking_grids(found))
+    say(*ranking.ranking_lines(found))
     if not found.is_descriptive:
         _draw_into(folder, lambda: [ranking.draw_ranking_file(found, folder)])
     if html:

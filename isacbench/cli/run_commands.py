@@ -73,20 +73,13 @@ def run_command(
                 f"--block {block} takes other scenes than -s {scenario[0]}; allowed is one of them"
             )
         wanted = wanted.in_block(block)
+    snrs_db = None if snr is None else parse_snr(snr)
     wanted = wanted.replace(
-        estimators=estimator,
-        scenarios=scenario,
-        snr_db=None if snr is None else parse_snr(snr),
-        trials=trials,
-        seed=seed,
+        estimators=estimator, scenarios=scenario, snr_db=snrs_db, trials=trials, seed=seed
     )
     wanted = with_metrics(wanted, metric or ())
-    opt.require_names(
-        wanted.scenarios,
-        wanted.estimators,
-        getattr(wanted, "detectors", ()),
-        kind_of(wanted).metric_specs(wanted),
-    )
+    detectors, metrics = getattr(wanted, "detectors", ()), kind_of(wanted).metric_specs(wanted)
+    opt.require_names(wanted.scenarios, wanted.estimators, detectors, metrics)
     from isacbench.bench.cells.cell import repeats_wanted
     from isacbench.bench.cells.record import failed
     from isacbench.bench.plan.labels import estimator_labels

@@ -1,10 +1,7 @@
 """Comparison as files for continuous integration: Markdown, and JUnit XML with a test for each curve."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
-from itertools import groupby
-from operator import attrgetter
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.compare.verdicts import Tolerance
@@ -18,16 +15,6 @@ MAX_CHARACTERS = 60_000
 
 MAX_LINE = 600
 """Characters of a line or a cell in Markdown."""
-
-
-class _Case(NamedTuple):
-    """A test case: its text is its output, or the message of a problem, a failure or an error, of a kind."""
-
-    suite: str
-    name: str
-    text: str
-    problem: str
-    kind: str
 
 
 def comparison_markdown(comparison: Comparison) -> str:
@@ -76,19 +63,22 @@ def comparison_junit(comparison: Comparison) -> str:
     fails where it is a regression; and a suite of cells, whose cases fail where cells or scores failed or
     are missing.
     """
-    report = ComparisonReport(comparison)
-    lines = [*report.heading, *report.lines(), *report.scene_lines()]
-    return _xml([*_row_cases(report), *_lost_cases(report)], lines)
+    report, root = ComparisonReport(comparison), ET.Element("testsuites", name="isacbench compare")
+    _add_rows(root, report)
+    _add_lost(root, report)
+    return _xml(root, [*report.heading, *report.lines(), *report.scene_lines()])
 
 
 def incomparable_junit(base: str, new: str, reasons: Sequence[str]) -> str:
     """Write that two runs, given by their folders, cannot be compared: an error for each reason."""
-    cases = [_Case("comparable", reason, reason, "error", "not comparable") for reason in reasons]
-    return _xml(cases, [f"base {base}", f"new {new}"])
+    root = ET.Element("testsuites", name="isacbench compare")
+    for reason in reasons:
+        _add_case(root, "comparable", reason, reason, "error", "not comparable")
+    return _xml(root, [f"base {base}", f"new {new}"])
 
 
-def _row_cases(report: ComparisonReport) -> Iterator[_Case]:
-    """Cases of curves and points, of each score scenario by scenario."""
+def _add_rows(root: ET.Element, report: ComparisonReport) -> None:
+    """Add cases of curves and points, of each score scenario by scenario."""
     for tolerance in report.comparison.tolerances:
         curves, changed = report.compared_rows(tolerance)
         for scenario in dict.fromkeys(curves["scenario"]):
@@ -98,7 +88,7 @@ def _row_cases(report: ComparisonReport) -> Iterator[_Case]:
                     name = f"{report.name(row, after=', ')}{place}"
                     problem = "failure" if row["verdict"] == "regression" else ""
                     text, kind = _outcome(row, tolerance, report), report.verdict("regression")
-                    yield _Case(f"{tolerance}: {scenario}", name, text, problem, kind)
+                    _add_case(root, f"{tolerance}: {scenario}", name, text, problem, kind)
 
 
 def _outcome(row: Row, tolerance: Tolerance, report: ComparisonReport) -> str:
@@ -112,7 +102,8 @@ def _outcome(row: Row, tolerance: Tolerance, report: ComparisonReport) -> str:
     return f"{verdict}; {', '.join(numbers)}"
 
 
-def _lost_cases(report: ComparisonReport) -> Iterator[_Case]:
+def _add_lost(root: ET.Element, report: ComparisonReport) -> None:
+    """Add cases of what one side alone delivered."""
     lost = [
         (f"no cells {what}", report.cell_line(cells, what) if len(cells) else "")
         for cells, what in report.lost
@@ -120,21 +111,26 @@ def _lost_cases(report: ComparisonReport) -> Iterator[_Case]:
     n_lost, what = report.comparison.n_lost_scores, f"missing in {report.sides[1]}"
     lost.append((f"no scores {what}", f"{counted(n_lost, 'score')} {what}" if n_lost else ""))
     for name, text in lost:
-        yield _Case("cells", name, text, "failure" if text else "", report.verdict("regression"))
+        _add_case(root, "cells", name, text, "failure" if text else "", report.verdict("regression"))
 
 
-def _xml(cases: Sequence[_Case], lines: Sequence[str]) -> str:
+def _add_case(root: ET.Element, suite: str, name: str, text: str, problem: str, kind: str) -> None:
+    """Add a test case to the last suite, or to a new one.
+
+    Its text is its output, or the message of a problem, a failure or an error, of a kind.
+    """
+    suite, text = visible(suite), visible(text)
+    if not len(root) or root[-1].get("name") != suite:
+        ET.SubElement(root, "testsuite", name=suite)
+    case = ET.SubElement(root[-1], "testcase", classname=suite, name=visible(name))
+    if problem:
+        ET.SubElement(case, problem, type=kind, message=text).text = text
+    elif text:
+        ET.SubElement(case, "system-out").text = text
+
+
+def _xml(root: ET.Element, lines: Sequence[str]) -> str:
     """Write suites of cases with their numbers, and lines as the output of the last suite."""
-    root = ET.Element("testsuites", name="isacbench compare")
-    for suite_name, own in groupby(cases, attrgetter("suite")):
-        suite = ET.SubElement(root, "testsuite", name=visible(suite_name))
-        for one in own:
-            case = ET.SubElement(suite, "testcase", classname=visible(suite_name), name=visible(one.name))
-            text = visible(one.text)
-            if one.problem:
-                ET.SubElement(case, one.problem, type=one.kind, message=text).text = text
-            elif one.text:
-                ET.SubElement(case, "system-out").text = text
     for element in (*root, root):
         for name, tag in (("tests", "testcase"), ("failures", "failure"), ("errors", "error")):
             element.set(name, str(len(element.findall(f".//{tag}"))))

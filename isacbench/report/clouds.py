@@ -21,15 +21,7 @@ from isacbench.files.escaping import counted
 from isacbench.metrics.geometry import RADIUS_M, CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
-from isacbench.report.figures import (
-    CONTEXT,
-    drawable,
-    new_figure,
-    save,
-    styled,
-    velocity_bar,
-    velocity_colours,
-)
+from isacbench.report import figures
 
 Axes3D = Any  # mpl_toolkits has no types
 
@@ -117,7 +109,7 @@ def draw_images(
 
     Without truth no point is marked, and nothing is compared.
     """
-    headings, shown = [drawable(heading) for heading in images], list(images.values())
+    headings, shown = [figures.drawable(heading) for heading in images], list(images.values())
     if len(truth):
         headings, shown = ["truth", *headings], [_image_of_truth(truth), *shown]
     scene = _scene(truth, shown, region, radius_m)
@@ -134,17 +126,17 @@ def draw_comparison(
     # The highest projection fills its width.
     projection_in = (COMPARISON_IN / 3 - MARGIN_IN) * max(y_m / x_m, z_m / x_m, z_m / y_m)
     heights_in = [PERSPECTIVE_IN, min(projection_in, MOST_HEIGHT_IN) + LABELS_IN]
-    figure = new_figure(COMPARISON_IN, sum(heights_in), legend=_legend(scene), title=title)
+    figure = figures.new_figure(COMPARISON_IN, sum(heights_in), legend=_legend(scene), title=title)
     places: list[Any] = [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2]
     panels = figure.subplot_mosaic(
         places, per_subplot_kw={("truth", "estimate"): {"projection": "3d"}}, height_ratios=heights_in
     )
     _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth), COMPARISON_ZOOM)
-    _draw_perspective(panels["estimate"], scene, drawable(heading), image, COMPARISON_ZOOM)
+    _draw_perspective(panels["estimate"], scene, figures.drawable(heading), image, COMPARISON_ZOOM)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
     if scene.has_velocities:
-        velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]])
+        figures.velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]])
     return figure
 
 
@@ -161,7 +153,7 @@ def _scene(truth: PointCloud, images: Sequence[Image], region: Region, radius_m:
     upper_m = np.ceil(points.max(axis=0))
     shortest_m = max(SMALLEST_BOX_M, FLATTEST * float((upper_m - lower_m).max()))
     upper_m = np.maximum(upper_m, np.ceil(lower_m + shortest_m))
-    colours = velocity_colours(max(map(abs, region.speed_mps)))
+    colours = figures.velocity_colours(max(map(abs, region.speed_mps)))
     has_velocities = any(image.cloud.has_velocity for image in images)
     return _Scene(truth, lower_m, upper_m, colours, has_velocities, radius_m)
 
@@ -179,7 +171,7 @@ def _perspectives(
     legend = _legend(scene) if len(scene.truth) else ()
     size_in = n_columns * panel_in[0] + 1.0, n_rows * panel_in[1] + 0.5
     # Panels in perspective have their own margins; to measure their labels takes longer than to draw them.
-    figure = new_figure(*size_in, legend=legend, title=title, layout=None)
+    figure = figures.new_figure(*size_in, legend=legend, title=title, layout=None)
     height_in = figure.get_figheight()
     bottom_in = height_in - size_in[1]
     figure.subplots_adjust(0.01, bottom_in / height_in, 1.0, 1 - 0.4 / height_in, wspace=0, hspace=0)
@@ -188,7 +180,7 @@ def _perspectives(
         panels.append(figure.add_subplot(n_rows, n_columns, number, projection="3d"))
         _draw_perspective(panels[-1], scene, heading, image, ZOOM)
     if scene.has_velocities:
-        velocity_bar(figure, scene.colours, panels)
+        figures.velocity_bar(figure, scene.colours, panels)
     return figure, panels
 
 
@@ -210,7 +202,7 @@ def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image, z
     axes.text2D(0.5, 1.0, heading, weight="bold", **centred)
     axes.text2D(0.5, 0.94, image.note, size=8, color="0.25", **centred)
     style: dict[str, Any] = {"depthshade": False, "clip_on": False}
-    axes.scatter(*scene.truth.xyz.T, color=CONTEXT, s=2, linewidths=0, **style)
+    axes.scatter(*scene.truth.xyz.T, color=figures.CONTEXT, s=2, linewidths=0, **style)
     for points, marks in _marked(scene, image.cloud):
         axes.scatter(*points.xyz.T, c=scene.colours.to_rgba(points.velocity), **marks, **style)
 
@@ -219,7 +211,7 @@ def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -
     """Draw truth and estimate over each other, projected on a plane."""
     shown = [AXES.index(name) for name in plane]
     across, up = scene.truth.xyz[:, shown].T
-    axes.scatter(across, up, s=22, facecolors="none", edgecolors=CONTEXT, linewidths=0.8)
+    axes.scatter(across, up, s=22, facecolors="none", edgecolors=figures.CONTEXT, linewidths=0.8)
     for points, marks in _marked(scene, cloud):
         across, up = points.xyz[:, shown].T
         axes.scatter(across, up, c=scene.colours.to_rgba(points.velocity), **marks)
@@ -253,7 +245,7 @@ def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str
 def _legend(scene: _Scene) -> list[Line2D]:
     """Make the entries that explain the marks."""
     false = f"false point: farther than {scene.radius_m:g} m from the truth"
-    entries = ("o", CONTEXT, 3, "truth"), ("o", "0.2", 4, "estimate"), ("x", "0.2", 5, false)
+    entries = ("o", figures.CONTEXT, 3, "truth"), ("o", "0.2", 4, "estimate"), ("x", "0.2", 5, false)
     return [
         Line2D([], [], marker=marker, linestyle="", color=colour, markersize=size, label=label)
         for marker, colour, size, label in entries
@@ -322,12 +314,16 @@ def plot_clouds(
     >>> alone = plot_clouds(None, estimate)
     """
     truth = PointCloud.empty() if truth is None else truth
-    _require_cloud("truth", truth)
     clouds = estimate if isinstance(estimate, Mapping) else {"estimate": estimate}
     if not clouds:
         raise InputError("estimate: a mapping without clouds; allowed is at least one")
-    for name, cloud in clouds.items():
-        _require_cloud(f"estimate {name!r}" if clouds is estimate else "estimate", cloud)
+    named = {f"estimate {name!r}": cloud for name, cloud in clouds.items()}
+    for name, value in {"truth": truth, **(named if clouds is estimate else clouds)}.items():
+        if not isinstance(value, PointCloud):
+            raise InputError(
+                f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
+                "PointCloud.from_array makes one of columns x, y, z, v"
+            )
     require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive, finite number of m")
     path = None if out is None else Path(out)
     if path is not None:
@@ -337,25 +333,17 @@ def plot_clouds(
         str(name): Image(cloud, counted(len(cloud), "point") if len(cloud) else "no points")
         for name, cloud in clouds.items()
     }
-    with styled():
+    with figures.styled():
         if len(truth) and len(images) == 1:
             ((heading, image),) = images.items()
-            figure = draw_comparison(drawable(title), truth, heading, image, region, radius_m)
+            figure = draw_comparison(figures.drawable(title), truth, heading, image, region, radius_m)
         else:
-            figure = draw_images(drawable(title), truth, images, region, radius_m)
+            figure = draw_images(figures.drawable(title), truth, images, region, radius_m)
         # Matplotlib makes ticks at their first layout, in the style of that moment.
         figure.draw_without_rendering()
         if path is not None:
-            save(figure, path)
+            figures.save(figure, path)
     return figure
-
-
-def _require_cloud(name: str, value: object) -> None:
-    if not isinstance(value, PointCloud):
-        raise InputError(
-            f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
-            "PointCloud.from_array makes one of columns x, y, z, v"
-        )
 
 
 def _region_of(clouds: Sequence[PointCloud]) -> Region:

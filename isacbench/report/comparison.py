@@ -30,6 +30,7 @@ MAX_ROWS = 40
 """Rows of a table that somebody reads: of more, the worst verdicts are shown."""
 
 CELLS_NAMED = 3
+CELL_TABLES = "new_failures", "missing", "repaired", "added"
 NAME_WIDTH = 40
 
 SCENE_LINE = (
@@ -279,10 +280,7 @@ class ComparisonReport:
             "cells": {
                 "n_paired": cells.n_paired,
                 "n_failed_both": cells.n_failed_both,
-                "new_failures": json_rows(cells.new_failures),
-                "missing": json_rows(cells.missing),
-                "repaired": json_rows(cells.repaired),
-                "added": json_rows(cells.added),
+                **{name: json_rows(getattr(cells, name)) for name in CELL_TABLES},
                 "n_lost_scores": one.n_lost_scores,
             },
             "notes": list(one.notes),

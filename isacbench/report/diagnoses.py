@@ -25,7 +25,7 @@ from isacbench.plugins.contracts import Diagnoser, Diagnosis, Estimator, Spectru
 from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.report.clouds import best_variants
 from isacbench.report.figures import THRESHOLD, draw_charts, drawable, new_figure
-from isacbench.report.html.packed_clouds import SHOWN_SNR_DB
+from isacbench.report.html.page_content import SHOWN_SNR_DB
 
 Floats = NDArray[np.floating]
 

@@ -238,18 +238,12 @@ def draw_charts(group: ChartGroup) -> Figure:
 def _legend(group: ChartGroup) -> list[Artist]:
     """One entry a label, grey where its series have several colours."""
     by_label: dict[str, list[Series]] = {}
-    for chart in group.charts:
-        for series in chart.series:
-            if series.label:
-                by_label.setdefault(series.label, []).append(series)
-    # What has a score in one of the charts has it.
-    by_label = {
-        label: found
-        for label, found in by_label.items()
-        if not label.endswith(NO_SCORE) or label.removesuffix(NO_SCORE) not in by_label
-    }
+    for series in (series for chart in group.charts for series in chart.series if series.label):
+        by_label.setdefault(series.label, []).append(series)
     entries: list[Artist] = []
     for label, found in by_label.items():
+        if label.endswith(NO_SCORE) and label.removesuffix(NO_SCORE) in by_label:
+            continue  # what has a score in one of the charts has it
         first, text = found[0], drawable(shortened(label, LONGEST_LEGEND))
         colour = _colour(first.style) if len({one.style.colour for one in found}) == 1 else MIXED_COLOUR
         if first.mark == "bar":
@@ -299,12 +293,10 @@ def _draw_series(
     marker = _marker(style, colour)
     if series.mark == "points":
         x_low, x_high = (np.asarray(end, dtype=np.float64) for end in (series.x_low, series.x_high))
-        bars: dict[str, Any] = {}
-        if x_low.size:
-            bars["xerr"] = [x - x_low, x_high - x]
-        if low.size:
-            bars["yerr"] = [y - low, high - y]
-        axes.errorbar(x, y, **bars, color=colour, linestyle="", elinewidth=1.2, markersize=size, **marker)
+        x_bars = [x - x_low, x_high - x] if x_low.size else None
+        y_bars = [y - low, high - y] if low.size else None
+        marker |= {"markersize": size, "elinewidth": 1.2}
+        axes.errorbar(x, y, y_bars, x_bars, color=colour, linestyle="", **marker)
     elif np.isfinite(x).sum() == 1:
         marker["marker"] = marker["marker"] or "_"
         axes.plot(x, y, color=colour, linestyle="", **marker)

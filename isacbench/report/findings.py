@@ -30,16 +30,9 @@ WORDS = {
 
 def describe_checks(report: CheckReport) -> dict[str, Any]:
     """Findings in terms of JSON: of every plugin, and the number of every status."""
+    keys = "check", "status", "message"
     plugins = [
-        {
-            "kind": plugin.kind,
-            "name": plugin.name,
-            "package": plugin.package,
-            "findings": [
-                {"check": finding.check, "status": finding.status, "message": finding.message}
-                for finding in plugin.findings
-            ],
-        }
+        vars(plugin) | {"findings": [{key: getattr(one, key) for key in keys} for one in plugin.findings]}
         for plugin in report.plugins
     ]
     return {"plugins": plugins, "counts": report.counts}

@@ -10,22 +10,11 @@ from typing import Any
 
 import pandas as pd
 
+from isacbench import charts
 from isacbench.bench.compare.pairs import VARIANT
-from isacbench.bench.compare.ranking import BESIDE, Ranking, rank_text
+from isacbench.bench.compare.ranking import Ranking, rank_text
 from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
-from isacbench.charts import (
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    LineStyle,
-    Series,
-    Table,
-    assign_lines,
-    number_or_blank,
-    text_table,
-    variants_in,
-)
+from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, variants_in
 from isacbench.files.escaping import counted, shortened
 from isacbench.files.file_names import file_stems
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
@@ -36,7 +25,7 @@ HEADINGS = {
     "velocity_error_mps": "velocity: error [m/s]",
     "objects_f_score": "objects: F-score",
 }
-"""Headings of columns beside the ranks."""
+"""Headings of the columns `isacbench.bench.compare.ranking.BESIDE`."""
 
 LONGEST_LABEL = 36
 FAR = 2.0
@@ -85,47 +74,53 @@ def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, references last."""
     n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
     what = f"descriptive: {n_scenes}, means" if ranking.is_descriptive else f"{n_scenes}, ranks"
-    rows = []
-    for row in ranks.to_dict("records"):
-        is_reference = row["is_reference"]
-        texts = {"estimator": ranking.labels[row["estimator"], row["params"]]}
-        if not ranking.is_descriptive:
-            texts["rank"] = "reference" if is_reference else rank_text(row["rank_low"], row["rank_high"])
-        texts[f"mean {ranking.metric}"] = number_or_blank(row["mean"], "{:.4g}")
-        beside = [name for name in BESIDE if name in ranks]
-        texts |= {HEADINGS.get(name, name): number_or_blank(row[name], "{:.2f}") for name in beside}
-        texts["from the best"] = "" if is_reference else signed(row["change"])
-        if not ranking.is_descriptive:
-            interval = f"{signed(row['change_low'])} to {signed(row['change_high'])}"
-            texts["95 % interval"] = "" if is_reference or not row["change"] else interval
-        rows.append(texts)
-    title = f"{group}: {what} by {ranking.metric}, {ranking.better} is better"
-    return text_table(title, list(rows[0]), [list(texts.values()) for texts in rows])
+    columns = [
+        _estimator_column(ranking),
+        Column("rank", form=_rank_text),
+        Column(f"mean {ranking.metric}", "mean", "{:.4g}"),
+        *(Column(heading, name, "{:.2f}") for name, heading in HEADINGS.items() if name in ranks),
+        Column("from the best", form=lambda row: "" if row["is_reference"] else signed(row["change"])),
+        Column("95 % interval", form=_interval_text),
+    ]
+    if ranking.is_descriptive:
+        columns = [column for column in columns if column.form not in (_rank_text, _interval_text)]
+    return Table(f"{group}: {what} by {ranking.metric}, {ranking.better} is better", columns, ranks)
+
+
+def _estimator_column(ranking: Ranking, heading: str = "estimator") -> Column:
+    return Column(heading, form=lambda row: ranking.labels[row["estimator"], row["params"]], part=0)
+
+
+def _rank_text(row: Mapping[str, Any]) -> str:
+    return "reference" if row["is_reference"] else rank_text(row["rank_low"], row["rank_high"])
+
+
+def _interval_text(row: Mapping[str, Any]) -> str:
+    if row["is_reference"] or not row["change"]:
+        return ""
+    return f"{signed(row['change_low'])} to {signed(row['change_high'])}"
 
 
 def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, one column each that it is compared with."""
     variants = variants_in(ranks[~ranks["is_reference"]])
-    texts = {
-        (row["estimator"], row["params"], row["other"], row["other_params"]): (
-            f"{row['probability']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
-        )
-        for row in ranking.wins[ranking.wins["group"] == group].to_dict("records")
-    }
-    return text_table(
-        f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval",
-        ["better", *(ranking.labels[variant] for variant in variants)],
-        [
-            [ranking.labels[variant], *(texts.get((*variant, *other), "") for other in variants)]
-            for variant in variants
-        ],
-    )
+    title = f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval"
+    columns = [_estimator_column(ranking, "better")]
+    columns += [Column(ranking.labels[variant], variant, _win_text) for variant in variants]
+    wins = ranking.wins[ranking.wins["group"] == group]
+    rows = charts.spread_rows(wins, VARIANT, ["other", "other_params"])
+    rows.sort(key=lambda row: variants.index((row["estimator"], row["params"])))
+    return Table(title, columns, rows)
+
+
+def _win_text(row: Mapping[str, Any]) -> str:
+    return f"{row['probability']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
 
 
 def _worst_grid(ranking: Ranking) -> Table:
     """One row each scene in which an estimator is worst."""
     columns = [
-        Column("estimator", form=lambda row: ranking.labels[row["estimator"], row["params"]], part=0),
+        _estimator_column(ranking),
         Column("scene", "scenario"),
         Column(ranking.metric, "score", "{:.4g}"),
         Column("worst image", form=_worst_image),
@@ -175,7 +170,7 @@ def ranking_charts(ranking: Ranking) -> ChartGroup:
 
 def _series(ranking: Ranking, own: pd.DataFrame, columns: tuple[str, str, str]) -> list[Series]:
     """A point with its interval for every estimator."""
-    lines = assign_lines(ranking.labels)
+    lines = charts.assign_lines(ranking.labels)
     found = []
     for place, row in enumerate(own.assign(rank=range(1, len(own) + 1)).to_dict("records")):
         x, low, high = ([row[name]] for name in columns)

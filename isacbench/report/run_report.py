@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from isacbench import charts
 from isacbench.bench.cells.record import CLOUD_KEYS, failed
 from isacbench.bench.kinds.imaging import SCORE_AXES, score_charts
 from isacbench.bench.kinds.kind import lines_of, title_stems
@@ -23,22 +25,7 @@ from isacbench.bench.store.run import CellKey, Run
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.charts import (
-    Axis,
-    Chart,
-    ChartGroup,
-    Column,
-    Line,
-    Series,
-    Table,
-    Variant,
-    batched,
-    nearest_values,
-    rows_of,
-    text_table,
-    variants_in,
-    with_symbol,
-)
+from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant
 from isacbench.errors import InputError, InputWarning, unknown_name
 from isacbench.files.escaping import counted, shortened
 from isacbench.files.file_names import file_stems
@@ -145,7 +132,7 @@ def _gain_tables(run: Run) -> list[Table]:
         extent = f"{min(gains_db.values()):+.1f} to {max(gains_db.values()):+.1f}"
         rows = [[f"{len(gains_db)} scenarios", extent]]
     title = "SNR of a median scatterer after all gains, over the SNR of a resource element"
-    return [text_table(title, ["scenario", "dB"], rows, is_detail=True)]
+    return [charts.text_table(title, ["scenario", "dB"], rows, is_detail=True)]
 
 
 def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) -> list[Table]:
@@ -157,7 +144,8 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) ->
     broken = rows[failed(rows)]
     if broken.empty:
         return []
-    labels, keys = estimator_labels(variants_in(rows)), ["reason", "status", "estimator", "params", "place"]
+    labels = estimator_labels(charts.variants_in(rows))
+    keys = ["reason", "status", "estimator", "params", "place"]
     place = broken["scenario"]
     if "template" in broken:  # scenes that are made from templates count together
         place = broken["template"].where(broken["template"] != "", place)
@@ -210,7 +198,7 @@ def run_figures(run: Run) -> Iterator[NamedFigure]:
         warnings.warn(f"{told}; {one}", InputWarning, stacklevel=2)
     else:
         for scenario, stem, rows in title_stems(run.rows, "scenario"):
-            snrs_db = nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
+            snrs_db = charts.nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
             trial = int(rows["trial"].min())
             yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, trial)
 
@@ -229,19 +217,17 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
         return []
     means = {variant: Curve(*np.nanmean(curves[variant], axis=0)) for variant in lines if variant in curves}
     x = Axis("radius [m]", log=True)
-    charts = []
-    for name in ("f_score", "precision", "recall"):
-        heading = name.replace("f_score", "F-score")
+    panels = []
+    for name, heading in (("f_score", "F-score"), ("precision", "precision"), ("recall", "recall")):
         series = []
         for variant, mean in means.items():
-            label, style = lines[variant].label, with_symbol(lines[variant].style, "")
-            series.append(
-                Series(f"{label}: area {mean.area:.2f}", mean.radius_m, getattr(mean, name), style=style)
-            )
-        charts.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
+            label = f"{lines[variant].label}: area {mean.area:.2f}"
+            style = replace(lines[variant].style, symbol="")
+            series.append(Series(label, mean.radius_m, getattr(mean, name), style=style))
+        panels.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
     n_scenes = counted(rows.loc[is_drawn, "scenario"].nunique(), "scene")
     title = f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}"
-    return [ChartGroup("radii", title, charts)]
+    return [ChartGroup("radii", title, panels)]
 
 
 def cloud_figures(
@@ -255,7 +241,7 @@ def cloud_figures(
     if len(shown) < len(candidates):
         title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
     images, scene = _images(run, scenario, trial), run.scenarios[scenario]
-    pages = batched(shown, CLOUDS_A_FIGURE)
+    pages = charts.batched(shown, CLOUDS_A_FIGURE)
     for number, page in enumerate(pages, start=1):
         rows = {snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page] for snr_db in snrs_db}
         columns = [drawable(lines[variant].label) for variant in page]
@@ -284,12 +270,12 @@ def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
 def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
     """Draw the scene in which each estimator has its largest ratio, beside the truth."""
     cells = scene_cells(run.rows)
-    (snr_db,) = nearest_values(sorted(cells["snr_db"].unique()), [WORST_SNR_DB])
+    (snr_db,) = charts.nearest_values(sorted(cells["snr_db"].unique()), [WORST_SNR_DB])
     rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
     chosen = [variant for variant, line in lines.items() if not line.is_reference][:MOST_WORST]
     stems = file_stems(lines[variant].label for variant in chosen)
     for variant, stem in zip(chosen, stems.values(), strict=True):
-        scenes = rows_of(rated, variant)
+        scenes = charts.rows_of(rated, variant)
         if scenes.empty:
             continue
         worst = scenes.iloc[scenes["ratio"].argmax()]
@@ -373,7 +359,7 @@ def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[Nam
             continue
         trial = int(own["trial"].min()) if choice.trial is None else choice.trial
         wanted_db = CLOUD_SNRS_DB if choice.snr_db is None else [choice.snr_db]
-        snrs_db = nearest_values(sorted(own["snr_db"].unique()), wanted_db)
+        snrs_db = charts.nearest_values(sorted(own["snr_db"].unique()), wanted_db)
         at = f"{stem}-{snrs_db[0]:g}dB" if choice.snr_db is not None else stem
         yield from cloud_figures(run, lines, scenario, f"clouds-{at}-trial{trial}", snrs_db, trial)
         if is_of_images:

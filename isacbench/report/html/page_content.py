@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
+from isacbench import charts
 from isacbench.bench.cells.record import SCORED
 from isacbench.bench.compare.pairs import code_version
 from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
@@ -23,14 +25,13 @@ from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant, assign_lines, rows_of
+from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.figures import VELOCITY_COLOURS
 from isacbench.report.html.joined_runs import RUN, JoinedRuns
-from isacbench.report.html.packed_clouds import SHOWN_SNR_DB, choose_clouds, pack_clouds
 from isacbench.report.tables import json_rows
 
 DEFAULT_METRIC = "deviation"
@@ -58,6 +59,21 @@ MOST_ROWS = 200_000
 """Most rows of a page. A million rows make one of 107 MB, which takes 95 s."""
 
 
+MOST_POINTS = 1_500_000
+"""Points of estimated clouds in a page: 7 MB in it, at 3.6 bytes a point before base64."""
+
+SHOWN_SNR_DB = 10.0
+"""SNR at which a page opens, or the nearest one that the run has."""
+
+LEVELS = 65_535
+"""Steps between the smallest and the largest coordinate of a cloud: 1.5 mm of 100 m."""
+
+POWER_LEVELS = 255
+
+WEAKEST = 1e-30
+"""Power below which all is as weak."""
+
+
 def page_content(
     joined: JoinedRuns, metric: str | None = None, first: NDArray[np.bool_] | None = None
 ) -> tuple[dict[str, Any], bytes]:
@@ -75,7 +91,6 @@ def page_content(
             "tables and figures show them"
         )
     kind = KINDS[joined.table.kind]
-    scenes, truths = _scenes(joined)
     imaged = {name for run in joined.runs for name in _imaged(run)}
     is_imaged = records["deviation"].notna() & records["scenario"].isin(imaged)
     has_image = is_imaged.to_numpy() & joined.table.is_whole()
@@ -83,11 +98,10 @@ def page_content(
     chosen = has_image & choose_clouds(records, n_points, first)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     kept = joined.table.cloud_array.take(np.flatnonzero(chosen))
-    for scene in scenes:
-        scene["truth"] = [[trial, len(kept.n_points) + place] for trial, place in scene["truth"]]
+    scenes, truths = _scenes(joined, len(kept.n_points))
     counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
     points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
-    lines = assign_lines(joined.labels, find_limits(records))
+    lines = charts.assign_lines(joined.labels, find_limits(records))
     metrics = _metrics(joined)
     is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records
     metric = metric or (default_metric(records) if is_many else DEFAULT_METRIC)
@@ -151,8 +165,11 @@ def _imaged(run: Run) -> Mapping[str, ImagedScene]:
     return run.imaged_scenes if run.has_scenarios else {}
 
 
-def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]:
-    """Scenes of the rows, and the truths of those that were imaged: one, or one a trial where trials draw."""
+def _scenes(joined: JoinedRuns, n_clouds: int) -> tuple[list[dict[str, Any]], list[PointCloud]]:
+    """Scenes of the rows, and the truths of those that were imaged: one, or one a trial where trials draw.
+
+    Truths are numbered from the number of clouds in the page on.
+    """
     found: list[dict[str, Any]] = []
     truths: list[PointCloud] = []
     records = joined.table.rows
@@ -176,7 +193,7 @@ def _scenes(joined: JoinedRuns) -> tuple[list[dict[str, Any]], list[PointCloud]]
             {
                 "name": name,
                 "family": template.family,
-                "truth": [[trial, len(truths) + place] for place, trial in enumerate(trials)],
+                "truth": [[trial, place] for place, trial in enumerate(trials, n_clouds + len(truths))],
                 "frame": run.manifest["scenarios"].get(template.name, {}).get("frame", {}).get("name", ""),
                 "coherent_phase": template.system.coherent_phase,
                 "radius_m": template.radius_m,
@@ -199,12 +216,10 @@ def _estimator(joined: JoinedRuns, variant: Variant, line: Line) -> dict[str, An
         "spec": joined.specs[variant],
         "name": variant[0],
         "params": variant[1],
-        "run": int(rows_of(joined.table.rows, variant)[RUN].iloc[0]),
+        "run": int(charts.rows_of(joined.table.rows, variant)[RUN].iloc[0]),
         "is_reference": line.is_reference,
         "role": ROLES.get(variant[0], "sees the truth") if line.is_reference else "",
-        "colour": line.style.colour,
-        "symbol": line.style.symbol,
-        "dash": line.style.dash,
+        **asdict(line.style),
     }
 
 
@@ -331,9 +346,7 @@ def _series(series: Series) -> dict[str, Any]:
     return {
         "label": series.label,
         "mark": series.mark,
-        "colour": series.style.colour,
-        "dash": series.style.dash,
-        "symbol": series.style.symbol,
+        **asdict(series.style),
         "texts": list(series.texts),
         **{name: numbers(np.asarray(getattr(series, name), float)) for name in ("x", "y", "low", "high")},
     }
@@ -352,3 +365,61 @@ def numbers(values: ArrayLike) -> list[float | None]:
         number if isinstance(number, int) else float(f"{number:.{DIGITS}g}") if np.isfinite(number) else None
         for number in listed
     ]
+
+
+def pack_clouds(points: NDArray[np.float64], n_points: NDArray[np.int64]) -> bytes:
+    """Quantise clouds, each between its own limits, for compression and for a quick start of a page.
+
+    `points` has x, y, z in m, v in m/s and power of one cloud after the other. Returned is little-endian
+    float32 of shape (n, 10): lowest value and step of x, y, z, v, and of the power in dB; then bytes, of all
+    points: high and low byte of x, of y, of z, of v, and one byte of power.
+    """
+    values = points.copy()
+    values[:, 4] = 10 * np.log10(np.maximum(points[:, 4], WEAKEST))
+    limits, filled = np.zeros((len(n_points), 10), dtype="<f4"), np.flatnonzero(n_points)
+    levels = np.array([LEVELS, LEVELS, LEVELS, LEVELS, POWER_LEVELS])
+    if filled.size:
+        first = (np.cumsum(n_points) - n_points)[filled]
+        lowest = np.minimum.reduceat(values, first)
+        limits[filled, 0::2] = lowest
+        limits[filled, 1::2] = (np.maximum.reduceat(values, first) - lowest) / levels
+    own = np.repeat(limits.astype(np.float64), n_points, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        steps = np.nan_to_num((values - own[:, 0::2]) / own[:, 1::2], posinf=0.0, neginf=0.0)
+    whole = np.clip(np.rint(steps), 0, levels).astype(np.uint16)
+    planes = [plane for axis in range(4) for plane in (whole[:, axis] >> 8, whole[:, axis] & 255)]
+    return limits.tobytes() + b"".join(plane.astype(np.uint8).tobytes() for plane in [*planes, whole[:, 4]])
+
+
+def choose_clouds(
+    records: pd.DataFrame,
+    n_points: NDArray[np.int64],
+    first: NDArray[np.bool_] | None = None,
+    most_points: int = MOST_POINTS,
+) -> NDArray[np.bool_]:
+    """Choose the clouds that a page holds, the most wanted ones first.
+
+    The order is: the clouds that the caller wants first; of every scene and
+    estimator the first trial at the SNR nearest 10 dB; its cell of largest
+    deviation; the first trial at other SNRs; then further trials.
+
+    `first` are the rows whose clouds the caller wants; `most_points` is the sum of all clouds.
+    """
+    if n_points.sum() <= most_points:
+        return np.ones(len(records), dtype=np.bool_)
+    trial_number = np.searchsorted(np.unique(records["trial"]), records["trial"])
+    (shown_db,) = charts.nearest_values(sorted(records["snr_db"].unique()), [SHOWN_SNR_DB])
+    order = 2 + trial_number
+    order[(trial_number == 0) & (records["snr_db"] == shown_db).to_numpy()] = 0
+    by_deviation = np.argsort(-records["deviation"].fillna(-np.inf).to_numpy(), kind="stable")
+    is_repeated = records.iloc[by_deviation].duplicated(["scenario", "estimator", "params"]).to_numpy()
+    worst = by_deviation[~is_repeated]
+    order[worst] = np.minimum(order[worst], 1)
+    if first is not None:
+        order[first] = -1
+    # One cloud that is too large by itself must not keep the others out.
+    n_wanted = np.where(n_points > most_points // 2, most_points + 1, n_points)
+    sequence = np.argsort(np.where(n_wanted > most_points, len(records) + order.max(), order), kind="stable")
+    chosen = np.zeros(len(records), dtype=np.bool_)
+    chosen[sequence] = np.cumsum(n_wanted[sequence]) <= most_points
+    return chosen

@@ -5,7 +5,7 @@ import pandas as pd
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.report.html.packed_clouds import LEVELS, POWER_LEVELS, choose_clouds, pack_clouds
+from isacbench.report.html.page_content import LEVELS, POWER_LEVELS, choose_clouds, pack_clouds
 
 places = st.floats(-1e4, 1e4, allow_nan=False, width=32)
 point = st.tuples(places, places, places, st.floats(-50, 50), st.floats(1e-12, 1e12))
