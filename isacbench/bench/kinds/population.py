@@ -22,7 +22,7 @@ from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.lone_targets import measure_lone_scatterers
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import COUNTS, POINT_FAMILIES, over_snrs
+from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, over_snrs
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
@@ -163,14 +163,7 @@ class PopulationKind(Kind):
 
     name = "population"
     suite = PopulationSuite
-    columns: ClassVar = {
-        "family": "",
-        "frame": "",
-        "coherent_phase": False,
-        "n_resolvable": 0,
-        "n_resolved": 0,
-        "n_false": 0,
-    }
+    columns: ClassVar = {"family": "", "frame": "", "coherent_phase": False, **dict.fromkeys(LONE_COUNTS, 0)}
     better: ClassVar = {"n_resolved": "higher", "n_resolvable": "neither", "coherent_phase": "neither"}
     metrics = OF_IMAGES
     has_images = True
@@ -358,7 +351,7 @@ def _row_labels(labels: Mapping[Variant, str], summary: pd.DataFrame) -> dict[Va
     """Labels of the estimators, then of the references that see the truth."""
     references = set(summary.loc[summary["sees_truth"], "estimator"])
     ordered = sorted(labels, key=lambda variant: variant[0] in references)
-    return {one: f"{labels[one]} (ref.)" if one[0] in references else labels[one] for one in ordered}
+    return scores.with_references({one: labels[one] for one in ordered}, references)
 
 
 def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Table:

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Self, TypeVar
 from pydantic import (
     AfterValidator,
     BaseModel,
-    ConfigDict,
     Field,
     PrivateAttr,
     ValidationError,
@@ -63,7 +62,7 @@ Listed = Annotated[tuple[Item, ...], Field(min_length=1), AfterValidator(refuse_
 Snrs = Listed[Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]]
 
 
-class Suite(BaseModel):
+class Suite(BaseModel, extra="forbid", frozen=True):
     """Plan of a run: which estimators meet which scenarios at which SNR, and how often.
 
     Attributes
@@ -89,8 +88,6 @@ class Suite(BaseModel):
     seed : int
         Seed that all noise follows from.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     _instances: Instances = PrivateAttr(default_factory=Instances)
 
