@@ -26,8 +26,7 @@ from isacbench.charts import (
     text_table,
     variants_in,
 )
-from isacbench.files.escaping import counted, shortened
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed
 

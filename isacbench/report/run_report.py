@@ -40,8 +40,7 @@ from isacbench.charts import (
     with_symbol,
 )
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.files.escaping import counted, shortened
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS

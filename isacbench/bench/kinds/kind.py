@@ -24,7 +24,7 @@ from isacbench.charts import (
     variants_in,
 )
 from isacbench.errors import InputError
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.metrics.descriptions import Direction
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
