@@ -11,8 +11,7 @@ from threading import Timer
 from typing import Any
 
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.checking.checks import Check, Finding, Status, run_checks
-from isacbench.checking.class_checks import PluginSubject
+from isacbench.checking.checks import Check, Finding, PluginSubject, Status, run_checks
 from isacbench.checking.image_checks import ESTIMATOR_CHECKS, EstimatorSubject
 from isacbench.checking.map_checks import DETECTOR_CHECKS, DetectorSubject
 from isacbench.checking.metric_checks import METRIC_CHECKS, MetricSubject
