@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checking import image_checks, map_checks, scenes
+from isacbench.checking import image_checks as images
+from isacbench.checking import map_checks as maps
+from isacbench.checking import scenes
 from isacbench.checking.checks import Check, Choice, Real, Subject, Whole, family, with_parameters
 from isacbench.checking.image_checks import EVERY, FOUND, INVARIANT, LEAKAGE, RESOLVED_ECHOES, ImageSubject
 from isacbench.checking.map_checks import EVERY_MAP, MAP_INVARIANT, MapSubject, white_noise_map
@@ -49,7 +51,7 @@ FOUND_DB = 10.0
 def snr(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Three resolved echoes at any SNR."""
     found = (FOUND,) if snr_db >= SEEN_DB else ()
-    clear = (image_checks.NO_FALSE_POINT, image_checks.POWER) if snr_db >= CLEAR_DB else ()
+    clear = (images.NO_FALSE_POINT, images.POWER) if snr_db >= CLEAR_DB else ()
     return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, *found, *clear, *INVARIANT)
 
 
@@ -63,7 +65,7 @@ def amplitude(plugin: Estimator, seed: int, exponent: float, noise: str) -> Imag
     """Three resolved echoes of any amplitude that float32 holds, without noise or far above it."""
     echoes = [echo._replace(amplitude=10.0**exponent) for echo in RESOLVED]
     scene = observed(echoes, math.inf if noise == "none" else CLEAR_DB, seed)
-    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, image_checks.POWER, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, images.POWER, *INVARIANT)
 
 
 WEAK_BINS = {"own_cell": (0, 0), "next_range": (1, 0), "next_doppler": (0, 1), "far": (-4, -4)}
@@ -88,13 +90,7 @@ def dynamic_range(plugin: Estimator, seed: int, level_db: float, where: str) -> 
     )
     both = (FOUND,) if level_db <= FOUND_DB and where == "far" else ()
     scene = observed([strong, weak], seed=seed)
-    return ImageSubject(plugin, scene), (
-        *EVERY,
-        image_checks.NO_FALSE_POINT,
-        image_checks.FOUND_FIRST,
-        *both,
-        *INVARIANT,
-    )
+    return ImageSubject(plugin, scene), (*EVERY, images.NO_FALSE_POINT, images.FOUND_FIRST, *both, *INVARIANT)
 
 
 @image_family("pfa", product((-15.0, -0.302), SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
@@ -108,11 +104,7 @@ def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> I
 @image_family("single_precision", product((0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
 def single_precision(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Resolved echoes in single precision."""
-    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (
-        *EVERY,
-        FOUND,
-        image_checks.SINGLE_PRECISION,
-    )
+    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, images.SINGLE_PRECISION)
 
 
 FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
@@ -137,7 +129,7 @@ def blank(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCa
         "checkers": np.indices(cells.shape[:2]).sum(axis=0) % 2 == 0,
     }
     cells[where.get(filled, (*middle, 1, 1))] = 10.0**exponent
-    nothing = (image_checks.NO_FALSE_POINT,) if filled == "zeros" else ()
+    nothing = (images.NO_FALSE_POINT,) if filled == "zeros" else ()
     return ImageSubject(plugin, scene.with_cells(cells)), (*EVERY, *nothing, *LEAKAGE)
 
 
@@ -158,11 +150,8 @@ def ladder(plugin: Estimator, seed: int, from_db: float, echoes: str) -> tuple[S
     """One resolved echo, or three, at rising SNR: the error falls, within its confidence interval."""
     scenario = scenes.scenario_of(RESOLVED[:1] if echoes == "one" else RESOLVED)
     levels_db = tuple(from_db + STEPS_DB * step for step in range(N_STEPS))
-    small = () if from_db < START_DB else (image_checks.SMALL_AT_LAST,)
-    return image_checks.LadderSubject(plugin, Simulator(scenario), levels_db, seed), (
-        image_checks.FALLS,
-        *small,
-    )
+    small = () if from_db < START_DB else (images.SMALL_AT_LAST,)
+    return images.LadderSubject(plugin, Simulator(scenario), levels_db, seed), (images.FALLS, *small)
 
 
 # Few and many: pairs that the radio cannot tell apart, coherent sources, thousands.
@@ -193,9 +182,9 @@ def pair(plugin: Estimator, seed: int, half_turns: float, noise: str) -> ImageCa
     one, is_clear = RESOLVED[0], noise == "none"
     scene = observed([one, one._replace(phase_rad=math.pi * half_turns)], SNR_DB[noise], seed)
     if half_turns > CANCELLING:
-        nothing = (image_checks.NO_POINT,) if is_clear and half_turns == 1 else ()
+        nothing = (images.NO_POINT,) if is_clear and half_turns == 1 else ()
         return ImageSubject(plugin, scene), (*EVERY, *nothing)
-    clear = (image_checks.NO_FALSE_POINT,) if is_clear else ()
+    clear = (images.NO_FALSE_POINT,) if is_clear else ()
     return ImageSubject(plugin, scene), (*EVERY, *clear, FOUND, *INVARIANT)
 
 
@@ -225,7 +214,7 @@ def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> 
         for k in range(n_echoes)
     ]
     scene = observed(_in_phase([echo for echo in echoes if math.hypot(echo.u, echo.w) < 1]), seed=seed)
-    resolved = (image_checks.NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
+    resolved = (images.NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
     return ImageSubject(plugin, scene), (*EVERY, *resolved, *INVARIANT)
 
 
@@ -327,7 +316,7 @@ def bin_offset(
         doppler_bin = SYSTEM.n_symbols / 2 - 1.0
     echo = Echo(range_bin + range_offset, doppler_bin + doppler_offset, u, w)
     scene = observed([echo], seed=seed, layout=Layout(region=region))
-    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, image_checks.POWER, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, images.POWER, *INVARIANT)
 
 
 @image_family(
@@ -346,7 +335,7 @@ def direction(plugin: Estimator, seed: int, radius: float, angle_deg: float) -> 
     scene = observed([Echo(9.3, 1.2, radius * math.cos(angle), radius * math.sin(angle))], seed=seed)
     # Farther out, the errors of the direction decide on which side of the border it lies.
     inner = (FOUND, *INVARIANT) if radius <= FOUND_RADIUS else ()
-    return ImageSubject(plugin, scene), (*EVERY, image_checks.NO_FALSE_POINT, *inner)
+    return ImageSubject(plugin, scene), (*EVERY, images.NO_FALSE_POINT, *inner)
 
 
 BEYOND = "gate", "region", "prefix", "range", "speed"
@@ -372,7 +361,7 @@ def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -
     # Points of what leaks in from beyond the gate, which is no echo of the model, may move with the last
     # digits.
     invariant = LEAKAGE if what == "gate" else INVARIANT
-    return ImageSubject(plugin, scene), (*EVERY, image_checks.FOUND_FIRST, *invariant)
+    return ImageSubject(plugin, scene), (*EVERY, images.FOUND_FIRST, *invariant)
 
 
 # Radios: arrays, numerologies and frames.
@@ -439,7 +428,7 @@ def map_level(plugin: Detector, seed: int, exponent: float) -> MapCase:
     power = np.minimum(white_noise_map(SHAPE, seed), 15.0)
     power[5, 7], power[12, 0], power[0, 16] = 100.0, 40.0, 20.0
     subject = MapSubject(plugin, power * 10.0**exponent)
-    return subject, (*EVERY_MAP, *MAP_INVARIANT, map_checks.MAP_SINGLE_PRECISION)
+    return subject, (*EVERY_MAP, *MAP_INVARIANT, maps.MAP_SINGLE_PRECISION)
 
 
 STRONG = "checkers", "one_cell", "half", "any"
@@ -471,8 +460,8 @@ def blank_map(plugin: Detector, seed: int, filled: str, exponent: float) -> MapC
     every_seventh = np.arange(power.size).reshape(SHAPE) % 7 == 0
     cells = {"zeros": [], "constant": np.s_[:], "one_cell": MIDDLE, "few_cells": every_seventh}
     power[cells[filled]] = 10.0**exponent
-    nothing = (map_checks.NOTHING,) if filled in ("zeros", "constant") else ()
-    return MapSubject(plugin, power), (*EVERY_MAP, *nothing, map_checks.MAP_TWO_POWER_SCALE)
+    nothing = (maps.NOTHING,) if filled in ("zeros", "constant") else ()
+    return MapSubject(plugin, power), (*EVERY_MAP, *nothing, maps.MAP_TWO_POWER_SCALE)
 
 
 @map_family(
@@ -494,9 +483,7 @@ def map_window(
     shape = (length, width)[:n_axes]
     detector = with_parameters(plugin, training=training, guard=guard)
     is_whole = 2 * (training + guard) + 1 <= min(shape)
-    return MapSubject(detector, white_noise_map(shape, seed)), EVERY_MAP if is_whole else (
-        map_checks.REFUSED,
-    )
+    return MapSubject(detector, white_noise_map(shape, seed)), EVERY_MAP if is_whole else (maps.REFUSED,)
 
 
 @map_family(
@@ -510,4 +497,4 @@ def rate(plugin: Detector, seed: int, exponent: float, looks: int) -> MapCase:
     power = white_noise_map((9, 11), seed, looks)
     power[0, 0] = ECHO  # in a corner that half of the windows do not reach
     subject = MapSubject(with_parameters(plugin, pfa=10.0**exponent), power, looks)
-    return subject, (*EVERY_MAP, *MAP_INVARIANT, map_checks.FALSE_ALARM_RATE, map_checks.RATE_ORDER)
+    return subject, (*EVERY_MAP, *MAP_INVARIANT, maps.FALSE_ALARM_RATE, maps.RATE_ORDER)

@@ -18,14 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
 from isacbench.checking import checks, scenes
-from isacbench.checking.checks import (
-    Check,
-    CheckFailedError,
-    NotApplicableError,
-    PluginSubject,
-    Subject,
-    sees_truth,
-)
+from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError, Subject, sees_truth
 from isacbench.checking.lone_scatterer import require_lone_scatterer
 from isacbench.checking.scenes import SmallScene
 from isacbench.model.cloud import PointCloud
@@ -338,7 +331,7 @@ SMALL_AT_LAST = Check("small error at last", lambda ladder: float(ladder.errors_
 # The contract.
 
 
-class EstimatorSubject(PluginSubject):
+class EstimatorSubject(checks.PluginSubject):
     """An estimator under check."""
 
     def of(self, scene: SmallScene, plugin: Any = None) -> ImageSubject:

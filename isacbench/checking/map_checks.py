@@ -14,14 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from isacbench.checking import checks
-from isacbench.checking.checks import (
-    Check,
-    CheckFailedError,
-    DoubtfulError,
-    NotApplicableError,
-    PluginSubject,
-    Subject,
-)
+from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, NotApplicableError, Subject
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection, Detector
@@ -319,7 +312,7 @@ def _noise_with_echoes(stream: int) -> NDArray[np.float64]:
     return power
 
 
-class DetectorSubject(PluginSubject):
+class DetectorSubject(checks.PluginSubject):
     """A detector under check."""
 
     @cached_property

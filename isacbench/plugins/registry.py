@@ -147,7 +147,7 @@ def sees_truth(name: str) -> bool:
     >>> sees_truth("oracle"), sees_truth("music2d")
     (True, False)
     """
-    return bool(getattr(_load(_registered("estimator", name)), "needs_truth", False))
+    return bool(getattr(_load(registered("estimator", name)), "needs_truth", False))
 
 
 def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
@@ -160,7 +160,7 @@ def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
             if spec.params:
                 _build(kind, spec.name, spec.params)
             else:
-                _registered(kind, spec.name)
+                registered(kind, spec.name)
 
 
 def build_estimator(spec: str) -> Estimator:
@@ -256,7 +256,7 @@ def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
     >>> defaults["detector"]["name"], defaults["detector"]["order_axis"]
     ('osca', 1)
     """
-    defaults = field_defaults(_load(_registered(kind, name)))
+    defaults = field_defaults(_load(registered(kind, name)))
     return {key: plain_value(f"{kind} {name}", key, value) for key, value in defaults.items()}
 
 
@@ -310,12 +310,12 @@ def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
     return defaults
 
 
-def _registered(kind: PluginKind, name: str) -> RegisteredPlugin:
+def registered(kind: PluginKind, name: str) -> RegisteredPlugin:
     """Look up a registered name."""
-    registered = entries(kind)
-    if name not in registered:
-        raise unknown_name(kind, name, sorted(registered))
-    return registered[name]
+    known = entries(kind)
+    if name not in known:
+        raise unknown_name(kind, name, sorted(known))
+    return known[name]
 
 
 def _load(entry: RegisteredPlugin) -> type[Any]:
@@ -360,7 +360,7 @@ def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
     """Instance of a registered class with checked parameters."""
     if "[" in name:
         raise InputError(f"{kind} {name!r}: give the name only; pass parameters as keyword arguments")
-    return construct(kind, name, _load(_registered(kind, name)), params)
+    return construct(kind, name, _load(registered(kind, name)), params)
 
 
 @plugin_output()
