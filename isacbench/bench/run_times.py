@@ -21,7 +21,7 @@ from isacbench.bench.cells.record import TIMING_COLUMNS, failed
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.instrument.stages import STAGES
 
 PANEL = ["scenario", "snr_db"]

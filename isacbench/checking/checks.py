@@ -1,25 +1,58 @@
-"""A check of a plugin, and its finding: in words that say what is wrong and how to mend it."""
+"""Checks of plugins: what one is, what it finds, and those of all kinds of plugins alike; and cases to check.
+
+A finding says in words what is wrong and how to mend it. All kinds of plugins are checked for their class and
+for the conduct of their method.
+
+A case is hostile but finite input, written ``name[param=value,...]``, with the checks that are made on it. A
+family of cases is a function with a space for each parameter. Its table lists the cases that are always gone
+through; the random search draws from the same spaces, and what it finds is added to the table.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import io
 import math
+import pickle
+import random
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any, ClassVar, Literal
 
-from isacbench.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import visible
-from isacbench.plugins.discovery import error_place
+from isacbench.plugins import registry
+from isacbench.plugins.discovery import METHODS, RegisteredPlugin, error_place
+from isacbench.specifications import is_word
 
 HARMLESS = (DeprecationWarning, PendingDeprecationWarning, ResourceWarning, ImportWarning)
 """Warnings about outdated libraries: no plugin fails because of them."""
 
 Status = Literal["ok", "warning", "failed", "skipped", "refused", "timeout", "killed"]
 """Refused: an `InputError` where that is a proper answer; timeout, killed: the process was lost."""
+
+SLOW_S = 10.0
+"""Time in s from which a check warns: a run does the same hundreds of times, at full size."""
+
+SEED = 20310
+
+BUILT = "default parameters"
+"""Check that builds the instance of all further checks."""
+
+CALLABLE = "arguments"
+"""Check that the method takes the arguments of all further checks."""
+
+ARGUMENTS = {"estimator": "observation", "detector": "power, looks=1", "metric": "pair"}
+"""Of the method of a plugin, by kind."""
 
 
 class CheckFailedError(Exception):
@@ -175,3 +208,350 @@ def warnings_fail(hint: str = "") -> Iterator[None]:
     for warning in caught:
         if not issubclass(warning.category, HARMLESS):
             raise CheckFailedError(f"warns {warning.category.__name__}: {warning.message}{hint}")
+
+
+# Checks of all kinds of plugins alike.
+
+
+class PluginSubject(ABC):
+    """A plugin under check: its class, and an instance, with default parameters unless one is given."""
+
+    def __init__(self, entry: RegisteredPlugin, plugin: object = None) -> None:
+        self.entry = entry
+        self._given = plugin
+
+    @cached_property
+    def plugin_class(self) -> Any:
+        """Registered class."""
+        return self.entry.load()
+
+    @property
+    def plugin_module(self) -> str:
+        """Module of the class, or what is registered as such where it cannot be imported."""
+        loaded = vars(self).get("plugin_class")
+        return str(getattr(loaded, "__module__", self.entry.module))
+
+    @cached_property
+    def plugin(self) -> Any:
+        """Instance under check."""
+        return self.plugin_class() if self._given is None else self._given
+
+    @abstractmethod
+    def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
+        """Results of the plugin, or of another instance, on one of two small inputs of the same shape."""
+
+
+def sees_truth(plugin: object) -> bool:
+    """Tell whether an estimator, or its class, returns what it makes of the truth."""
+    return bool(getattr(plugin, "needs_truth", False))
+
+
+@contextmanager
+def input_errors_fail(hint: str = "") -> Iterator[None]:
+    """Fail the check with the message of an `InputError` within, without the place where it was raised."""
+    try:
+        yield
+    except InputError as error:
+        raise CheckFailedError(f"{error}{hint}") from error
+
+
+def _is_imported(subject: PluginSubject) -> None:
+    plugin_class, method = subject.plugin_class, METHODS[subject.entry.kind]
+    if not inspect.isclass(plugin_class):
+        raise CheckFailedError(f"{subject.entry.target} is no class: register the class, not an instance")
+    if not callable(getattr(plugin_class, method, None)):
+        raise CheckFailedError(f"{plugin_class.__name__} has no method {method!r}: define it")
+
+
+def _is_frozen(subject: PluginSubject) -> None:
+    if not registry.is_frozen_dataclass(subject.plugin_class):
+        raise CheckFailedError(
+            f"{subject.plugin_class.__name__} is no frozen dataclass: decorate it with "
+            "@dataclass(frozen=True), so that its parameters are known and stay as they are"
+        )
+
+
+def _is_named(subject: PluginSubject) -> None:
+    name = getattr(subject.plugin_class, "name", None)
+    if name != subject.entry.name:
+        raise CheckFailedError(
+            f"it is registered as {subject.entry.name!r}, but its class attribute name is {name!r}: make "
+            "them equal"
+        )
+    if not is_word(name):
+        raise CheckFailedError(
+            f'its name {name!r} cannot be given to commands: make it a word without any of []()=," and '
+            "spaces, and no number"
+        )
+    if any(field.name == "name" for field in dataclasses.fields(subject.plugin_class)):
+        raise CheckFailedError(
+            "name is one of its parameters: annotate it as ClassVar[str], for it belongs to the class"
+        )
+
+
+def _is_built(subject: PluginSubject) -> None:
+    if missing := registry.required_fields(subject.plugin_class):
+        raise CheckFailedError(
+            f"parameter {missing[0]} has no default: give every parameter one, for results name an "
+            "estimator without parameters"
+        )
+    subject.plugin  # noqa: B018  built here first
+
+
+def _takes_its_arguments(subject: PluginSubject) -> None:
+    kind, method = subject.entry.kind, METHODS[subject.entry.kind]
+    signature = inspect.signature(getattr(subject.plugin, method))
+    try:
+        signature.bind(*[None] * (2 if kind == "estimator" and sees_truth(subject.plugin) else 1))
+        if kind == "detector":
+            signature.bind(None, 1)
+            signature.bind(None, looks=1)
+    except TypeError as error:
+        raise CheckFailedError(
+            f"{method}{signature} does not take what it is called with ({error}): define "
+            f"{method}(self, {ARGUMENTS[kind]})"
+        ) from error
+
+
+def _is_typed(subject: PluginSubject) -> None:
+    plugin = subject.plugin
+    with input_errors_fail(": make the parameter's default and its type agree"):
+        for name, hint in registry.parameter_types(subject.entry.kind, type(plugin)).items():
+            registry.check_parameter(subject.entry.name, name, getattr(plugin, name), hint)
+
+
+def _is_canonical(subject: PluginSubject) -> None:
+    with input_errors_fail():
+        registry.canonical_params(subject.plugin)
+
+
+def _repeats(subject: PluginSubject) -> None:
+    subject.answer()  # so that the calls before this check count for "no memory" alone
+    if not _are_equal(subject.answer(), subject.answer()):
+        raise CheckFailedError(
+            "the same input gives another result the second time: draw random numbers from a generator with "
+            "a fixed seed"
+        )
+
+
+def _forgets(subject: PluginSubject) -> None:
+    subject.answer()
+    before = subject.answer()
+    subject.answer(other=True)
+    if not _are_equal(before, subject.answer()):
+        raise CheckFailedError(
+            "other input in between changes the result: keep nothing from one call to the next"
+        )
+
+
+def _is_pickled(subject: PluginSubject) -> None:
+    try:
+        twin = pickle.loads(pickle.dumps(subject.plugin))
+    except Exception as error:
+        raise CheckFailedError(
+            f"cannot be pickled ({type(error).__name__}: {error}), so that no worker process can have it: "
+            "keep functions, locks and open files out of it, and its class at the top of its module"
+        ) from error
+    if registry.canonical_params(twin) != registry.canonical_params(subject.plugin):
+        raise CheckFailedError("has other parameters after pickling: leave pickling to the dataclass")
+    subject.answer()
+    if not _are_equal(subject.answer(), subject.answer(twin)):
+        raise CheckFailedError("its result differs after pickling: keep all that it needs in its parameters")
+
+
+def _are_equal(first: list[NDArray[Any]], second: list[NDArray[Any]]) -> bool:
+    return all(map(np.array_equal, first, second))
+
+
+def _leaves_random_numbers(subject: PluginSubject) -> None:
+    states = random.getstate(), np.random.get_state(legacy=False)  # noqa: NPY002
+    try:
+        # A known state: a plugin that always seeds alike would leave the state of its last call unchanged.
+        random.seed(SEED)
+        np.random.seed(SEED)  # noqa: NPY002
+        before = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+        subject.answer()
+        after = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+    finally:
+        random.setstate(states[0])
+        np.random.set_state(states[1])  # noqa: NPY002
+    if before != after:
+        raise CheckFailedError(
+            "draws from the random numbers that all code of a process shares: use "
+            "numpy.random.default_rng(seed) with a seed of its own"
+        )
+
+
+def _is_quiet(subject: PluginSubject) -> None:
+    with redirect_stdout(io.StringIO()) as printed:
+        subject.answer()
+    if printed.getvalue():
+        raise CheckFailedError(
+            f"prints {printed.getvalue()[:40]!r} to stdout, where commands print JSON: use the module logging"
+        )
+
+
+def refuse_writes(act: Callable[[], object], what: str) -> None:
+    """Fail a call that writes to its read-only input, which is called `what`. Other exceptions pass."""
+    try:
+        act()
+    except ValueError as error:
+        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
+            raise
+        raise CheckFailedError(f"writes to {what} ({error}): copy before changing") from error
+
+
+def timed_call(act: Callable[[], object], on: str) -> str:
+    """Say how long a call takes on an input, and doubt one that takes longer than `SLOW_S`."""
+    start = time.perf_counter()
+    act()
+    elapsed_s = time.perf_counter() - start
+    took = f"{1e3 * elapsed_s:.3g} ms on {on}"
+    if elapsed_s > SLOW_S:
+        raise DoubtfulError(f"{took}, more than {SLOW_S:g} s: a run does that hundreds of times")
+    return took
+
+
+CLASS_CHECKS = (
+    Check("import", _is_imported),
+    Check("frozen dataclass", _is_frozen, needs=("import",)),
+    Check("name", _is_named, needs=("frozen dataclass",)),
+    Check(BUILT, _is_built, needs=("frozen dataclass",)),
+    Check(CALLABLE, _takes_its_arguments, needs=(BUILT,)),
+    Check("parameter types", _is_typed, needs=(BUILT,)),
+    Check("canonical parameters", _is_canonical, needs=(BUILT,)),
+)
+
+
+def conduct_checks(answered: str) -> tuple[Check, ...]:
+    """Checks of the conduct of a plugin's method, whose answers have passed the check of that name."""
+    return (
+        Check("repeatable", _repeats, needs=(answered,)),
+        Check("no memory", _forgets, needs=("repeatable",)),
+        Check("pickling", _is_pickled, needs=("canonical parameters", "repeatable")),
+        Check("random numbers", _leaves_random_numbers, needs=(answered,)),
+        Check("stdout", _is_quiet, needs=(answered,)),
+    )
+
+
+# Cases.
+
+
+@dataclass(frozen=True)
+class Real:
+    """Numbers between two limits, both included."""
+
+    types: ClassVar[tuple[type, ...]] = (int, float)
+    noun: ClassVar[str] = "numbers"
+
+    low: float
+    high: float
+    default: float
+
+    def __contains__(self, value: Any) -> bool:
+        return type(value) in self.types and self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.noun} from {self.low:g} to {self.high:g}"
+
+
+class Whole(Real):
+    """Integers between two limits, both included."""
+
+    types = (int,)
+    noun = "whole numbers"
+
+
+class Choice:
+    """One of a few words or numbers, by default the first."""
+
+    def __init__(self, *values: str | int) -> None:
+        self.values, self.default = values, values[0]
+
+    def __contains__(self, value: Any) -> bool:
+        return any(type(value) is type(one) and value == one for one in self.values)
+
+    def __str__(self) -> str:
+        return f"one of {', '.join(map(str, self.values))}"
+
+
+Space = Real | Choice
+Make = Callable[..., tuple[Any, Sequence[Check]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """A family of cases; see `family`.
+
+    Attributes
+    ----------
+    kind : {"estimator", "detector"}
+        Kind of plugin that it is meant for.
+    make : callable
+        Takes a plugin, a seed of what is random, and the parameters; returns the subject of the checks and
+        the checks. Where the first fails, the others are not made.
+    table : sequence of tuple
+        Parameters of the cases that are always gone through, in the order of the spaces; those that a row
+        lacks have their defaults.
+    spaces : mapping of str to Space
+        By parameter.
+    """
+
+    name: str
+    kind: Literal["estimator", "detector"]
+    make: Make
+    table: Sequence[tuple[Any, ...]]
+    spaces: Mapping[str, Space]
+
+    @property
+    def description(self) -> str:
+        """What its cases are, in a line."""
+        return (self.make.__doc__ or "").partition("\n")[0]
+
+    def case(self, **params: Any) -> Case:
+        """Make a case, with defaults for what is not given; refuse what lies outside its space."""
+        for key in params:
+            if key not in self.spaces:
+                raise unknown_name(f"parameter of case {self.name}", key, self.spaces)
+        values = {key: params.get(key, space.default) for key, space in self.spaces.items()}
+        for key, space in self.spaces.items():
+            if values[key] not in space:
+                raise InputError(f"case {self.name}: {key} = {values[key]!r}; allowed are {space}")
+        return Case(self, tuple(values.values()))
+
+    def cases(self) -> list[Case]:
+        """Cases of the table."""
+        return [self.case(**dict(zip(self.spaces, row, strict=False))) for row in self.table]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case of a family: values of its parameters, in their order."""
+
+    family: Family
+    values: tuple[Any, ...]
+
+    @property
+    def spec(self) -> str:
+        """Specification with all parameters, as `isacbench stress --case` takes it."""
+        params = ",".join(map("{}={}".format, self.family.spaces, self.values))
+        return f"{self.family.name}[{params}]" if params else self.family.name
+
+    def make(self, plugin: Any, seed: int = 0) -> tuple[Any, Sequence[Check]]:
+        """Put plugin and input together into the subject of the checks, and return it with the checks."""
+        return self.family.make(plugin, seed, *self.values)
+
+
+def family(
+    name: str, table: Iterable[tuple[Any, ...]], *, kind: Literal["estimator", "detector"], **spaces: Space
+) -> Callable[[Make], Family]:
+    """Make a family of cases of a function that takes a plugin, a seed, and a value of each space."""
+    return lambda make: Family(name, kind, make, [*table], spaces)
+
+
+def with_parameters(plugin: Any, **params: Any) -> Any:
+    """Copy a plugin with some parameters replaced; a case says nothing about one that lacks them."""
+    fields = {field.name for field in dataclasses.fields(plugin)}
+    if missing := sorted(set(params) - fields):
+        raise NotApplicableError(f"it has no parameter {missing[0]}")
+    return dataclasses.replace(plugin, **params)

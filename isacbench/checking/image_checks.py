@@ -13,21 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
+from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking import class_checks, scenes
-from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError, Subject, warnings_fail
-from isacbench.checking.class_checks import CALLABLE, PluginSubject, sees_truth
+from isacbench.checking import checks, scenes
+from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError, Subject, sees_truth
 from isacbench.checking.lone_scatterer import require_lone_scatterer
 from isacbench.checking.scenes import SmallScene
 from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import Simulator
 from isacbench.model.frame import PanelFrame
 from isacbench.model.observation import REGION_TOLERANCE_M, Observation, cross_elements
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.region import Region
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import needs_of
+from isacbench.plugins.scoring import score
 
 INVARIANCE = 1e-9
 """Largest difference between numbers of threads, memory orders and orders of elements."""
@@ -282,10 +284,54 @@ INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, LAYOUT, ELEMENT_ORDER
 """Checks of images without ties."""
 
 
+# A ladder of SNRs.
+
+N_TRIALS = 12
+LEVEL = 0.01
+"""Probability that any step of a ladder that falls is taken for a bump."""
+
+
+@dataclass(frozen=True, eq=False)
+class LadderSubject(Subject):
+    """An estimator, and a scene that it images at rising SNR."""
+
+    simulator: Simulator
+    snr_db: tuple[float, ...]
+    seed: int
+
+    @cached_property
+    def errors_bins(self) -> NDArray[np.float64]:
+        """Sums (steps, trials) of the Hausdorff distances, in range bins."""
+        errors_m = [[self._error_m(snr_db, trial) for trial in range(N_TRIALS)] for snr_db in self.snr_db]
+        return np.array(errors_m) / self.simulator.scenario.system.range_bin_m
+
+    def _error_m(self, snr_db: float, trial: int) -> float:
+        scenario = self.simulator.scenario
+        observation = self.simulator.observe(snr_db, trial, self.seed)
+        cloud = raw_cloud(self.plugin, observation, scenario.truth)
+        scores = score(scenario.truth, cloud, region=scenario.region)
+        return sum(scores[f"hausdorff_{plane}_m"] for plane in ("xy", "xz", "yz"))
+
+
+def _largest_bump(ladder: LadderSubject) -> float:
+    """Largest rise of the mean error, in range bins, beyond its confidence interval."""
+    # The noise of a trial is the same on all steps, so that they differ by their level alone.
+    rises = np.diff(ladder.errors_bins, axis=0)
+    width = -stdtrit(N_TRIALS - 1, LEVEL / len(rises)) / math.sqrt(N_TRIALS)
+    unexplained = rises.mean(axis=1) - width * rises.std(axis=1, ddof=1)
+    return max(float(unexplained.max()), 0.0)
+
+
+# Errors below 1e-3 bins are ignored: the bias of superposed echoes moves with the noise.
+FALLS = Check("error falls with SNR", _largest_bump, 1e-3)
+
+SMALL_AT_LAST = Check("small error at last", lambda ladder: float(ladder.errors_bins[-1].mean()), 0.3)
+
+
 # The contract.
 
 
-class EstimatorSubject(PluginSubject):
+class EstimatorSubject(checks.PluginSubject):
     """An estimator under check."""
 
     def of(self, scene: SmallScene, plugin: Any = None) -> ImageSubject:
@@ -339,7 +385,7 @@ def _reads_what_it_declares(subject: EstimatorSubject) -> str:
 def _leaves_the_observation(subject: EstimatorSubject) -> None:
     image = subject.of(scenes.ordinary())
     observation = image.scene.observation(writable=False)
-    class_checks.refuse_writes(lambda: image.image(observation), "the observation")
+    checks.refuse_writes(lambda: image.image(observation), "the observation")
 
 
 def _images(*chosen: Callable[[], SmallScene]) -> Callable[[EstimatorSubject], None]:
@@ -355,7 +401,7 @@ def _images(*chosen: Callable[[], SmallScene]) -> Callable[[EstimatorSubject], N
 def _images_no_echo(scene: Callable[[], SmallScene], subject: EstimatorSubject) -> str:
     """Image a scene without an echo: hardly a point, and no warning."""
     image, n_cells = subject.of(scene()), int(scene().seen.gate.reachable.sum())
-    with warnings_fail(": expect input without any echo"):
+    with checks.warnings_fail(": expect input without any echo"):
         n_points = len(image.cloud)
     if n_points > n_cells // 2:
         raise CheckFailedError(
@@ -368,7 +414,7 @@ def _images_no_echo(scene: Callable[[], SmallScene], subject: EstimatorSubject) 
 def _is_fast(subject: EstimatorSubject) -> str:
     image = subject.of(scenes.ordinary())
     observation = image.scene.observation()
-    return class_checks.timed_call(lambda: image.image(observation), "a small scene")
+    return checks.timed_call(lambda: image.image(observation), "a small scene")
 
 
 def _in_every_scene(subject: EstimatorSubject) -> Iterator[ImageSubject]:
@@ -379,14 +425,14 @@ def _in_every_scene(subject: EstimatorSubject) -> Iterator[ImageSubject]:
 
 IMAGED = "image"
 ESTIMATOR_CHECKS = (
-    *class_checks.CLASS_CHECKS,
+    *checks.CLASS_CHECKS,
     Check("truth", _sees_no_truth, needs=("import",)),
-    Check(IMAGED, _returns_a_cloud, needs=(CALLABLE,)),
+    Check(IMAGED, _returns_a_cloud, needs=(checks.CALLABLE,)),
     *(check.of(_in_every_scene, IMAGED) for check in (IN_REGION, SPEEDS, POWERS)),
     Check("lone scatterer", _finds_a_lone_scatterer, needs=("region", "velocity", "power")),
     Check("needs", _reads_what_it_declares, needs=(IMAGED,)),
     Check("observation unchanged", _leaves_the_observation, needs=(IMAGED,)),
-    *class_checks.conduct_checks(IMAGED),
+    *checks.conduct_checks(IMAGED),
     Check("minimal gate", _images(scenes.minimal), needs=(IMAGED,)),
     Check("noise alone", partial(_images_no_echo, scenes.noise), needs=(IMAGED,)),
     Check("silence", partial(_images_no_echo, scenes.silence), needs=(IMAGED,)),

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from isacbench.checking import checks, class_checks
+from isacbench.checking import checks
 from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, NotApplicableError, Subject
-from isacbench.checking.class_checks import CALLABLE, PluginSubject
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection, Detector
@@ -313,7 +312,7 @@ def _noise_with_echoes(stream: int) -> NDArray[np.float64]:
     return power
 
 
-class DetectorSubject(PluginSubject):
+class DetectorSubject(checks.PluginSubject):
     """A detector under check."""
 
     @cached_property
@@ -342,7 +341,7 @@ def _returns_a_detection(subject: DetectorSubject) -> str:
 
 
 def _leaves_the_map(subject: DetectorSubject) -> None:
-    class_checks.refuse_writes(lambda: subject.plugin.detect(_noise_with_echoes(0)), "the map")
+    checks.refuse_writes(lambda: subject.plugin.detect(_noise_with_echoes(0)), "the map")
 
 
 def _takes_looks(subject: DetectorSubject) -> None:
@@ -445,7 +444,7 @@ def _at_rate(detector: Any, pfa: float) -> Any:
 
 def _is_fast(subject: DetectorSubject) -> str:
     power = white_noise_map(LARGE, SEED)
-    return class_checks.timed_call(lambda: subject.plugin.detect(power), f"{LARGE[0]} x {LARGE[1]} cells")
+    return checks.timed_call(lambda: subject.plugin.detect(power), f"{LARGE[0]} x {LARGE[1]} cells")
 
 
 def _ordinary(subject: DetectorSubject) -> tuple[MapSubject]:
@@ -455,14 +454,14 @@ def _ordinary(subject: DetectorSubject) -> tuple[MapSubject]:
 TESTED = "detection"
 SHAPED = "shapes"
 DETECTOR_CHECKS = (
-    *class_checks.CLASS_CHECKS,
-    Check("pfa", _has_a_rate, needs=(class_checks.BUILT,)),
-    Check(TESTED, _returns_a_detection, needs=(CALLABLE,)),
+    *checks.CLASS_CHECKS,
+    Check("pfa", _has_a_rate, needs=(checks.BUILT,)),
+    Check(TESTED, _returns_a_detection, needs=(checks.CALLABLE,)),
     MAP_SHAPES.of(_ordinary, TESTED),
     MASK.of(_ordinary, SHAPED),
     MAP_POWERS.of(_ordinary, SHAPED),
     Check("map unchanged", _leaves_the_map, needs=(TESTED,)),
-    *class_checks.conduct_checks(SHAPED),
+    *checks.conduct_checks(SHAPED),
     MAP_TWO_POWER_SCALE.of(_ordinary, "no memory", name="scale"),
     Check("looks", _takes_looks, needs=("no memory", "threshold and noise")),
     Check("1-D map", _takes_maps(_noise_with_echoes(0)[:, 7]), needs=(SHAPED,)),

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from isacbench.bench.kinds.kind import taken_columns
 from isacbench.bench.suites.suite_kinds import KINDS
-from isacbench.checking import class_checks
-from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError
-from isacbench.checking.class_checks import BUILT, CALLABLE, PluginSubject
+from isacbench.checking import checks
+from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, PluginSubject
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
@@ -87,7 +86,7 @@ def _describes_its_columns(subject: MetricSubject) -> str:
 
 
 def _scores_an_image(subject: MetricSubject) -> str:
-    with class_checks.input_errors_fail():
+    with checks.input_errors_fail():
         scores = metric_scores(subject.plugin, _pair(subject.scenario))
     infinite = [name for name, value in scores.items() if math.isinf(value)]
     if infinite:
@@ -97,7 +96,7 @@ def _scores_an_image(subject: MetricSubject) -> str:
 
 def _leaves_the_clouds(subject: MetricSubject) -> None:
     pair = _pair(subject.scenario)
-    class_checks.refuse_writes(lambda: subject.plugin.score(pair), "the clouds")
+    checks.refuse_writes(lambda: subject.plugin.score(pair), "the clouds")
 
 
 def _knows_no_order(subject: MetricSubject) -> None:
@@ -145,16 +144,16 @@ def _is_worse_far_off(subject: MetricSubject) -> None:
 def _is_fast(subject: MetricSubject) -> str:
     pair = _pair(subject.scenario)
     n_points = f"{len(pair.truth)} and {len(pair.estimate)} points"
-    return class_checks.timed_call(lambda: subject.plugin.score(pair), n_points)
+    return checks.timed_call(lambda: subject.plugin.score(pair), n_points)
 
 
 SCORED = "scores"
 METRIC_CHECKS = (
-    *class_checks.CLASS_CHECKS,
-    Check("columns", _describes_its_columns, needs=(BUILT,)),
-    Check(SCORED, _scores_an_image, needs=(CALLABLE, "columns")),
+    *checks.CLASS_CHECKS,
+    Check("columns", _describes_its_columns, needs=(checks.BUILT,)),
+    Check(SCORED, _scores_an_image, needs=(checks.CALLABLE, "columns")),
     Check("clouds unchanged", _leaves_the_clouds, needs=(SCORED,)),
-    *class_checks.conduct_checks(SCORED),
+    *checks.conduct_checks(SCORED),
     Check("order of points", _knows_no_order, needs=(SCORED,)),
     Check("no points", _scores_nothing, needs=(SCORED,)),
     Check("moved image", _is_worse_far_off, needs=(SCORED,)),

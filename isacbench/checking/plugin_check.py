@@ -11,17 +11,17 @@ from threading import Timer
 from typing import Any
 
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.checking.checks import Check, Finding, Status, run_checks
-from isacbench.checking.class_checks import PluginSubject
+from isacbench.checking.checks import Check, Finding, PluginSubject, Status, run_checks
 from isacbench.checking.image_checks import ESTIMATOR_CHECKS, EstimatorSubject
 from isacbench.checking.map_checks import DETECTOR_CHECKS, DetectorSubject
 from isacbench.checking.metric_checks import METRIC_CHECKS, MetricSubject
 from isacbench.cores import one_blas_thread
-from isacbench.errors import InputError, did_you_mean, unknown_name
+from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import quoted, visible
 from isacbench.plugins import discovery
 from isacbench.plugins.contracts import Detector, Estimator, Metric
-from isacbench.plugins.discovery import GROUPS, METHODS, PluginFile, PluginKind, RegisteredPlugin, entries
+from isacbench.plugins.discovery import GROUPS, PluginFile, PluginKind, RegisteredPlugin, entries
+from isacbench.plugins.registry import registered
 from isacbench.process_state import process_state_kept
 
 CONTRACTS: dict[PluginKind, tuple[tuple[Check, ...], type[PluginSubject]]] = {
@@ -133,17 +133,20 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> Che
         with discovery.isolated_plugins():
             found = [entries(kind)[name] for kind, name in find_plugins(str(plugin))]
             return CheckReport(tuple(map(_findings, found)))
-    plugin_class = plugin if isinstance(plugin, type) else type(plugin)
-    instance = None if isinstance(plugin, type) else plugin
-    return CheckReport(tuple(_findings(entry, instance) for entry in _entries_of_class(plugin_class)))
+    plugin_class, instance = (plugin, None) if isinstance(plugin, type) else (type(plugin), plugin)
+    found = discovery.class_entries(plugin_class, plugin_class.__module__, plugin_class.__module__)
+    if not found:
+        raise InputError(
+            f"{quoted(plugin_class)} is not a plugin: allowed are a registered name, the name of a package, "
+            "a file that ends in .py, a class with a class attribute `name` and a method `estimate` or "
+            "`detect`, and an instance of such a class"
+        )
+    return CheckReport(tuple(_findings(entry, instance) for entry in found))
 
 
 def check_plugin(kind: PluginKind, name: str) -> Iterator[Finding]:
     """Put a registered plugin through the contract, one finding a check, on small scenes and maps."""
-    registered = entries(kind)
-    if name not in registered:
-        raise unknown_name(kind, name, sorted(registered))
-    return _checked(registered[name])
+    return _checked(registered(kind, name))
 
 
 def check_names(kind: PluginKind) -> list[str]:
@@ -177,10 +180,10 @@ def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
         file = PluginFile.read(package_or_file)
         discovery.register_plugin(file)
         return [(entry.kind, entry.name) for entry in discovery.entries_of(file)]
-    registered = [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
-    found = [entry for entry in registered if package_or_file in _names(entry)]
+    every = [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
+    found = [entry for entry in every if package_or_file in _names(entry)]
     if not found:
-        known = sorted({name for entry in registered for name in _names(entry)})
+        known = sorted({name for entry in every for name in _names(entry)})
         raise InputError(
             f"{package_or_file!r} is no registered name, and no package with entry points in "
             f"{' or '.join(GROUPS.values())}: {did_you_mean(package_or_file, known)}, or a file that ends "
@@ -195,20 +198,6 @@ def _names(entry: RegisteredPlugin) -> set[str]:
         return {entry.name}
     normalised = re.sub(r"[-_.]+", "-", entry.package).lower()
     return {entry.name, entry.package, normalised, entry.module.partition(".")[0]}
-
-
-def _entries_of_class(plugin: type[Any]) -> list[RegisteredPlugin]:
-    """Describe a class as if it was registered under its name, for each kind that it has the method of."""
-    name = getattr(plugin, "name", None)
-    kinds = [kind for kind, method in METHODS.items() if callable(getattr(plugin, method, None))]
-    if not kinds or not isinstance(name, str):
-        raise InputError(
-            f"{quoted(plugin)} is not a plugin: allowed are a registered name, the name of a package, a file "
-            "that ends in .py, a class with a class attribute `name` and a method `estimate` or `detect`, "
-            "and an instance of such a class"
-        )
-    target, module = f"{plugin.__module__}:{plugin.__qualname__}", plugin.__module__
-    return [RegisteredPlugin(kind, name, target, module, None, lambda: plugin) for kind in kinds]
 
 
 def check_guarded(

@@ -22,9 +22,8 @@ from isacbench.bench.cells.cell import seed_global_generators
 from isacbench.bench.store.provenance import git_state, machine, package_versions
 from isacbench.bench.store.run_folder import open_folder, replacing
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
-from isacbench.checking import image_cases, map_cases
-from isacbench.checking.case import Case, Choice, Family, Whole
-from isacbench.checking.checks import Check, Finding, Status, run_check
+from isacbench.checking import cases
+from isacbench.checking.checks import Case, Check, Choice, Family, Finding, Status, Whole, run_check
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
@@ -45,12 +44,9 @@ CHECK_COLUMNS = [*KEY, "promise", "outcome", "drift", "bound", "time_s", "messag
 TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 
 FAMILIES: dict[str, Family] = {
-    family.name: family
-    for module in (image_cases, map_cases)
-    for family in vars(module).values()
-    if isinstance(family, Family)
+    family.name: family for family in vars(cases).values() if isinstance(family, Family)
 }
-"""Families by name: all that the modules of cases define, in the order of the table."""
+"""Families by name: all that the module of cases defines, in the order of the table."""
 
 
 def find_cases(text: str, kinds: Set[PluginKind] = frozenset()) -> list[Case]:

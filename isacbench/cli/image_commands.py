@@ -20,8 +20,7 @@ from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_tables, say, say_lines
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_picture
-from isacbench.files.escaping import counted
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems
 
 if TYPE_CHECKING:
     import numpy as np

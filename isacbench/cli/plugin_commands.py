@@ -15,7 +15,7 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
-    from isacbench.checking.case import Family
+    from isacbench.checking.checks import Family
     from isacbench.checking.stress import CaseResult, Target
 
 TIMEOUT_S = 120.0

@@ -25,8 +25,7 @@ from scipy.special import gammainccinv, gammaincinv
 from isacbench.checked_arrays import checked_array
 from isacbench.choices import Division, Sensing
 from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
-from isacbench.cubes.tiles import Cube, require_shape
-from isacbench.cubes.transform import gate_cells
+from isacbench.cubes.tiles import Cube, gate_cells, require_shape
 from isacbench.dsp.null_carriers import NullCarriers, interpolate_nulls, used_band
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted

@@ -18,17 +18,8 @@ from isacbench.checked_arrays import Complex
 from isacbench.cubes import tiles
 from isacbench.cubes.tiles import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.arrays import (
-    FORMATS,
-    SPARSE,
-    TEXTS,
-    Entries,
-    StoredArray,
-    hdf5_array,
-    listed,
-    listed_arrays,
-    zarr_array,
-)
+from isacbench.files import arrays
+from isacbench.files.arrays import Entries, StoredArray
 from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
 
 READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
@@ -86,10 +77,10 @@ def reopen_cube(source: Any, tile_bytes: int = TILE_BYTES) -> Cube:
         return Cube("array", source, tile_bytes)
     if _is_a(source, "h5py", "Dataset"):
         name = f"{source.file.filename}: {source.name}"
-        return _cube_of(name, hdf5_array(source, name), tile_bytes)
+        return _cube_of(name, arrays.hdf5_array(source, name), tile_bytes)
     if _is_a(source, "zarr", "Array"):
         name = str(source.store_path)
-        return _cube_of(name, zarr_array(source, name), tile_bytes)
+        return _cube_of(name, arrays.zarr_array(source, name), tile_bytes)
     raise InputError(
         f"a cube is a NumPy array, an h5py dataset, a zarr array or a path, not {type(source).__name__}"
     )
@@ -122,7 +113,7 @@ def read_grid(path: str | Path) -> Complex:
     """
     path = Path(path)
     _require_format(path)
-    with listed_arrays(path) as file, closing(file):
+    with arrays.listed_arrays(path) as file, closing(file):
         name, stored = _only_array(path, file.arrays, GRID_NAME, _named_grid(file.arrays), 2)
         grid = _read_grid(path, name, stored)
         unused = _unused(path, file.arrays, {name, *_named_cube(file.arrays)}, grid.shape, "grid")
@@ -134,7 +125,7 @@ def read_grid(path: str | Path) -> Complex:
 def _open_file(path: Path, tile_bytes: int) -> Cube:
     """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
-    with listed_arrays(path) as file:
+    with arrays.listed_arrays(path) as file:
         name, stored = _only_array(path, file.arrays, CUBE_NAME, _named_cube(file.arrays), 4)
         cube = _cube_of(_called(path, name), stored, tile_bytes)
         cube.close = file.close
@@ -154,8 +145,8 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
 
 def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
     """Say what may be data of the frame beside what is used, and refuse what may be the grid."""
-    arrays = [entries[name] for name in used if isinstance(entries[name], StoredArray)]
-    others = {name: entry for name, entry in entries.items() if name not in used and entry not in arrays}
+    taken = [entries[name] for name in used if isinstance(entries[name], StoredArray)]
+    others = {name: entry for name, entry in entries.items() if name not in used and entry not in taken}
     has_grid = bool(_named_grid(entries))
     unclear = {
         name: entry
@@ -164,11 +155,11 @@ def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...]
     }
     if unclear:
         raise InputError(
-            f"{path}: holds {listed(unclear)} beside the {beside}, which may be the transmitted grid; "
+            f"{path}: holds {arrays.listed(unclear)} beside the {beside}, which may be the transmitted grid; "
             f"allowed is one array named {GRID_NAME!r}"
         )
     unused = {name: entry for name, entry in others.items() if _may_be_data(name, entry, shape)}
-    return f"{path}: does not use {listed(unused)}" if unused else ""
+    return f"{path}: does not use {arrays.listed(unused)}" if unused else ""
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
@@ -202,16 +193,16 @@ def _only_array(
 ) -> tuple[str, StoredArray]:
     """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
     inner = {name: entry for name, entry in entries.items() if "@" not in name}
-    arrays = {name: entry for name, entry in inner.items() if isinstance(entry, StoredArray)}
-    fitting = [name for name, array in arrays.items() if not name or len(array.shape) == n_axes]
+    stored = {name: entry for name, entry in inner.items() if isinstance(entry, StoredArray)}
+    fitting = [name for name, array in stored.items() if not name or len(array.shape) == n_axes]
     at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
     names = named or at_root or fitting
-    if names and names[0] in arrays and len({id(entries[name]) for name in names}) == 1:
-        return names[0], arrays[names[0]]
+    if names and names[0] in stored and len({id(entries[name]) for name in names}) == 1:
+        return names[0], stored[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
     held = {name: entries[name] for name in named} or inner
     raise InputError(
-        f"{path}: needs an array named {wanted!r}{others}; it holds {listed(held) or 'no arrays'}"
+        f"{path}: needs an array named {wanted!r}{others}; it holds {arrays.listed(held) or 'no arrays'}"
     )
 
 
@@ -236,7 +227,7 @@ def _is_called_grid(name: str) -> bool:
 def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may have a number for each of the (subcarriers, symbols); cubes and axes do not."""
     if isinstance(entry, str):
-        return entry == SPARSE or (entry not in TEXTS and _is_called_grid(name))
+        return entry == arrays.SPARSE or (entry not in arrays.TEXTS and _is_called_grid(name))
     if entry.dtype.kind not in "biufcV":
         return False
     is_full = Counter(shape) <= Counter(entry.shape) and len(entry.shape) != 4
@@ -247,7 +238,7 @@ def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) ->
 def _may_be_data(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may hold samples of the frame; scalars, texts, axes and small real tables do not."""
     if isinstance(entry, str):
-        return entry not in TEXTS and "@" not in name
+        return entry not in arrays.TEXTS and "@" not in name
     if entry.dtype.kind in "SUT" or ("@" in name and entry.dtype.kind != "c"):
         return False
     n = prod(entry.shape)
@@ -277,9 +268,9 @@ def _called(path: Path, name: str) -> str:
 def _require_format(path: Path) -> None:
     """Refuse a path that is neither a file of a known format nor a folder of zarr."""
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
+    if suffix not in arrays.FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; allowed are {', '.join(FORMATS)}")
+        raise InputError(f"{path}: has {found}; allowed are {', '.join(arrays.FORMATS)}")
     if suffix != ".zarr" or not path.is_dir():
         require_file(path)
 

@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, DTypeLike
 from isacbench.checked_arrays import Complex, unmasked_array
 from isacbench.cores import available_cores, one_blas_thread
 from isacbench.cubes import tiles
-from isacbench.cubes.transform import in_order
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_new
@@ -288,4 +287,4 @@ class FrameSimulator:
             slice(first, min(first + BLOCK_SUBCARRIERS, n_subcarriers))
             for first in range(0, n_subcarriers, BLOCK_SUBCARRIERS)
         )
-        return in_order(one_blas_thread()(work), blocks, n_threads, n_threads)
+        return tiles.in_order(one_blas_thread()(work), blocks, n_threads, n_threads)

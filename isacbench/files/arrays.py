@@ -48,10 +48,7 @@ CELL_CONTENTS = ("#refs#", "#subsystem#")
 HDF5_SIGNATURE, USER_BLOCK = b"\x89HDF\r\n\x1a\n", 512
 """First bytes of HDF5, and those before it that MATLAB fills with a header of its own."""
 
-NPY_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
+NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """By version of the format; version 3 differs in names of fields, which arrays of numbers lack."""
 
 MOST_CHUNKS = 2**22
@@ -197,16 +194,14 @@ def zarr_array(array: Any, name: str) -> StoredArray:
 
 
 def _list_npy(path: Path) -> ArrayFile:
-    def mapped() -> NDArray[Any]:
-        return np.lib.format.open_memmap(path, mode="r")
-
     def read(box: Box) -> NDArray[Any]:
-        return mapped()[box]  # mapped anew: the pages that a box touches are released with it
+        # Mapped anew: the pages that a box touches are released with it.
+        return np.lib.format.open_memmap(path, mode="r")[box]
 
     with path.open("rb") as file:
         entry = _described(file, str(path), path.stat().st_size, read)
     if isinstance(entry, StoredArray):
-        entry = StoredArray(entry.shape, entry.dtype, read, strides=mapped().strides)
+        entry = StoredArray(entry.shape, entry.dtype, read, strides=read(()).strides)
     return ArrayFile({"": entry})
 
 

@@ -1,11 +1,15 @@
-"""Escaping of text from outside: shown on one line, and without effect on the terminal or the page."""
+"""Escaping of text from outside: harmless to the terminal, to a page, and in names of files."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 MOST_QUOTED = 200
 """Largest number of characters of a text from outside that a message repeats."""
+
+MAX_STEM = 60
+"""Largest number of characters of a part of a file name, numbers of equal ones excepted."""
 
 # Control characters (escape sequences begin with them), marks that reverse the direction of text, line ends
 # that a terminal does not know, surrogates, and code points that are not characters.
@@ -83,3 +87,24 @@ def in_markdown(text: str) -> str:
     'a\\|b &lt;script> [x]\\(y) z[n=1]'
     """
     return visible(text).translate(MARKDOWN).replace("](", r"]\(")
+
+
+def file_stems(names: Iterable[str]) -> dict[str, str]:
+    """Give every name a part of a file name that is safe and unique on every system.
+
+    Examples
+    --------
+    >>> file_stems(["street", "../a b", "Street"])
+    {'street': 'street', '../a b': 'a-b', 'Street': 'Street-2'}
+    """
+    stems: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        base = re.sub(r"[^A-Za-z0-9_]+", "-", name)[:MAX_STEM].strip("-") or "unnamed"
+        stem, number = base, 1
+        while stem.lower() in taken:
+            number += 1
+            stem = f"{base}-{number}"
+        taken.add(stem.lower())
+        stems[name] = stem
+    return stems

@@ -5,16 +5,14 @@ from __future__ import annotations
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from isacbench.errors import InputError, did_you_mean, unknown_name
 from isacbench.files.checked_files import TOML_BYTES, read_text, require_file
 from isacbench.files.escaping import quoted
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
 
 Table = TypeVar("Table", bound=BaseModel)
 Location = tuple[int | str, ...]

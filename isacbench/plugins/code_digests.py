@@ -1,32 +1,41 @@
-"""What the code of a plugin is: digests of files of packages, and of classes that no file holds.
+"""What the code of a plugin is: digests of files of packages and of classes that no file holds, which travel.
 
 A class of a notebook, of a script, or made in a function is what its methods say, and what
 constants, defaults, closures and containers hold at the time. The instructions of its functions
 are read and not their source: that is not there in a worker or a prompt, and a script's file may
-have been edited since it was started.
+have been edited since it was started. So such a class also travels to other processes by its code; one
+that they can import travels by its name, as pickle has it.
 """
 
 from __future__ import annotations
 
 import builtins
+import copy
 import copyreg
 import dataclasses
 import dis
 import hashlib
+import io
 import os
 import pickle
 import re
 import sys
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections import ChainMap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec
 from pathlib import Path
+from threading import Lock
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 from weakref import WeakKeyDictionary
 
+import cloudpickle
+
 from isacbench.errors import InputError
+from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.discovery import local_plugins
 from isacbench.plugins.registry import parameter_fields
 
@@ -370,3 +379,90 @@ def _steps(code: CodeType) -> Iterator[tuple[str, str]]:
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _steps(constant)
+
+
+class Instances(Mapping[str, "Estimator"]):
+    """Estimators that are objects, by the texts that stand for them.
+
+    A copy of them in this process has the same classes. In another process they are
+    unpickled where they are first asked for, when the files of their plugins are
+    registered, with the codes of their classes as they were when they were sent.
+    """
+
+    def __init__(self, estimators: Mapping[str, Estimator] | None = None) -> None:
+        self._estimators: Mapping[str, Estimator] | None = estimators or {}
+        self._packed = b""
+
+    def __getitem__(self, text: str) -> Estimator:
+        return self._unpacked()[text]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._unpacked())
+
+    def __len__(self) -> int:
+        return len(self._unpacked())
+
+    def _unpacked(self) -> Mapping[str, Estimator]:
+        if self._estimators is None:
+            try:
+                self._estimators, codes = pickle.loads(self._packed)
+            except Exception as error:
+                raise InputError(
+                    f"estimators: cannot be had in a worker process ({type(error).__name__}: {error}): leave "
+                    "out jobs and dask, or put the class and what it uses into a module or a plugin file"
+                ) from error
+            for cls, code in codes.items():
+                cls.__qualname__ = code.name  # which cloudpickle does not keep
+            known_codes.update(codes)
+        return self._estimators
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_estimators": None, "_packed": self._packed or _packed(self._unpacked())}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Instances:
+        return Instances(copy.deepcopy(dict(self._unpacked()), memo))
+
+
+class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
+    """Pickler of classes by their code, for which a field of a dataclass that lacks a default still does."""
+
+    dispatch_table: ClassVar = ChainMap(
+        {type(dataclasses.MISSING): lambda _: "MISSING"}, cloudpickle.Pickler.dispatch_table
+    )
+
+
+def _packed(estimators: Mapping[str, Estimator]) -> bytes:
+    """Pickle estimators, those by their code whose modules no other process can import."""
+    packed = io.BytesIO()
+    with _packing, _by_value(estimators.values()):
+        for text, one in estimators.items():
+            try:
+                _Pickler(io.BytesIO()).dump(one)
+            except Exception as error:
+                reason = f"cannot be sent to a worker process ({type(error).__name__}: {error})"
+                raise InputError(
+                    f"estimator {text}: {reason}: leave out jobs and dask, or put its class and what it uses "
+                    "into a module or a plugin file"
+                ) from error
+        codes = [own_codes(one) for one in estimators.values()]
+        _Pickler(packed).dump((dict(estimators), dict(ChainMap(*codes))))
+    return packed.getvalue()
+
+
+_packing = Lock()
+
+
+@contextmanager
+def _by_value(plugins: Iterable[object]) -> Iterator[None]:
+    """Let cloudpickle send classes of some modules by their code; those of ``__main__`` go so in any case."""
+    codes = (code for plugin in plugins for code in own_codes(plugin).values())
+    names = {name for code in codes for name in code.modules} - {"__main__", "builtins"}
+    names -= cloudpickle.list_registry_pickle_by_value()
+    modules = [sys.modules[name] for name in sorted(names & sys.modules.keys()) if not is_importable(name)]
+    try:
+        for module in modules:
+            cloudpickle.register_pickle_by_value(module)
+        yield
+    finally:
+        for module in modules:
+            cloudpickle.unregister_pickle_by_value(module)

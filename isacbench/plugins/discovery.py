@@ -252,14 +252,8 @@ def _defined(file: PluginFile, module: ModuleType) -> tuple[RegisteredPlugin, ..
         for key, value in vars(module).items()
         if inspect.isclass(value) and value.__module__ == module.__name__ and key == value.__name__
     ]
-    found = tuple(
-        _local_entry(file, kind, one)
-        for one in classes
-        for kind, method in METHODS.items()
-        if isinstance(getattr(one, "name", None), str)
-        and callable(getattr(one, method, None))
-        and not inspect.isabstract(one)
-    )
+    concrete = (one for one in classes if not inspect.isabstract(one))
+    found = tuple(entry for one in concrete for entry in class_entries(one, file.code_name, file.filename))
     if not found:
         raise InputError(
             f"plugin {file.filename}: it defines no class with a class attribute `name` and a method "
@@ -269,9 +263,14 @@ def _defined(file: PluginFile, module: ModuleType) -> tuple[RegisteredPlugin, ..
     return found
 
 
-def _local_entry(file: PluginFile, kind: PluginKind, plugin: type[Any]) -> RegisteredPlugin:
-    target = f"{file.code_name}:{plugin.__qualname__}"
-    return RegisteredPlugin(kind, plugin.name, target, file.filename, None, lambda: plugin)
+def class_entries(plugin: Any, module: str, package: str) -> list[RegisteredPlugin]:
+    """Describe a class with a name as if it was registered, for each kind that it has the method of."""
+    name, target = getattr(plugin, "name", None), f"{module}:{plugin.__qualname__}"
+    return [
+        RegisteredPlugin(kind, name, target, package, None, lambda: plugin)
+        for kind, method in METHODS.items()
+        if isinstance(name, str) and callable(getattr(plugin, method, None))
+    ]
 
 
 def _run(file: PluginFile) -> ModuleType:
@@ -291,9 +290,8 @@ def _run(file: PluginFile) -> ModuleType:
         if not isinstance(error, (Exception, SystemExit)):
             raise
         # A syntax error has no frame in the file.
-        frames = [*traceback.extract_tb(error.__traceback__), error]
-        names = [getattr(one, "filename", None) for one in frames]
-        lines_in = [one.lineno for one, name in zip(frames, names, strict=True) if name == file.code_name]
+        frames: list[Any] = [*traceback.extract_tb(error.__traceback__), error]
+        lines_in = [one.lineno for one in frames if getattr(one, "filename", None) == file.code_name]
         place = f"line {lines_in[-1]}: " if lines_in else ""
         reason = f"{place}{type(error).__name__}: {error}"
         raise InputError(f"plugin {file.filename}: cannot be imported: {reason}") from error

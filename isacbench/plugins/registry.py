@@ -1,6 +1,6 @@
 """Registry of estimators, detectors and metrics: builds them by name, with checked parameters.
 
-The parameters of a plugin are the fields of its dataclass.
+The parameters of a plugin are the fields of its dataclass. An estimator that is an object is spelled by them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from functools import lru_cache
 from typing import Any, cast, get_args, get_type_hints
 
@@ -24,7 +24,7 @@ from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.contracts import Detector, Estimator, Metric
 from isacbench.plugins.discovery import METHODS, PluginKind, RegisteredPlugin, entries
 from isacbench.process_state import process_state_kept
-from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants
+from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants, spell_spec
 from isacbench.streams import plugin_output
 
 MOST_BITS = 4096
@@ -147,7 +147,7 @@ def sees_truth(name: str) -> bool:
     >>> sees_truth("oracle"), sees_truth("music2d")
     (True, False)
     """
-    return bool(getattr(_load(_registered("estimator", name)), "needs_truth", False))
+    return bool(getattr(_load(registered("estimator", name)), "needs_truth", False))
 
 
 def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
@@ -160,7 +160,7 @@ def require_plugins(kind: PluginKind, specs: Iterable[str]) -> None:
             if spec.params:
                 _build(kind, spec.name, spec.params)
             else:
-                _registered(kind, spec.name)
+                registered(kind, spec.name)
 
 
 def build_estimator(spec: str) -> Estimator:
@@ -178,6 +178,58 @@ def build_variants(kind: PluginKind, spec: str) -> list[tuple[str, Any]]:
     ['music2d[pfa=1e-3]', 'music2d[pfa=1e-4]']
     """
     return [(text, _build(kind, spec.name, spec.params)) for text, spec in spec_variants(spec)]
+
+
+def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estimator | None]:
+    """Spell estimators, in order; objects by name and parameters, texts as they are and with None.
+
+    Examples
+    --------
+    >>> from isacbench import get_estimator
+    >>> list(spelled_estimators(["fft4d", get_estimator("music2d", pfa=1e-4)]))
+    ['fft4d', 'music2d[pfa=0.0001]']
+    """
+    if isinstance(estimators, str) or not isinstance(estimators, Iterable):
+        raise InputError(f"estimators {estimators!r}: allowed is a list, such as [{estimators!r}]")
+    found: dict[str, Estimator | None] = {}
+    for one in estimators:
+        text = one if isinstance(one, str) else _spelled(one)
+        if text in found:
+            raise InputError(f"estimators: {text!r} is listed twice")
+        found[text] = None if isinstance(one, str) else one
+    return found
+
+
+def _spelled(estimator: object) -> str:
+    """Name of an object and its parameters, as a specification shows them."""
+    plugin = type(estimator)
+    name = getattr(plugin, "name", None)
+    has_method = callable(getattr(plugin, "estimate", None))
+    if not (is_frozen_dataclass(plugin) and isinstance(name, str) and is_word(name) and has_method):
+        raise InputError(
+            f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
+            "instances of frozen dataclasses with a name, a word, and a method estimate"
+        )
+    refuse_init_variables("estimator", plugin)
+    text = spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
+    hints: dict[str, Any] = {}
+    with suppress(Exception):  # types that only a function knows cannot be resolved
+        hints = parameter_types("estimator", plugin)
+    for key, hint in hints.items():
+        check_parameter(f"estimator {name}", key, getattr(estimator, key), hint)
+    return text
+
+
+def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters in terms of JSON without those that are as by default, of nested plugins likewise."""
+    unlike: dict[str, Any] = {}
+    for field in dataclasses.fields(plugin):
+        value = getattr(plugin, field.name)
+        if field.name in params and value != field_defaults(plugin).get(field.name, dataclasses.MISSING):
+            own = params[field.name]
+            is_plugin = isinstance(own, dict)
+            unlike[field.name] = {"name": own["name"], **_unlike_defaults(value, own)} if is_plugin else own
+    return unlike
 
 
 def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
@@ -204,7 +256,7 @@ def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
     >>> defaults["detector"]["name"], defaults["detector"]["order_axis"]
     ('osca', 1)
     """
-    defaults = field_defaults(_load(_registered(kind, name)))
+    defaults = field_defaults(_load(registered(kind, name)))
     return {key: plain_value(f"{kind} {name}", key, value) for key, value in defaults.items()}
 
 
@@ -258,12 +310,12 @@ def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
     return defaults
 
 
-def _registered(kind: PluginKind, name: str) -> RegisteredPlugin:
+def registered(kind: PluginKind, name: str) -> RegisteredPlugin:
     """Look up a registered name."""
-    registered = entries(kind)
-    if name not in registered:
-        raise unknown_name(kind, name, sorted(registered))
-    return registered[name]
+    known = entries(kind)
+    if name not in known:
+        raise unknown_name(kind, name, sorted(known))
+    return known[name]
 
 
 def _load(entry: RegisteredPlugin) -> type[Any]:
@@ -308,7 +360,7 @@ def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
     """Instance of a registered class with checked parameters."""
     if "[" in name:
         raise InputError(f"{kind} {name!r}: give the name only; pass parameters as keyword arguments")
-    return construct(kind, name, _load(_registered(kind, name)), params)
+    return construct(kind, name, _load(registered(kind, name)), params)
 
 
 @plugin_output()

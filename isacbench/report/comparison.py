@@ -19,8 +19,7 @@ from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.statistics import mean_of_trials
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, text_table
 from isacbench.files.checked_files import make_own_folder, require_picture
-from isacbench.files.escaping import counted, shortened
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.report.figures import FOLDER, draw_charts, save, styled
 from isacbench.report.tables import json_rows, signed
 

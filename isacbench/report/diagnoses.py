@@ -15,8 +15,7 @@ from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, nearest_values, variants_in
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.escaping import counted
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems
 from isacbench.model.echo import Simulator
 from isacbench.model.numerology import System
 from isacbench.model.observation import Observation

@@ -15,8 +15,7 @@ from isacbench.bench.compare.pairs import VARIANT
 from isacbench.bench.compare.ranking import Ranking, rank_text
 from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, variants_in
-from isacbench.files.escaping import counted, shortened
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed
 

@@ -27,8 +27,7 @@ from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.files.escaping import counted, shortened
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS

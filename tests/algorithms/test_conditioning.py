@@ -7,7 +7,7 @@ from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.checking.image_cases import close, coherent
+from isacbench.checking.cases import close, coherent
 from isacbench.checking.image_checks import ANY_SCALE, ELEMENT_ORDER
 from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray

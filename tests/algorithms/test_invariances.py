@@ -12,7 +12,7 @@ from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.references import Oracle
 from threadpoolctl import threadpool_limits
 
-from isacbench.checking.image_cases import spread
+from isacbench.checking.cases import spread
 from isacbench.checking.image_checks import ELEMENT_ORDER, ImageSubject, cloud_difference
 from isacbench.checking.scenes import RESOLVED, Echo, Layout, observed, scenario_of
 from isacbench.errors import InputError

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.checking.case import Choice, Real, Whole
+from isacbench.checking.checks import Choice, Real, Whole
 from isacbench.checking.stress import FAMILIES, cases_from, find_cases, find_families
 from isacbench.errors import InputError
 from isacbench.plugins.registry import get_detector, get_estimator

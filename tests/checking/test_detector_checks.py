@@ -2,7 +2,7 @@
 
 import pytest
 
-from isacbench.checking import class_checks
+from isacbench.checking import checks
 from isacbench.checking.checks import Finding
 from isacbench.checking.map_checks import BORDERS
 from tests.checking.changed_plugins import failed, findings_of_changed, indented
@@ -118,7 +118,7 @@ def test_a_broken_detector_fails_the_check_of_what_it_breaks_and_no_other(name, 
 
 def test_every_check_has_a_detector_that_breaks_it():
     broken = {name for name, *_ in BROKEN}
-    alike = {one.name for one in (*class_checks.CLASS_CHECKS, *class_checks.conduct_checks("shapes"))}
+    alike = {one.name for one in (*checks.CLASS_CHECKS, *checks.conduct_checks("shapes"))}
     assert broken | alike | {"time"} == set(check())
 
 

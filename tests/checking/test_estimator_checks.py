@@ -2,7 +2,7 @@
 
 import pytest
 
-from isacbench.checking import class_checks
+from isacbench.checking import checks
 from isacbench.checking.plugin_check import find_plugins
 from tests.checking.changed_plugins import failed, findings_of, findings_of_changed, indented
 
@@ -200,7 +200,7 @@ def test_what_builds_on_a_failed_check_is_skipped_and_says_so():
 
 
 def test_a_slow_estimator_is_warned_of(monkeypatch):
-    monkeypatch.setattr(class_checks, "SLOW_S", 0.0)
+    monkeypatch.setattr(checks, "SLOW_S", 0.0)
     findings = check()
     assert {finding.check for finding in findings.values() if finding.status == "warning"} == {"time"}
     assert "more than 0 s" in findings["time"].message

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from threadpoolctl import threadpool_info
 
-from isacbench.checking import image_cases
-from isacbench.checking.case import Family
-from isacbench.checking.checks import Check, CheckFailedError
-from isacbench.checking.image_cases import false_alarms, ladder, snr, spread
+from isacbench.checking import cases, image_checks
+from isacbench.checking.cases import false_alarms, ladder, snr, spread
+from isacbench.checking.checks import Check, CheckFailedError, Family
 from isacbench.checking.image_checks import (
     FINITE,
     INVARIANT,
@@ -212,8 +211,8 @@ class _Dazzled:
 
 
 def test_an_error_that_rises_with_the_snr_is_a_bump(monkeypatch):
-    monkeypatch.setattr(image_cases, "N_TRIALS", 4)  # what rises here rises in every trial
-    monkeypatch.setattr(image_cases, "N_STEPS", 5)
+    monkeypatch.setattr(image_checks, "N_TRIALS", 4)  # what rises here rises in every trial
+    monkeypatch.setattr(cases, "N_STEPS", 5)
     assert [finding.status for finding in run_case(ladder.case(from_db=0.0), _Dazzled())] == ["failed"]
 
 
@@ -276,8 +275,8 @@ def broken(case, name):
 @pytest.mark.parametrize(("name", "case", "i"), [*in_turn([*FIRST_CASES, *SPREAD])])
 def test_a_case_of_every_family_and_resolved_echoes_are_imaged_as_promised(name, case, i, monkeypatch):
     # Of the invariances one, by turns: the slow test of stress has them all.
-    monkeypatch.setattr(image_cases, "N_TRIALS", 4)
-    monkeypatch.setattr(image_cases, "N_STEPS", 5)
+    monkeypatch.setattr(image_checks, "N_TRIALS", 4)
+    monkeypatch.setattr(cases, "N_STEPS", 5)
     turn = INVARIANT[i % len(INVARIANT)]
     assert not broken(narrowed(case, lambda one: one not in INVARIANT or one is turn), name)
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.checking import map_checks
+from isacbench.checking.cases import blank_map, map_level, map_range, map_window, rate
 from isacbench.checking.checks import Check, NotApplicableError
-from isacbench.checking.map_cases import blank_map, map_level, map_range, map_window, rate
 from isacbench.checking.stress import BROKEN, cases_from, find_families, run_case
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection

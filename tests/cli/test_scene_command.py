@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isacbench import load_scenario
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.model.scenes.scene_families import FAMILIES
 
 COMMANDS = {

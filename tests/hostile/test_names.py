@@ -18,8 +18,15 @@ from rich.console import Console
 from isacbench.bench.store.tables import without_formulas
 from isacbench.charts import text_table
 from isacbench.errors import InputError
-from isacbench.files.escaping import in_markdown, quoted, shortened, visible, visible_json, visible_lines
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import (
+    file_stems,
+    in_markdown,
+    quoted,
+    shortened,
+    visible,
+    visible_json,
+    visible_lines,
+)
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.clouds import plot_clouds

@@ -37,7 +37,7 @@ from isacbench.checked_arrays import Mask
 from isacbench.choices import MapName
 from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System

@@ -16,7 +16,7 @@ from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import ChartGroup, Line, Table, Variant, variants_in
 from isacbench.errors import InputError
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.metrics.descriptions import Direction
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric

@@ -28,8 +28,7 @@ from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import counted, file_stems
 from isacbench.model.frame import PaperFrame
 from isacbench.model.scenes.scene_families import use_of_seed
 

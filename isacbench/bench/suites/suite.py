@@ -21,8 +21,9 @@ from pydantic_core import PydanticCustomError
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
 from isacbench.number_text import is_number
+from isacbench.plugins.code_digests import Instances
 from isacbench.plugins.contracts import Estimator
-from isacbench.plugins.instances import Instances, spelled_estimators
+from isacbench.plugins.registry import spelled_estimators
 
 FOLDER = "suites"
 MAX_GRID_POINTS = 1000

@@ -1,7 +1,7 @@
 import pytest
 from matplotlib.lines import Line2D
 
-from isacbench.files.file_names import file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.report.figures import drawable, new_figure, styled, velocity_colours
 
 

@@ -1,35 +1,34 @@
-"""Cases of estimators: levels, few and many echoes, places at the edges of sight, and odd radios."""
+"""Cases of estimators and detectors: levels, echoes, edges of sight, odd radios, maps, windows and rates."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
 
-from isacbench.bench.cells.cell import raw_cloud
-from isacbench.checking import case, scenes
-from isacbench.checking import image_checks as checks
-from isacbench.checking.case import Choice, Real, Whole, with_parameters
-from isacbench.checking.checks import Check, Subject
+from isacbench.checking import image_checks as images
+from isacbench.checking import map_checks as maps
+from isacbench.checking import scenes
+from isacbench.checking.checks import Check, Choice, Real, Subject, Whole, family, with_parameters
 from isacbench.checking.image_checks import EVERY, FOUND, INVARIANT, LEAKAGE, RESOLVED_ECHOES, ImageSubject
+from isacbench.checking.map_checks import EVERY_MAP, MAP_INVARIANT, MapSubject, white_noise_map
 from isacbench.checking.scenes import REGION, RESOLVED, SYSTEM, Echo, Layout, observed
 from isacbench.model.echo import Simulator, central_phase, random_stream
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.plugins.contracts import Estimator
-from isacbench.plugins.scoring import score
+from isacbench.plugins.contracts import Detector, Estimator
 
 ImageCase = tuple[ImageSubject, Sequence[Check]]
+MapCase = tuple[MapSubject, Sequence[Check]]
 
-family = partial(case.family, kind="estimator")
+image_family = partial(family, kind="estimator")
+map_family = partial(family, kind="detector")
 
 SNR_DB = {"none": math.inf, "20dB": 20.0}
 """SNR by the word for the noise."""
@@ -48,15 +47,15 @@ FOUND_DB = 10.0
 """Level below the strongest echo down to which every estimator is expected to see a resolved one."""
 
 
-@family("snr", product((-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
+@image_family("snr", product((-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
 def snr(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Three resolved echoes at any SNR."""
     found = (FOUND,) if snr_db >= SEEN_DB else ()
-    clear = (checks.NO_FALSE_POINT, checks.POWER) if snr_db >= CLEAR_DB else ()
+    clear = (images.NO_FALSE_POINT, images.POWER) if snr_db >= CLEAR_DB else ()
     return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, *found, *clear, *INVARIANT)
 
 
-@family(
+@image_family(
     "amplitude",
     [(-30.0, "none"), (30.0, "none"), (30.0, "weak")],
     exponent=Real(-30.0, 30.0, 0.0),
@@ -66,14 +65,14 @@ def amplitude(plugin: Estimator, seed: int, exponent: float, noise: str) -> Imag
     """Three resolved echoes of any amplitude that float32 holds, without noise or far above it."""
     echoes = [echo._replace(amplitude=10.0**exponent) for echo in RESOLVED]
     scene = observed(echoes, math.inf if noise == "none" else CLEAR_DB, seed)
-    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, checks.POWER, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, images.POWER, *INVARIANT)
 
 
 WEAK_BINS = {"own_cell": (0, 0), "next_range": (1, 0), "next_doppler": (0, 1), "far": (-4, -4)}
 """Bins from the strong echo to the weak one."""
 
 
-@family(
+@image_family(
     "dynamic_range",
     [(level_db, where) for where in WEAK_BINS for level_db in (3.0, 60.0, 140.0)],
     level_db=Real(0.0, 140.0, 20.0),
@@ -91,10 +90,10 @@ def dynamic_range(plugin: Estimator, seed: int, level_db: float, where: str) -> 
     )
     both = (FOUND,) if level_db <= FOUND_DB and where == "far" else ()
     scene = observed([strong, weak], seed=seed)
-    return ImageSubject(plugin, scene), (*EVERY, checks.NO_FALSE_POINT, checks.FOUND_FIRST, *both, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, images.NO_FALSE_POINT, images.FOUND_FIRST, *both, *INVARIANT)
 
 
-@family("pfa", product((-15.0, -0.302), SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
+@image_family("pfa", product((-15.0, -0.302), SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
 def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> ImageCase:
     """Resolved echoes at any probability of false alarm."""
     estimator = with_parameters(plugin, pfa=10.0**exponent)
@@ -102,16 +101,16 @@ def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> I
     return ImageSubject(estimator, scene), (*EVERY, FOUND, *INVARIANT)
 
 
-@family("single_precision", product((0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
+@image_family("single_precision", product((0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
 def single_precision(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Resolved echoes in single precision."""
-    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, checks.SINGLE_PRECISION)
+    return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, images.SINGLE_PRECISION)
 
 
 FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
 
 
-@family(
+@image_family(
     "map",
     [("zeros",), *product(FILLED, (-30.0, 30.0))],
     filled=Choice("zeros", *FILLED),
@@ -130,59 +129,18 @@ def blank(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCa
         "checkers": np.indices(cells.shape[:2]).sum(axis=0) % 2 == 0,
     }
     cells[where.get(filled, (*middle, 1, 1))] = 10.0**exponent
-    nothing = (checks.NO_FALSE_POINT,) if filled == "zeros" else ()
+    nothing = (images.NO_FALSE_POINT,) if filled == "zeros" else ()
     return ImageSubject(plugin, scene.with_cells(cells)), (*EVERY, *nothing, *LEAKAGE)
 
 
 # A ladder of SNRs.
 
-N_TRIALS = 12
 STEPS_DB = 5.0
 N_STEPS = 8
 START_DB = -25.0
 
-LEVEL = 0.01
-"""Probability that any step of a ladder that falls is taken for a bump."""
 
-
-@dataclass(frozen=True, eq=False)
-class LadderSubject(Subject):
-    """An estimator, and a scene that it images at rising SNR."""
-
-    simulator: Simulator
-    snr_db: tuple[float, ...]
-    seed: int
-
-    @cached_property
-    def errors_bins(self) -> NDArray[np.float64]:
-        """Sums (steps, trials) of the Hausdorff distances, in range bins."""
-        errors_m = [[self._error_m(snr_db, trial) for trial in range(N_TRIALS)] for snr_db in self.snr_db]
-        return np.array(errors_m) / self.simulator.scenario.system.range_bin_m
-
-    def _error_m(self, snr_db: float, trial: int) -> float:
-        scenario = self.simulator.scenario
-        observation = self.simulator.observe(snr_db, trial, self.seed)
-        cloud = raw_cloud(self.plugin, observation, scenario.truth)
-        scores = score(scenario.truth, cloud, region=scenario.region)
-        return sum(scores[f"hausdorff_{plane}_m"] for plane in ("xy", "xz", "yz"))
-
-
-def _largest_bump(ladder: LadderSubject) -> float:
-    """Largest rise of the mean error, in range bins, beyond its confidence interval."""
-    # The noise of a trial is the same on all steps, so that they differ by their level alone.
-    rises = np.diff(ladder.errors_bins, axis=0)
-    width = -stdtrit(N_TRIALS - 1, LEVEL / len(rises)) / math.sqrt(N_TRIALS)
-    unexplained = rises.mean(axis=1) - width * rises.std(axis=1, ddof=1)
-    return max(float(unexplained.max()), 0.0)
-
-
-# Errors below 1e-3 bins are ignored: the bias of superposed echoes moves with the noise.
-FALLS = Check("error falls with SNR", _largest_bump, 1e-3)
-
-SMALL_AT_LAST = Check("small error at last", lambda ladder: float(ladder.errors_bins[-1].mean()), 0.3)
-
-
-@family(
+@image_family(
     "ladder",
     [(START_DB, "one"), (START_DB, "three"), (20.0, "three")],
     from_db=Real(-40.0, 100.0, START_DB),
@@ -192,8 +150,8 @@ def ladder(plugin: Estimator, seed: int, from_db: float, echoes: str) -> tuple[S
     """One resolved echo, or three, at rising SNR: the error falls, within its confidence interval."""
     scenario = scenes.scenario_of(RESOLVED[:1] if echoes == "one" else RESOLVED)
     levels_db = tuple(from_db + STEPS_DB * step for step in range(N_STEPS))
-    small = () if from_db < START_DB else (SMALL_AT_LAST,)
-    return LadderSubject(plugin, Simulator(scenario), levels_db, seed), (FALLS, *small)
+    small = () if from_db < START_DB else (images.SMALL_AT_LAST,)
+    return images.LadderSubject(plugin, Simulator(scenario), levels_db, seed), (images.FALLS, *small)
 
 
 # Few and many: pairs that the radio cannot tell apart, coherent sources, thousands.
@@ -218,19 +176,19 @@ SPREAD_CELLS = 3.0
 """Cells between any two echoes, in range, speed or a direction."""
 
 
-@family("pair", product((0.0, 0.5, 1.0), SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
+@image_family("pair", product((0.0, 0.5, 1.0), SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
 def pair(plugin: Estimator, seed: int, half_turns: float, noise: str) -> ImageCase:
     """Two echoes in one place, of any phase; at half a turn they cancel."""
     one, is_clear = RESOLVED[0], noise == "none"
     scene = observed([one, one._replace(phase_rad=math.pi * half_turns)], SNR_DB[noise], seed)
     if half_turns > CANCELLING:
-        nothing = (checks.NO_POINT,) if is_clear and half_turns == 1 else ()
+        nothing = (images.NO_POINT,) if is_clear and half_turns == 1 else ()
         return ImageSubject(plugin, scene), (*EVERY, *nothing)
-    clear = (checks.NO_FALSE_POINT,) if is_clear else ()
+    clear = (images.NO_FALSE_POINT,) if is_clear else ()
     return ImageSubject(plugin, scene), (*EVERY, *clear, FOUND, *INVARIANT)
 
 
-@family(
+@image_family(
     "close",
     [(exponent, along) for along in STEPS for exponent in (-1.0, -3.0, -9.0)],
     exponent=Real(-12.0, -1.0, -6.0),
@@ -244,7 +202,7 @@ def close(plugin: Estimator, seed: int, exponent: float, along: str) -> ImageCas
     return ImageSubject(plugin, observed(echoes, seed=seed)), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
 
 
-@family(
+@image_family(
     "coherent", product((2, 3), (0.3, 0.6, 1.0, 1.5)), n_echoes=Whole(2, 6, 2), separation=Real(0.0, 2.0, 1.0)
 )
 def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> ImageCase:
@@ -256,7 +214,7 @@ def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> 
         for k in range(n_echoes)
     ]
     scene = observed(_in_phase([echo for echo in echoes if math.hypot(echo.u, echo.w) < 1]), seed=seed)
-    resolved = (checks.NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
+    resolved = (images.NO_FALSE_POINT,) if separation >= 1.5 and n_echoes <= 3 else ()
     return ImageSubject(plugin, scene), (*EVERY, *resolved, *INVARIANT)
 
 
@@ -264,7 +222,7 @@ CROWDS = {"region": ((3.0, -4.0), (13.0, 4.0)), "one_cell": ((8.8, 0.8), (9.2, 1
 """Lowest and highest range and Doppler bins of a crowd."""
 
 
-@family(
+@image_family(
     "crowd",
     [(n, where, snr_db) for where in CROWDS for n, snr_db in ((12, 20.0), (100, 200.0), (5000, 20.0))],
     n_echoes=Whole(1, 5000, 100),
@@ -283,7 +241,7 @@ def crowd(plugin: Estimator, seed: int, n_echoes: int, where: str, snr_db: float
     return ImageSubject(plugin, observed(_unit_echoes(places, phase), snr_db, seed)), EVERY
 
 
-@family(
+@image_family(
     "spread",
     [
         *product((2, 4, 8), (0, 1)),
@@ -331,7 +289,7 @@ FOUND_RADIUS = 0.98
 FARTHEST_M = REGION.range_limits_m(np.array(scenes.BASE_STATION_M))[1]
 
 
-@family(
+@image_family(
     "bin",
     [
         *((0.0, 0.0), (0.5, 0.5), (0.49999999, -0.50000001)),
@@ -358,10 +316,10 @@ def bin_offset(
         doppler_bin = SYSTEM.n_symbols / 2 - 1.0
     echo = Echo(range_bin + range_offset, doppler_bin + doppler_offset, u, w)
     scene = observed([echo], seed=seed, layout=Layout(region=region))
-    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, checks.POWER, *INVARIANT)
+    return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, images.POWER, *INVARIANT)
 
 
-@family(
+@image_family(
     "direction",
     [
         *((0.0,), (1e-12,), (0.3, 30.0), (0.8, 30.0), (0.97, 30.0)),
@@ -377,13 +335,15 @@ def direction(plugin: Estimator, seed: int, radius: float, angle_deg: float) -> 
     scene = observed([Echo(9.3, 1.2, radius * math.cos(angle), radius * math.sin(angle))], seed=seed)
     # Farther out, the errors of the direction decide on which side of the border it lies.
     inner = (FOUND, *INVARIANT) if radius <= FOUND_RADIUS else ()
-    return ImageSubject(plugin, scene), (*EVERY, checks.NO_FALSE_POINT, *inner)
+    return ImageSubject(plugin, scene), (*EVERY, images.NO_FALSE_POINT, *inner)
 
 
 BEYOND = "gate", "region", "prefix", "range", "speed"
 
 
-@family("beyond", product(BEYOND, SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3))
+@image_family(
+    "beyond", product(BEYOND, SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3)
+)
 def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -> ImageCase:
     """An echo in the region, and one beyond the gate, the region, the prefix or an ambiguity."""
     inside = RESOLVED[0]
@@ -401,7 +361,7 @@ def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -
     # Points of what leaks in from beyond the gate, which is no echo of the model, may move with the last
     # digits.
     invariant = LEAKAGE if what == "gate" else INVARIANT
-    return ImageSubject(plugin, scene), (*EVERY, checks.FOUND_FIRST, *invariant)
+    return ImageSubject(plugin, scene), (*EVERY, images.FOUND_FIRST, *invariant)
 
 
 # Radios: arrays, numerologies and frames.
@@ -410,7 +370,7 @@ SMALLEST_MAP = 11
 """Bins along an axis below which a taper or a detector's window need not fit."""
 
 
-@family(
+@image_family(
     "array", [(2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9)], n_u=Whole(2, 32, 8), n_w=Whole(2, 32, 8)
 )
 def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
@@ -420,7 +380,7 @@ def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
     return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
 
 
-@family(
+@image_family(
     "numerology",
     [(1, 1), (1, 32), (2, 2), (64, 1), (251, 31), (97, 13), (1021, 61)],
     n_subcarriers=Whole(1, 1024, 256),
@@ -443,9 +403,98 @@ def numerology(plugin: Estimator, seed: int, n_subcarriers: int, n_symbols: int,
 FRAMES: dict[str, Any] = {"paper": PaperFrame(), "turned_panel": PanelFrame(yaw_deg=11.0, tilt_deg=-7.0)}
 
 
-@family("frame", product(FRAMES), frame=Choice(*FRAMES))
+@image_family("frame", product(FRAMES), frame=Choice(*FRAMES))
 def frames(plugin: Estimator, seed: int, frame: str) -> ImageCase:
     """Resolved echoes in the paper's frame or on a turned panel."""
     layout = Layout(frame=FRAMES[frame], region=scenes.PAPER_REGION)
     scene = observed(RESOLVED[::2], seed=seed, layout=layout)
     return ImageSubject(plugin, scene), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
+
+
+# Power maps.
+
+SHAPE = 13, 17
+"""Shape of an ordinary map: primes, and larger than the windows by default."""
+
+MIDDLE = 6, 8
+
+ECHO = 1000.0
+"""Power above any threshold in noise of mean 1: so that cells are detected at every rate."""
+
+
+@map_family("map_level", product((-76.0, -30.0, 0.0, 30.0, 76.0)), exponent=Real(-76.0, 76.0, 0.0))
+def map_level(plugin: Detector, seed: int, exponent: float) -> MapCase:
+    """Noise with three echoes at any level, up to the squares of the largest float32."""
+    power = np.minimum(white_noise_map(SHAPE, seed), 15.0)
+    power[5, 7], power[12, 0], power[0, 16] = 100.0, 40.0, 20.0
+    subject = MapSubject(plugin, power * 10.0**exponent)
+    return subject, (*EVERY_MAP, *MAP_INVARIANT, maps.MAP_SINGLE_PRECISION)
+
+
+STRONG = "checkers", "one_cell", "half", "any"
+
+
+@map_family(
+    "map_range", product((140.0, 300.0), STRONG), range_db=Real(0.0, 300.0, 140.0), strong=Choice(*STRONG)
+)
+def map_range(plugin: Detector, seed: int, range_db: float, strong: str) -> MapCase:
+    """Noise whose cells are up to 300 dB stronger than their neighbours."""
+    share = np.random.default_rng([seed, 1]).random(SHAPE) if strong == "any" else np.zeros(SHAPE)
+    checkers = np.indices(SHAPE).sum(axis=0) % 2 == 1
+    filled = {"checkers": checkers, "one_cell": MIDDLE, "half": np.s_[:, 9:]}
+    if strong in filled:
+        share[filled[strong]] = 1.0
+    power = white_noise_map(SHAPE, seed) * 10.0 ** (range_db / 10 * (share - 0.5))
+    return MapSubject(plugin, power), (*EVERY_MAP, *MAP_INVARIANT)
+
+
+@map_family(
+    "blank_map",
+    [("zeros",), *product(("constant",), (-76.0, -0.3, 0.0, 76.0)), ("one_cell",), ("few_cells",)],
+    filled=Choice("zeros", "constant", "one_cell", "few_cells"),
+    exponent=Real(-76.0, 76.0, 0.0),
+)
+def blank_map(plugin: Detector, seed: int, filled: str, exponent: float) -> MapCase:
+    """Zeros, the same power in every cell, or zeros but for one cell or for every seventh."""
+    power = np.zeros(SHAPE)
+    every_seventh = np.arange(power.size).reshape(SHAPE) % 7 == 0
+    cells = {"zeros": [], "constant": np.s_[:], "one_cell": MIDDLE, "few_cells": every_seventh}
+    power[cells[filled]] = 10.0**exponent
+    nothing = (maps.NOTHING,) if filled in ("zeros", "constant") else ()
+    return MapSubject(plugin, power), (*EVERY_MAP, *nothing, maps.MAP_TWO_POWER_SCALE)
+
+
+@map_family(
+    "map_window",
+    [
+        *((1, 3, 17, 1, 0), (1, 9, 17, 3, 1), (1, 8, 17, 3, 1)),
+        *((2, 1, 1, 1, 0), (2, 9, 9, 3, 1), (2, 9, 8, 3, 1), (2, 37, 11, 3, 2), (2, 13, 17, 20, 3)),
+    ],
+    n_axes=Choice(2, 1),
+    length=Whole(1, 41, 13),
+    width=Whole(1, 41, 17),
+    training=Whole(1, 20, 3),
+    guard=Whole(0, 3, 1),
+)
+def map_window(
+    plugin: Detector, seed: int, n_axes: int, length: int, width: int, training: int, guard: int
+) -> MapCase:
+    """Lines and maps of any size, and windows that fit them, just or not at all."""
+    shape = (length, width)[:n_axes]
+    detector = with_parameters(plugin, training=training, guard=guard)
+    is_whole = 2 * (training + guard) + 1 <= min(shape)
+    return MapSubject(detector, white_noise_map(shape, seed)), EVERY_MAP if is_whole else (maps.REFUSED,)
+
+
+@map_family(
+    "rate",
+    [(-15.0, 1), (-15.0, 1024), (-2.0, 1), (-3.0, 256), (-0.31, 1), (-0.31, 16)],
+    exponent=Real(-15.0, -0.31, -3.0),
+    looks=Whole(1, 1024, 1),
+)
+def rate(plugin: Detector, seed: int, exponent: float, looks: int) -> MapCase:
+    """Any probability of false alarm, and any number of looks."""
+    power = white_noise_map((9, 11), seed, looks)
+    power[0, 0] = ECHO  # in a corner that half of the windows do not reach
+    subject = MapSubject(with_parameters(plugin, pfa=10.0**exponent), power, looks)
+    return subject, (*EVERY_MAP, *MAP_INVARIANT, maps.FALSE_ALARM_RATE, maps.RATE_ORDER)
