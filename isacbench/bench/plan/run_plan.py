@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import DRAW_COLUMNS
 from isacbench.bench.kinds.scenes import Entry, Scene
+from isacbench.bench.store.provenance import environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
@@ -91,6 +92,10 @@ class Plan:
         """Entries of all scenes, once each."""
         every = {(one.name, one.params): one for scene in self.scenes for one in scene.entries}
         return list(every.values())
+
+    def versions(self) -> dict[tuple[str, str], Any]:
+        """Versions that rows made by this process would have, by name and parameters of the entry."""
+        return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in self.entries}
 
     def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
         """Positions in the table of some cells.

@@ -23,7 +23,6 @@ from isacbench.bench.store.manifest import (
     SCORES,
     describe_scores,
     describe_session,
-    metrics_of,
     read_manifest,
 )
 from isacbench.bench.store.run import Run, rows_by_trial
@@ -31,6 +30,7 @@ from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
+from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import ReferenceEstimator, is_reference
 from isacbench.plugins.registry import get_estimator
 from isacbench.plugins.scoring import Metrics
@@ -83,7 +83,7 @@ def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
     with open_folder(folder):
         run = Run.open(folder)
         suite = with_metrics(run.suite, metrics)
-        used = metrics_of(suite)
+        used = kind_of(suite).metrics_of(suite)
         scored = _score(run, used)
         before = run.rows.assign(**{str(name): math.nan for name in scored if name not in run.rows})
         rows = before.copy()
@@ -118,7 +118,7 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
     for (name, trial), inside in rows_by_trial(rows.iloc[chosen]).items():
         scenario = run.observed(name, trial)
         for place in chosen[inside].tolist():
-            row, cloud = rows.iloc[place], run.cloud_array.cloud(place)
+            row, cloud = rows.iloc[place], PointCloud.from_array(run.points[place])
             if pd.isna(row.get(N_STORED, math.nan)):
                 scores = metrics.score(CloudPair.of(scenario, cloud))
             else:  # means over realisations, with their spreads

@@ -21,7 +21,7 @@ import pandas as pd
 from isacbench.bench.cells.record import COLUMNS, Row
 from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import cannot_be_written
-from isacbench.bench.store.tables import CloudArray
+from isacbench.bench.store.tables import Clouds
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
@@ -74,7 +74,7 @@ class JournalContent(NamedTuple):
     """Rows of a journal in the order in which they were made, and the number of damaged lines."""
 
     rows: pd.DataFrame
-    clouds: CloudArray
+    clouds: Clouds
     environments: dict[str, Environment]
     n_torn: int
 
@@ -87,7 +87,7 @@ def read_journal(path: Path) -> JournalContent:
     environments: dict[str, Environment] = {}
     tables: list[pd.DataFrame] = []
     values: list[list[Any]] = []
-    clouds: list[bytes] = []
+    clouds: Clouds = []
     n_torn = 0
     with path.open("rb") as file:
         for line in file:
@@ -98,7 +98,8 @@ def read_journal(path: Path) -> JournalContent:
                 environments[entry["environment"]] = entry["is"]
             elif "row" in entry and columns:
                 values.append(entry["row"])
-                clouds.append(base64.b64decode(entry["cloud"]))
+                points = np.frombuffer(base64.b64decode(entry["cloud"]), dtype="<f8")
+                clouds.append(points.reshape(-1, len(POINT_COLUMNS)))
             else:
                 n_torn += 1
             if len(values) == MOST_ROWS:
@@ -106,10 +107,7 @@ def read_journal(path: Path) -> JournalContent:
                 values = []
     if values or not tables:
         tables.append(pd.DataFrame(values, columns=columns))
-    points = np.frombuffer(b"".join(clouds), dtype="<f8").reshape(-1, len(POINT_COLUMNS))
-    n_points = np.array([len(cloud) for cloud in clouds], dtype=np.int64) // (8 * len(POINT_COLUMNS))
-    rows = pd.concat(tables, ignore_index=True)
-    return JournalContent(rows, CloudArray(n_points, points), environments, n_torn)
+    return JournalContent(pd.concat(tables, ignore_index=True), clouds, environments, n_torn)
 
 
 def _decoded(line: bytes) -> dict[str, Any]:

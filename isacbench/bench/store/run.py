@@ -29,8 +29,12 @@ from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, s
 from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import DAMAGE, damage_text, damage_told, replacing
 from isacbench.bench.store.tables import (
-    CloudArray,
+    NO_POINTS,
+    Clouds,
+    cloud_table,
+    clouds_of,
     read_table,
+    sizes,
     without_formulas,
     write_csv_table,
     write_table,
@@ -118,7 +122,7 @@ class Run(Displayed):
     rows: pd.DataFrame
     manifest: Mapping[str, Any]
     has_scenarios: bool = True
-    read_clouds: Callable[[], CloudArray] | None = None
+    read_clouds: Callable[[], Clouds] | None = None
     read_scenes: Callable[[], Scenes] | None = None
 
     @classmethod
@@ -166,7 +170,7 @@ class Run(Displayed):
             " and ".join(part.label for part in parts),
             pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS),
             {"environments": {name: one for part in parts for name, one in part.environments.items()}},
-            read_clouds=lambda: CloudArray.joined([part.lent_clouds() for part in parts]),
+            read_clouds=lambda: [one for part in parts for one in part.points],
         )
 
     @property
@@ -186,15 +190,9 @@ class Run(Displayed):
         return found
 
     @cached_property
-    def cloud_array(self) -> CloudArray:
+    def points(self) -> Clouds:
         """Clouds in the order of the rows, empty where there is none."""
-        return self.lent_clouds()
-
-    def lent_clouds(self) -> CloudArray:
-        """The same for a run that is made of this one, which keeps no copy of its own for that."""
-        if "cloud_array" in vars(self):
-            return self.cloud_array
-        return CloudArray.empty(len(self.rows)) if self.read_clouds is None else self.read_clouds()
+        return [NO_POINTS] * len(self.rows) if self.read_clouds is None else self.read_clouds()
 
     @cached_property
     def scenes(self) -> Scenes:
@@ -227,14 +225,14 @@ class Run(Displayed):
 
     def changed(self, **changes: Any) -> Run:
         """Replace attributes: rows by others of the same cells, the label, the manifest."""
-        known = {"read_clouds": self.lent_clouds, "read_scenes": lambda: self.scenes}
+        known = {"read_clouds": lambda: self.points, "read_scenes": lambda: self.scenes}
         return replace(self, **known | changes)
 
     def take(self, picked: NDArray[np.int64] | NDArray[np.bool_]) -> Run:
         """Select rows by a mask, or by their positions in the wanted order."""
         places: NDArray[Any] = np.flatnonzero(picked) if picked.dtype == np.bool_ else picked
         rows = self.rows.iloc[places].reset_index(drop=True)
-        return self.changed(rows=rows, read_clouds=lambda: self.lent_clouds().take(places))
+        return self.changed(rows=rows, read_clouds=lambda: [self.points[place] for place in places])
 
     def require_finished(self) -> Run:
         """Return the run, or refuse one that was killed, or of which it is not known what it measured."""
@@ -253,7 +251,7 @@ class Run(Displayed):
 
     def is_whole(self) -> NDArray[np.bool_]:
         """Tell of which rows the cloud has all its points."""
-        found: NDArray[np.bool_] = self.cloud_array.n_points == stored_points(self.rows).to_numpy()
+        found: NDArray[np.bool_] = sizes(self.points) == stored_points(self.rows).to_numpy()
         return found
 
     def save(self, folder: Path) -> None:
@@ -269,7 +267,7 @@ class Run(Displayed):
 
     def save_rows(self, folder: Path) -> None:
         """Write rows and clouds, in place of older ones."""
-        write_table(self.cloud_array.table(self.rows), folder / files.CLOUDS)
+        write_table(cloud_table(self.rows, self.points), folder / files.CLOUDS)
         write_table(self.rows, folder / files.RECORDS)
 
     @cached_property
@@ -466,13 +464,13 @@ class _Clouds(Mapping[CellKey, PointCloud]):
     """Clouds of rows, each built when it is asked for."""
 
     def __init__(self, run: Run) -> None:
-        self._array = run.cloud_array
+        self._points = run.points
         places = np.flatnonzero(run.rows["deviation"].notna() & run.is_whole())
         keys = run.rows[CLOUD_KEYS].iloc[places].itertuples(index=False)
         self._places = dict(zip(map(CellKey._make, keys), places.tolist(), strict=True))
 
     def __getitem__(self, key: CellKey) -> PointCloud:
-        return self._array.cloud(self._places[key])
+        return PointCloud.from_array(self._points[self._places[key]])
 
     def __iter__(self) -> Iterator[CellKey]:
         return iter(self._places)
@@ -511,10 +509,10 @@ def _read_rows(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> CloudArray:
+def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> Clouds:
     with damage_told(folder):
         table = _attempt(read_table, folder / files.CLOUDS, is_strict)
-        return CloudArray.empty(len(rows)) if table is None else CloudArray.of_table(rows, table)
+        return [NO_POINTS] * len(rows) if table is None else clouds_of(rows, table)
 
 
 def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:

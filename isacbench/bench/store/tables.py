@@ -1,14 +1,9 @@
-"""Tables of a run as files: parquet with a digest of what it holds, and CSV that is safe in a spreadsheet.
-
-Clouds of rows are one array, and one table: they are selected, joined and sorted as the rows are.
-"""
+"""Tables of a run as files: parquet with a digest of what it holds, and CSV that is safe in a spreadsheet."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,71 +17,39 @@ from isacbench.bench.store.run_folder import replacing
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import AccessError
 from isacbench.files.checked_files import require_file, require_inside
-from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 TEXTS = ["scenario", "estimator", "params"]
 """Keys that a table of points holds as categories."""
 
 
-@dataclass(frozen=True, eq=False)
-class CloudArray:
-    """Clouds one after the other, one for each row.
+Clouds = list[NDArray[np.float64]]
+"""Points of each row, shape (n, 5): x, y, z, v, power."""
 
-    Attributes
-    ----------
-    n_points : ndarray of int64, shape (n,)
-    points : ndarray of float64, shape (sum of n_points, 5)
-        x, y, z, v, power.
-    """
+NO_POINTS = np.empty((0, len(POINT_COLUMNS)))
 
-    n_points: NDArray[np.int64]
-    points: NDArray[np.float64]
 
-    @classmethod
-    def of_table(cls, rows: pd.DataFrame, table: pd.DataFrame) -> CloudArray:
-        """Find the clouds of rows in a table of points with their cells' keys; other cells are left out."""
-        index, keys = (pd.MultiIndex.from_frame(one[CLOUD_KEYS]) for one in (rows, table))
-        of_row = index.get_indexer(keys)
-        known = of_row >= 0
-        order = np.argsort(of_row[known], kind="stable")
-        points = table[POINT_COLUMNS].to_numpy(dtype=np.float64)[known][order]
-        return cls(np.bincount(of_row[known], minlength=len(rows)), points)
+def clouds_of(rows: pd.DataFrame, table: pd.DataFrame) -> Clouds:
+    """Find the clouds of rows in a table of points with their cells' keys; other cells are left out."""
+    index, keys = (pd.MultiIndex.from_frame(one[CLOUD_KEYS]) for one in (rows, table))
+    of_row = index.get_indexer(keys)
+    order = np.argsort(of_row, kind="stable")  # points of other cells, -1, first
+    points = table[POINT_COLUMNS].to_numpy(dtype=np.float64)[order]
+    bounds = np.searchsorted(of_row[order], np.arange(len(rows) + 1))
+    return [points[start:end] for start, end in pairwise(bounds.tolist())]
 
-    @classmethod
-    def empty(cls, n: int = 0) -> CloudArray:
-        """Empty clouds."""
-        return cls(np.zeros(n, dtype=np.int64), np.empty((0, len(POINT_COLUMNS))))
 
-    @classmethod
-    def joined(cls, parts: Sequence[CloudArray]) -> CloudArray:
-        """Clouds of several parts, one part after the other."""
-        every = [cls.empty(), *parts]
-        return cls(
-            np.concatenate([part.n_points for part in every]), np.concatenate([part.points for part in every])
-        )
+def cloud_table(rows: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:
+    """One row a point: the keys of its cell, then x, y, z in m, v in m/s, power."""
+    keys = rows[CLOUD_KEYS].astype(dict.fromkeys(TEXTS, "category"))
+    own = keys.iloc[np.repeat(np.arange(len(rows)), sizes(clouds))].reset_index(drop=True)
+    points = np.concatenate([NO_POINTS, *clouds])
+    return pd.concat([own, pd.DataFrame(points, columns=POINT_COLUMNS)], axis=1)
 
-    @cached_property
-    def ends(self) -> NDArray[np.int64]:
-        """End of each cloud among the points."""
-        return np.cumsum(self.n_points)
 
-    def cloud(self, index: int) -> PointCloud:
-        """Cloud of one row."""
-        end = self.ends[index]
-        return PointCloud.from_array(self.points[end - self.n_points[index] : end])
-
-    def take(self, picked: NDArray[np.int64]) -> CloudArray:
-        """Select clouds by their positions, in the wanted order."""
-        starts, n_points = (self.ends - self.n_points)[picked], self.n_points[picked]
-        shift = np.repeat(starts - (np.cumsum(n_points) - n_points), n_points)
-        return CloudArray(n_points, self.points[np.arange(n_points.sum()) + shift])
-
-    def table(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """One row a point: the keys of its cell, then x, y, z in m, v in m/s, power."""
-        keys = rows[CLOUD_KEYS].astype(dict.fromkeys(TEXTS, "category"))
-        own = keys.iloc[np.repeat(np.arange(len(rows)), self.n_points)].reset_index(drop=True)
-        return pd.concat([own, pd.DataFrame(self.points, columns=POINT_COLUMNS)], axis=1)
+def sizes(clouds: Clouds) -> NDArray[np.int64]:
+    """Number of points of each cloud."""
+    return np.fromiter(map(len, clouds), dtype=np.int64)
 
 
 DIGEST = "digest"

@@ -28,7 +28,6 @@ from isacbench.bench.cells.record import SCORED, Row
 from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation
 from isacbench.bench.plan.run_plan import Block, BlockQueue, Job
 from isacbench.bench.store.provenance import Environment, environment_id, environment_of
-from isacbench.bench.store.resume import versions_now
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
@@ -389,7 +388,7 @@ def _start_worker(job: Job, repeats: int | None) -> None:
 
 
 def _versions() -> dict[tuple[str, str], Any]:
-    return versions_now(_workbench.job.plan)
+    return _workbench.job.plan.versions()
 
 
 def _observe(block: Block) -> dict[int, Row]:
@@ -418,7 +417,9 @@ def _memory_limit(memory_mib: float | None) -> Iterator[None]:
         yield
         return
     before, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = _data_bytes() + int(memory_mib * MIB)
+    # Private writable memory of this process, as the limit counts it.
+    (line,) = (line for line in PROCESS_STATUS.read_text().splitlines() if line.startswith("VmData:"))
+    limit = int(line.split()[1]) * 1024 + int(memory_mib * MIB)
     resource.setrlimit(
         resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
     )
@@ -426,9 +427,3 @@ def _memory_limit(memory_mib: float | None) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
-
-
-def _data_bytes() -> int:
-    """Private writable memory of this process, as RLIMIT_DATA counts it."""
-    (line,) = (line for line in PROCESS_STATUS.read_text().splitlines() if line.startswith("VmData:"))
-    return int(line.split()[1]) * 1024

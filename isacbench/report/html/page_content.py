@@ -22,6 +22,7 @@ from isacbench.bench.run_times import is_timed, summarise_points, summarise_stag
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
 from isacbench.bench.store.run import Run
+from isacbench.bench.store.tables import NO_POINTS, sizes
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant, assign_lines, rows_of
 from isacbench.errors import InputError
@@ -79,14 +80,14 @@ def page_content(
     imaged = {name for run in joined.runs for name in _imaged(run)}
     is_imaged = records["deviation"].notna() & records["scenario"].isin(imaged)
     has_image = is_imaged.to_numpy() & joined.table.is_whole()
-    n_points = joined.table.cloud_array.n_points
+    n_points = sizes(joined.table.points)
     chosen = has_image & choose_clouds(records, n_points, first)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
-    kept = joined.table.cloud_array.take(np.flatnonzero(chosen))
+    clouds = [joined.table.points[place] for place in np.flatnonzero(chosen)]
     for scene in scenes:
-        scene["truth"] = [[trial, len(kept.n_points) + place] for trial, place in scene["truth"]]
-    counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
-    points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
+        scene["truth"] = [[trial, len(clouds) + place] for trial, place in scene["truth"]]
+    clouds += [truth.to_array() for truth in truths]
+    counts, points = sizes(clouds), np.concatenate([NO_POINTS, *clouds])
     lines = assign_lines(joined.labels, find_limits(records))
     metrics = _metrics(joined)
     is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records

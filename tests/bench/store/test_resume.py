@@ -227,7 +227,7 @@ def test_rows_of_other_versions_are_refused_or_stay_beside_new_ones_or_are_made_
 def read_all(folder):
     """Read a run with what is otherwise read at first use."""
     run = Run.open(folder)
-    return run, run.scenarios, run.cloud_array
+    return run, run.scenarios, run.points
 
 
 def some(places, n, seed):
