@@ -6,8 +6,7 @@ from itertools import groupby
 from operator import attrgetter
 from typing import NamedTuple
 
-from isacbench.bench.compare.comparison import Comparison
-from isacbench.bench.compare.verdicts import Tolerance
+from isacbench.bench.compare.comparison import Comparison, Tolerance
 from isacbench.charts import text_table
 from isacbench.files.escaping import counted, in_markdown, shortened, visible
 from isacbench.report.comparison import ComparisonReport, Row

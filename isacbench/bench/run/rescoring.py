@@ -19,13 +19,8 @@ import pandas as pd
 from isacbench.bench.cells.cell import MeasuredImage, image_reference
 from isacbench.bench.cells.record import N_STORED, failed
 from isacbench.bench.kinds.scenes import ImagedScene
-from isacbench.bench.store.manifest import (
-    SCORES,
-    describe_scores,
-    describe_session,
-    read_manifest,
-)
-from isacbench.bench.store.run import Run, rows_by_trial
+from isacbench.bench.store.manifest import SCORES, describe_scores, describe_session, read_manifest
+from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
@@ -115,7 +110,8 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
         )
 
     columns, scored = kind_of(run.suite).columns, {}
-    for (name, trial), inside in rows_by_trial(rows.iloc[chosen]).items():
+    by_trial: Any = rows.iloc[chosen].groupby(["scenario", "trial"], sort=False)
+    for (name, trial), inside in by_trial.indices.items():
         scenario = run.observed(name, trial)
         for place in chosen[inside].tolist():
             row, cloud = rows.iloc[place], PointCloud.from_array(run.points[place])

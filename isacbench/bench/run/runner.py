@@ -19,7 +19,6 @@ from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row,
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.plan.run_plan import Block, Job, Plan, Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
-from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.manifest import (
     SCORES,
     build_manifest,
@@ -33,6 +32,7 @@ from isacbench.bench.store.manifest import (
 from isacbench.bench.store.provenance import differing_versions, environment_id, environment_of
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
+from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, load_suite, with_metrics
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here

@@ -20,13 +20,7 @@ import isacbench
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Job, Plan
-from isacbench.bench.store.provenance import (
-    Environment,
-    git_state,
-    machine,
-    package_versions,
-    plugin_version,
-)
+from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions, plugin_version
 from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
 from isacbench.bench.suites.suite import Suite

@@ -1,10 +1,22 @@
-"""Tables of a run as files: parquet with a digest of what it holds, and CSV that is safe in a spreadsheet."""
+"""Rows and clouds of a run as files: a journal while they are made, then tables.
+
+In the journal each row and its cloud are on disk as soon as they are made. A line holds a checksum and an
+entry in JSON: the columns, the description of an environment, or a row with its cloud. A line that a kill or
+a failing disk has torn does not match its checksum, and is left out. Tables are parquet with a digest of what
+they hold, and CSV that is safe in a spreadsheet.
+"""
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import json
+import math
+import zlib
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,8 +24,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from isacbench.bench.cells.record import CLOUD_KEYS
-from isacbench.bench.store.run_folder import replacing
+from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, Row
+from isacbench.bench.store.provenance import Environment
+from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import AccessError
 from isacbench.files.checked_files import require_file, require_inside
@@ -116,3 +129,95 @@ def _table_digest(table: pd.DataFrame) -> str:
     """Digest of the names and values of a table."""
     rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
     return digest([list(table.columns), len(table), hashlib.sha256(rows.tobytes()).hexdigest()])
+
+
+MOST_ROWS = 10_000
+"""Rows that are read before they become a table, which takes less memory."""
+
+
+class Journal:
+    """Journal that is open for writing into a new file.
+
+    `columns` are those of the study, each with its value where a row has none. What cannot be written is
+    an `InputError`.
+    """
+
+    def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
+        self._columns = {**dict.fromkeys(COLUMNS, math.nan), **columns}
+        self._environments: set[str] = set()
+        self._path = path
+        try:
+            # Unbuffered: a line is on its way when it is written, so that a kill tears at most one.
+            self._file = path.open("xb", buffering=0)
+        except OSError as error:
+            raise cannot_be_written(path, error) from error
+        self._write({"columns": [*self._columns]})
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def append(self, row: Row) -> None:
+        """Write a row and its cloud."""
+        values = row.values
+        if (name := values["environment"]) not in self._environments:
+            self._environments.add(name)
+            self._write({"environment": name, "is": row.environment})
+        points = base64.b64encode(row.cloud.to_array().astype("<f8").tobytes()).decode("ascii")
+        self._write({"row": [values.get(*one) for one in self._columns.items()], "cloud": points})
+
+    def _write(self, entry: Mapping[str, Any]) -> None:
+        text = json.dumps(entry, separators=(",", ":"), default=np.generic.item).encode()
+        rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
+        try:
+            while rest:  # a disk that is nearly full takes a part before it refuses
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            raise cannot_be_written(self._path, error) from error
+
+
+class JournalContent(NamedTuple):
+    """Rows of a journal in the order in which they were made, and the number of damaged lines."""
+
+    rows: pd.DataFrame
+    clouds: Clouds
+    environments: dict[str, Environment]
+    n_torn: int
+
+
+def read_journal(path: Path) -> JournalContent:
+    """Read a journal; damaged lines are left out."""
+    require_inside(path, path.parent)
+    require_file(path)
+    columns: list[str] = []
+    environments: dict[str, Environment] = {}
+    tables: list[pd.DataFrame] = []
+    values: list[list[Any]] = []
+    clouds: Clouds = []
+    n_torn = 0
+    with path.open("rb") as file:
+        for line in file:
+            entry = _decoded(line)
+            if "columns" in entry:
+                columns = entry["columns"]
+            elif "environment" in entry:
+                environments[entry["environment"]] = entry["is"]
+            elif "row" in entry and columns:
+                values.append(entry["row"])
+                points = np.frombuffer(base64.b64decode(entry["cloud"]), dtype="<f8")
+                clouds.append(points.reshape(-1, len(POINT_COLUMNS)))
+            else:
+                n_torn += 1
+            if len(values) == MOST_ROWS:
+                tables.append(pd.DataFrame(values, columns=columns))
+                values = []
+    if values or not tables:
+        tables.append(pd.DataFrame(values, columns=columns))
+    return JournalContent(pd.concat(tables, ignore_index=True), clouds, environments, n_torn)
+
+
+def _decoded(line: bytes) -> dict[str, Any]:
+    """Entry of a line, empty where the line is damaged."""
+    checksum, _, text = line.rstrip(b"\n").partition(b" ")
+    entry: dict[str, Any] = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else {}
+    return entry

@@ -230,14 +230,12 @@ class _Cluster:
         """Rows of a task; None if more workers died in it than the scheduler allows."""
         while future.status not in ("error", "cancelled"):
             try:
-                rows: list[Row] = future.result(timeout=POLL_S)
+                return future.result(timeout=POLL_S)
             except OSError:  # such as TimeoutError: the worker that had the result may have died
                 self._n_threads()
             except Exception:
                 if future.status == "finished":
                     raise
-            else:
-                return rows
         if future.status == "cancelled":
             raise self._lost(GONE)
         error = future.exception()

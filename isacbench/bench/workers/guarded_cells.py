@@ -23,7 +23,7 @@ from queue import SimpleQueue
 from threading import Lock
 from typing import Any, Self
 
-from isacbench.bench.cells.cell import Found, failed_by, repeat, run_cell, seed_global_generators
+from isacbench.bench.cells.cell import MIB, Found, failed_by, repeat, run_cell, seed_global_generators
 from isacbench.bench.cells.record import SCORED, Row
 from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation
 from isacbench.bench.plan.run_plan import Block, BlockQueue, Job
@@ -159,7 +159,6 @@ DEFAULT_TIMEOUT_S = 600.0
 """Default limit in s: an estimate that takes ten minutes hangs."""
 
 OBSERVE_ATTEMPTS = 3
-MIB = 2**20
 PROCESS_STATUS = Path("/proc/self/status")
 
 
@@ -231,7 +230,10 @@ class Lane:
         """
         found: dict[tuple[str, str], Any] = {}
         for owner in self._parts:
-            found |= self._process(owner).versions()
+            try:
+                found |= self._process(owner).call(_versions, timeout_s=self._limits[0].timeout_s)
+            except ProcessLostError as loss:
+                raise InputError(f"loading the plugins: {loss.reason}") from loss
         return found
 
     def work(self, blocks: Iterable[Block]) -> Iterator[Row]:
@@ -276,13 +278,6 @@ class _CellProcess(GuardedProcess):
         """End the process; the next call starts a fresh one."""
         self._n_cells = 0
         super().renew()
-
-    def versions(self) -> dict[tuple[str, str], Any]:
-        """Versions of the code in the process, by name and parameters of the entry."""
-        try:
-            return self.call(_versions, timeout_s=self._guard.timeout_s)
-        except ProcessLostError as loss:
-            raise InputError(f"loading the plugins: {loss.reason}") from loss
 
     def row(self, block: Block, entry: int) -> Row:
         """Row of a cell of a block that has none but cells of this process, also of one that failed."""

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from isacbench.bench.cells.record import SCORED
+from isacbench.bench.compare.comparison import direction
 from isacbench.bench.compare.pairs import code_version
 from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
-from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.kinds.imaging import SCORE_AXES, ScoreAxis
 from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.plan.labels import find_limits

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import COLUMNS, Row
-from isacbench.bench.store.journal import Journal, read_journal
+from isacbench.bench.store.tables import Journal, read_journal
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
