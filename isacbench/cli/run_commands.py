@@ -85,9 +85,8 @@ def run_command(
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard
     from isacbench.bench.run.looks import record_look
-    from isacbench.bench.run.runner import Execution, run_suite
+    from isacbench.bench.run.runner import Execution, parse_reruns, run_suite
     from isacbench.bench.store.manifest import command_to_show
-    from isacbench.bench.store.resume import parse_reruns
     from isacbench.bench.store.run_folder import MANIFEST, default_folder
     from isacbench.bench.workers.guarded_cells import Guard
 

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.compare.comparison import Comparison, verdict_counts
+from isacbench.bench.compare.comparison import VERDICTS, Comparison, Tolerance, verdict_counts
 from isacbench.bench.compare.pairs import CURVE
-from isacbench.bench.compare.verdicts import VERDICTS, Tolerance
 from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.statistics import mean_of_trials
@@ -98,7 +97,7 @@ class ComparisonReport:
         self.gained = [(cells.repaired, f"failed in {base} alone"), (cells.added, f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
-        """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
+        """Name one of `isacbench.bench.compare.comparison.VERDICTS`."""
         return self._verdicts.get(verdict, verdict)
 
     def estimators(self, row: Row) -> list[str]:

@@ -210,7 +210,7 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
     curves: dict[Variant, list[Curve]] = {}
     for place in np.flatnonzero(is_drawn).tolist():
         name, estimator, params = rows[["scenario", "estimator", "params"]].iloc[place]
-        pair = CloudPair.of(run.scenarios[name], run.cloud_array.cloud(place))
+        pair = CloudPair.of(run.scenarios[name], PointCloud.from_array(run.points[place]))
         curves.setdefault((estimator, params), []).append(score_curve(pair))
     if not curves:
         return []
@@ -257,7 +257,7 @@ def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
     places = places[run.rows["scenario"].iloc[places] == scenario]
     rows, found = run.rows.iloc[places].set_index(CELL), {}
     for place, (key, row) in zip(places.tolist(), rows.iterrows(), strict=True):
-        cloud = run.cloud_array.cloud(place)
+        cloud = PointCloud.from_array(run.points[place])
         note = "nothing detected" if row["status"] == "no_detection" else str(row["status"])
         if note == "ok":
             hausdorff_m = row[[*PROJECTIONS]].sum()

@@ -49,7 +49,7 @@ PLACED = {
 def read_all(folder):
     """Read a run with what is otherwise read at first use."""
     run = Run.open(folder)
-    return run, run.cloud_array, run.scenarios
+    return run, run.points, run.scenarios
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -10,7 +10,6 @@ collection is off, as in `timeit`. All repeats must give the same result, bit by
 
 from __future__ import annotations
 
-import dataclasses
 import gc
 import hashlib
 import math
@@ -28,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import Row
+from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock
 from isacbench.metrics.geometry import CloudPair
@@ -115,16 +115,8 @@ def image_reference(
     What is returned is remembered for an equal reference and an equal scenario. TypeError if a realisation is
     no `PointCloud`.
     """
-    parts: tuple[Any, ...] = (scenario.system, scenario.array, scenario.frame, scenario.region)
-    content = (
-        type(reference),
-        canonical_params(reference),
-        *((type(part), *dataclasses.astuple(part)) for part in parts),
-        scenario.radius_m,
-        scenario.base_station_m.tobytes(),
-        scenario.truth.to_array().tobytes(),
-        scenario.scatterers.objects,
-    )
+    objects = scenario.scatterers.objects
+    content = type(reference), canonical_params(reference), scenario_digest(scenario), objects
     return _imaged(_Task(content, reference, scenario, metrics))
 
 

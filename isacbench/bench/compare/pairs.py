@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from isacbench.bench.cells.record import CLOUD_KEYS as CELL
 from isacbench.bench.cells.record import SCORED
 from isacbench.bench.plan.labels import estimator_labels
-from isacbench.bench.store.manifest import spell_metric, stored_metrics
-from isacbench.bench.store.resume import differing_versions
+from isacbench.bench.store.manifest import SCORES, spell_metric
+from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.store.run import Run
 from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError, did_you_mean
@@ -104,7 +104,7 @@ def incomparable(base: Run, new: Run) -> tuple[str, ...]:
 
 def _measured(run: Run) -> tuple[dict[str, Any], dict[str, set[str]]]:
     """What must be equal to be compared: in words, and digests of each scenario's content."""
-    suite, metrics = run.manifest["suite"], stored_metrics(run.manifest)
+    suite, metrics = run.manifest["suite"], run.manifest[SCORES]["metrics"]
     words = {
         "the suite": suite.get("name"),
         "the kind of suite": suite.get("kind"),

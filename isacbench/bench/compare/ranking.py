@@ -11,8 +11,8 @@ from typing import Any
 import pandas as pd
 
 from isacbench.bench.compare import scenes, significance
+from isacbench.bench.compare.comparison import direction
 from isacbench.bench.compare.pairs import VARIANT, code_version, find_variant
-from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run

@@ -48,7 +48,7 @@ def variant_label(name: str, params: str) -> str:
     """
     own = json.loads(params)
     kinds: tuple[PluginKind, ...] = "estimator", "detector"
-    unlike = next((found for kind in kinds if (found := _unlike_defaults(_defaults(kind, name), own))), {})
+    unlike = next((found for kind in kinds if (found := _unlike_defaults(kind, name, own))), {})
     return spell_spec(name, {key: _told(value) for key, value in unlike.items()})
 
 
@@ -94,17 +94,11 @@ def _told_apart(variants: Sequence[Variant]) -> dict[Variant, str]:
     }
 
 
-def _defaults(kind: PluginKind, name: str) -> Params | None:
-    """Defaults of a plugin, None where they are unknown."""
-    try:
-        return parameter_defaults(kind, name)
-    except InputError:  # not registered, or broken: its rows can be shown all the same
-        return None
-
-
-def _unlike_defaults(defaults: Params | None, own: Params) -> dict[str, Any] | None:
+def _unlike_defaults(kind: PluginKind, name: str, own: Params) -> dict[str, Any] | None:
     """Parameters that differ from their defaults, None where the defaults are unknown."""
-    if defaults is None:
+    try:
+        defaults = parameter_defaults(kind, name)
+    except InputError:  # not registered, or broken: its rows can be shown all the same
         return None
     return {key: value for key, value in own.items() if key not in defaults or value != defaults[key]}
 
@@ -114,5 +108,5 @@ def _told(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
     own = {key: inner for key, inner in value.items() if key != "name"}
-    unlike = _unlike_defaults(_defaults("detector", value["name"]), own)
+    unlike = _unlike_defaults("detector", value["name"], own)
     return {"name": value["name"], **(own if unlike is None else unlike)}

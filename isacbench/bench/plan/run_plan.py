@@ -6,6 +6,7 @@ file, from another process or in another order find their place.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +19,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.record import DRAW_COLUMNS
+from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS
 from isacbench.bench.kinds.scenes import Entry, Scene
+from isacbench.bench.store.provenance import environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
@@ -84,13 +86,17 @@ class Plan:
     @property
     def n_cells(self) -> int:
         """Cells of all scenes."""
-        return int(self._offsets[-1])
+        return len(self._cells)
 
     @property
     def entries(self) -> list[Entry[Any]]:
         """Entries of all scenes, once each."""
         every = {(one.name, one.params): one for scene in self.scenes for one in scene.entries}
         return list(every.values())
+
+    def versions(self) -> dict[tuple[str, str], Any]:
+        """Versions that rows made by this process would have, by name and parameters of the entry."""
+        return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in self.entries}
 
     def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
         """Positions in the table of some cells.
@@ -105,13 +111,7 @@ class Plan:
         ndarray of int64, shape (n,)
             -1 where the plan has no such cell.
         """
-        found = np.full(len(keys), -1, dtype=np.int64)
-        names = pd.Index([scene.name for scene in self.scenes])
-        of_scene = names.get_indexer(pd.Index(keys["scenario"]))
-        for index in np.unique(of_scene[of_scene >= 0]):
-            (chosen,) = np.nonzero(of_scene == index)
-            found[chosen] = self._positions_in(int(index), keys.iloc[chosen])
-        return found
+        return self._cells.get_indexer(pd.MultiIndex.from_frame(keys[CLOUD_KEYS]))
 
     def blocks(self, todo: NDArray[np.bool_]) -> list[Block]:
         """List the blocks of the cells that are marked.
@@ -125,10 +125,11 @@ class Plan:
         list of Block
             In the order of the table.
         """
-        blocks = []
+        blocks, start = [], 0
         for index, scene in enumerate(self.scenes):
             shape = self.n_trials, len(scene.snr_db), len(scene.entries)
-            marked = todo[self._offsets[index] : self._offsets[index + 1]].reshape(shape)
+            marked = todo[start : start + math.prod(shape)].reshape(shape)
+            start += marked.size
             for trial, at_snr in zip(*np.nonzero(marked.any(axis=2)), strict=True):
                 entries = tuple(np.flatnonzero(marked[trial, at_snr]).tolist())
                 blocks.append(Block(index, int(trial), scene.snr_db[at_snr], entries))
@@ -149,20 +150,16 @@ class Plan:
         return np.repeat(part % shard.n == shard.k - 1, [len(block.entries) for block in blocks])
 
     @cached_property
-    def _offsets(self) -> NDArray[np.int64]:
-        """Position of the first cell of every scene, and of the end."""
-        sizes = [self.n_trials * len(scene.snr_db) * len(scene.entries) for scene in self.scenes]
-        return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
-
-    def _positions_in(self, index: int, keys: pd.DataFrame) -> NDArray[np.int64]:
-        scene = self.scenes[index]
-        at_snr = pd.Index(scene.snr_db, dtype=np.float64).get_indexer(pd.Index(keys["snr_db"]))
-        variants = pd.MultiIndex.from_tuples([(one.name, one.params) for one in scene.entries])
-        entry = variants.get_indexer(pd.MultiIndex.from_frame(keys[["estimator", "params"]]))
-        trial = keys["trial"].to_numpy()
-        known = (at_snr >= 0) & (entry >= 0) & (trial >= 0) & (trial < self.n_trials)
-        inside = (trial * len(scene.snr_db) + at_snr) * len(scene.entries) + entry
-        return np.where(known, self._offsets[index] + inside, -1)
+    def _cells(self) -> pd.MultiIndex:
+        """Keys of all cells in the order of the table."""
+        keys = [
+            (scene.name, one.name, one.params, snr_db, trial)
+            for scene in self.scenes
+            for trial in range(self.n_trials)
+            for snr_db in scene.snr_db
+            for one in scene.entries
+        ]
+        return pd.MultiIndex.from_tuples(keys, names=CLOUD_KEYS)
 
 
 class BlockQueue:

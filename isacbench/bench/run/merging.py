@@ -26,7 +26,7 @@ from isacbench.bench.store.manifest import (
     restore_plan,
     row_columns,
 )
-from isacbench.bench.store.resume import differing_versions
+from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.store.run import Run, Scenes
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
 from isacbench.bench.suites.scenario_digest import canonical_json
@@ -207,11 +207,9 @@ def _require_agreement(one: Run, other: Run) -> None:
     others = {*TIMES, *TIMING_COLUMNS, "timing", "environment", "label"}
     columns = [name for name in one.rows if name not in others]
     left, right = one.rows[columns], other.rows[columns]
-    clouds, again = one.cloud_array, other.cloud_array
-    agree = ((left == right) | (left.isna() & right.isna())).all(axis=1) & (clouds.n_points == again.n_points)
-    if agree.all():
-        of_row = np.repeat(np.arange(len(agree)), clouds.n_points)
-        agree[of_row[(clouds.points != again.points).any(axis=1)]] = False
+    clouds = zip(one.points, other.points, strict=True)
+    is_same = np.array([np.array_equal(cloud, again) for cloud, again in clouds], dtype=np.bool_)
+    agree = ((left == right) | (left.isna() & right.isna())).all(axis=1) & is_same
     if not agree.all():
         cell = one.rows[~agree].iloc[0]
         raise InputError(

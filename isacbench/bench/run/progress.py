@@ -25,8 +25,6 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
     `title` names the work, `noun` its pieces. With `is_idle` a bar is redrawn only when a piece is done. What
     is yielded is called after each piece.
     """
-    from rich.console import Console
-
     console = Console(stderr=True)
     if console.is_terminal:
         with _bar(title, console, is_idle) as show:

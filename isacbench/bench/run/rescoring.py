@@ -19,18 +19,13 @@ import pandas as pd
 from isacbench.bench.cells.cell import MeasuredImage, image_reference
 from isacbench.bench.cells.record import N_STORED, failed
 from isacbench.bench.kinds.scenes import ImagedScene
-from isacbench.bench.store.manifest import (
-    SCORES,
-    describe_scores,
-    describe_session,
-    metrics_of,
-    read_manifest,
-)
-from isacbench.bench.store.run import Run, rows_by_trial
+from isacbench.bench.store.manifest import SCORES, describe_scores, describe_session, read_manifest
+from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder
 from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
+from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import ReferenceEstimator, is_reference
 from isacbench.plugins.registry import get_estimator
 from isacbench.plugins.scoring import Metrics
@@ -83,7 +78,7 @@ def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
     with open_folder(folder):
         run = Run.open(folder)
         suite = with_metrics(run.suite, metrics)
-        used = metrics_of(suite)
+        used = kind_of(suite).metrics_of(suite)
         scored = _score(run, used)
         before = run.rows.assign(**{str(name): math.nan for name in scored if name not in run.rows})
         rows = before.copy()
@@ -115,10 +110,11 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
         )
 
     columns, scored = kind_of(run.suite).columns, {}
-    for (name, trial), inside in rows_by_trial(rows.iloc[chosen]).items():
+    by_trial: Any = rows.iloc[chosen].groupby(["scenario", "trial"], sort=False)
+    for (name, trial), inside in by_trial.indices.items():
         scenario = run.observed(name, trial)
         for place in chosen[inside].tolist():
-            row, cloud = rows.iloc[place], run.cloud_array.cloud(place)
+            row, cloud = rows.iloc[place], PointCloud.from_array(run.points[place])
             if pd.isna(row.get(N_STORED, math.nan)):
                 scores = metrics.score(CloudPair.of(scenario, cloud))
             else:  # means over realisations, with their spreads

@@ -1,44 +1,49 @@
-"""Runner of suites: every estimator images the same observations, one row a cell."""
+"""Runner of suites: every estimator images the same observations, one row a cell; a run is resumed."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.bench.cells.cell import repeats_wanted
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, typed
-from isacbench.bench.plan.run_plan import Block, Job, Shard, load_job
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, failed, typed
+from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.run_plan import Block, Job, Plan, Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
-from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.manifest import (
     SCORES,
     build_manifest,
     describe_run,
     describe_session,
-    metrics_of,
     require_same_scores,
     row_columns,
     with_sessions,
     write_manifest,
 )
-from isacbench.bench.store.resume import Rerun, parse_reruns, rows_to_keep
+from isacbench.bench.store.provenance import differing_versions, environment_id, environment_of
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
+from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
+from isacbench.bench.suites.suite_kinds import kind_of, load_suite, with_metrics
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
-from isacbench.errors import InputError
+from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
+
+Mask = NDArray[np.bool_]
+
+Rerun = Literal["failed", "stale", "all"]
+RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
 
 
 @dataclass(frozen=True)
@@ -117,6 +122,14 @@ class Execution:
 
 
 HERE = Execution()
+
+
+def parse_reruns(names: Collection[str]) -> tuple[Rerun, ...]:
+    """Check the names of the groups of cells to compute again."""
+    for name in names:
+        if name not in RERUNS:
+            raise unknown_name("cells to rerun", name, RERUNS)
+    return tuple(name for name in RERUNS if name in names)
 
 
 def run(
@@ -256,7 +269,10 @@ def run_suite(
     wanted = np.ones(plan.n_cells, dtype=np.bool_) if execution.shard is None else plan.shard(execution.shard)
     with open_folder(out) as folder:
         stored = Run.recover(folder)
-        kept = _kept(stored, job, execution, wanted)
+        try:
+            kept = _rows_to_keep(stored, job, execution, wanted)
+        except InputError as error:
+            raise InputError(f"{stored.label}: {error}") from error
         todo = wanted.copy()
         todo[plan.positions(kept.rows)] = False
         earlier, described = stored.manifest.get("sessions", []), describe_run(job)
@@ -289,7 +305,7 @@ def run_suite(
                     interrupted = True
         found = Run.joined([kept, Run.of_journal(path)])
         found = found.take(np.argsort(plan.positions(found.rows), kind="stable"))
-        clouds, wall_time_s = found.lent_clouds(), time.perf_counter() - tick
+        clouds, wall_time_s = found.points, time.perf_counter() - tick
         sessions = [*earlier, describe_session(started, wall_time_s, interrupted, options)]
         names, known = found.rows["environment"].unique(), found.environments
         used = {name: known[name] for name in names if name in known}
@@ -305,22 +321,97 @@ def run_suite(
     return run
 
 
-def _kept(stored: Run, job: Job, execution: Execution, wanted: NDArray[np.bool_]) -> Run:
-    """Stored rows that the run goes on with."""
-    rerun, mix_versions, timing = execution.rerun, execution.mix_versions, execution.is_timing
-    try:
-        if len(stored.rows):
-            require_same_scores(stored.manifest, metrics_of(job.suite))
-        return rows_to_keep(stored, job.plan, job.suite, rerun, mix_versions, wanted, timing)
-    except InputError as error:
-        raise InputError(f"{stored.label}: {error}") from error
+def _rows_to_keep(stored: Run, job: Job, execution: Execution, part: Mask) -> Run:
+    """Select the stored rows that a resumed run keeps, at most one a cell; refuse to lose any others.
+
+    Not kept are rows to be made again (of failed cells, of cells whose scenario or versions have changed
+    since, or all) within `part`, the cells that this run computes, and of a timed run those that were not
+    timed. Rows of another suite, seed or grid are refused, those scored by other metrics, and those of other
+    scenarios or, unless they may be mixed, other versions that are neither kept nor computed again.
+    """
+    rows, plan = stored.rows, job.plan
+    if rows.empty:
+        return stored
+    require_same_scores(stored.manifest, kind_of(job.suite).metrics_of(job.suite))
+    positions = plan.positions(rows)
+    _refuse_others(rows, positions, plan, job.suite)
+    known = [environment_of(one.plugin) for one in plan.entries]  # the manifest may be damaged
+    environments = {**stored.environments, **{environment_id(one): one for one in known}}
+    now = plan.versions()
+    contents = {scene.name: scene.content for scene in plan.scenes}
+    other_content: Mask = (rows["scenario_content"] != rows["scenario"].map(contents)).to_numpy()
+    other_versions = _other_versions(rows, environments, now) & (not execution.mix_versions)
+    again = np.full(len(rows), "all" in execution.rerun)
+    if execution.is_timing:
+        again |= ~rows["timing"].to_numpy(dtype=np.bool_)
+    if "failed" in execution.rerun:
+        again |= failed(rows).to_numpy()
+    if "stale" in execution.rerun:
+        again |= other_content | other_versions
+    again &= part[positions]
+    is_last = ~pd.Series(positions).duplicated(keep="last").to_numpy()
+    has_cloud = rows["deviation"].isna().to_numpy() | stored.is_whole()
+    good: Mask = is_last & has_cloud & ~again
+    if (stale := good & other_content).any():
+        raise InputError(
+            f"{stale.sum()} of its {stale.size} cells were made with different content of scenario "
+            f"{rows[stale].iloc[0]['scenario']!r}: use --rerun stale (without --shard), or a new folder"
+        )
+    if (stale := good & other_versions).any():
+        first = rows[stale].iloc[0]
+        old = environments.get(first["environment"], {}).get("versions", {})
+        new = now[first["estimator"], first["params"]]
+        raise InputError(
+            f"{stale.sum()} of its {stale.size} cells were made by other versions, the first one by "
+            f"{', '.join(differing_versions(old, new))}; use --rerun stale (without --shard) to "
+            "recompute them, --mix-versions to keep them, or a new folder"
+        )
+    return stored.changed(manifest={**stored.manifest, "environments": environments}).take(good)
+
+
+def _refuse_others(rows: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite: Suite) -> None:
+    """Refuse rows of cells that are not in the plan."""
+    for column, wanted in (("suite", suite.name), ("seed", suite.seed)):
+        others = rows.loc[rows[column] != wanted, column]
+        if len(others):
+            raise InputError(
+                f"it holds cells of {column} {others.iloc[0]}, not {wanted}; "
+                f"use the same {column}, or a new folder"
+            )
+    unknown = rows[positions < 0]
+    if len(unknown):
+        first = unknown.iloc[0]
+        variant = first["estimator"], first["params"]
+        labels = estimator_labels([variant, *((one.name, one.params) for one in plan.entries)])
+        raise InputError(
+            f"it holds {len(unknown)} cells that this run does not have, the first one "
+            f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
+            "include them in this run, or use a new folder"
+        )
+
+
+def _other_versions(
+    rows: pd.DataFrame, environments: Mapping[str, Any], now: Mapping[tuple[str, str], Any]
+) -> Mask:
+    """Tell which rows were made by other versions than rows of this process would be."""
+    groups = rows.groupby(["environment", "estimator", "params"], sort=False)
+    other = [
+        environments.get(name, {}).get("versions") != now[estimator, params]
+        for name, estimator, params in groups.size().index
+    ]
+    return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
 
 
 def _work(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Row, None, None]:
     """Rows of blocks from this process, from workers or from a cluster, which is connected at once."""
-    if execution.dask is not None:
-        from isacbench.bench.workers.cluster import work_on_cluster  # an optional dependency
-
+    if execution.dask is not None and blocks:
+        try:
+            from isacbench.bench.workers.cluster import work_on_cluster
+        except ImportError as error:  # an optional dependency
+            raise InputError(
+                "dask: the package `distributed` is missing; pip install 'isacbench[distributed]', here and "
+                "where workers run"
+            ) from error
         return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
     if execution.n_jobs is None:
         return work_here(job, blocks, execution.repeats)

@@ -14,18 +14,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from threadpoolctl import threadpool_info
+
 import isacbench
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Job, Plan
-from isacbench.bench.store.provenance import (
-    Environment,
-    blas_libraries,
-    git_state,
-    machine,
-    package_versions,
-    plugin_version,
-)
+from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions, plugin_version
 from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
 from isacbench.bench.suites.suite import Suite
@@ -41,11 +36,6 @@ from isacbench.specifications import parse_spec
 
 SCORES = "scores"
 """Key of a manifest with the metrics and their columns."""
-
-
-def metrics_of(suite: Suite) -> Metrics:
-    """Metrics that images of a suite are scored by."""
-    return kind_of(suite).metrics_of(suite)
 
 
 def describe_scores(metrics: Metrics, scenarios: Iterable[Scenario]) -> dict[str, Any]:
@@ -79,7 +69,7 @@ def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
     """Refuse a run whose cells were scored by other metrics, or other versions of them, naming the metric."""
     if SCORES not in manifest:  # damaged
         return
-    wanted, stored = metrics.described(), stored_metrics(manifest)
+    wanted, stored = metrics.described(), manifest[SCORES]["metrics"]
     for name in wanted | stored:
         if wanted.get(name) != stored.get(name):
             found, now = (
@@ -90,12 +80,6 @@ def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
                 + ("rescore it first (isacbench rescore)" if name in wanted else f"add --metric {name}")
                 + ", or use a new folder"
             )
-
-
-def stored_metrics(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Version and parameters of the metrics of a run, by name."""
-    found: dict[str, dict[str, Any]] = manifest[SCORES]["metrics"]
-    return found
 
 
 def spell_metric(metric: Mapping[str, Any]) -> str:
@@ -109,6 +93,9 @@ RUN_KEYS = ("seed", "suite", SCORES, "estimators", "scenarios", "scenes")
 
 CALL = ("argv", "started", "wall_time_s", "interrupted")
 """Facts of the last call that a manifest has beside the list of all calls."""
+
+BLAS = "user_api", "internal_api", "version", "architecture"
+"""Facts of a linear algebra library."""
 
 ENTRIES = "contestants"
 """Key of a scene's entries in a manifest, as version 0.1 wrote it."""
@@ -134,7 +121,7 @@ def describe_run(job: Job) -> dict[str, Any]:
     return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
-        SCORES: describe_scores(metrics_of(suite), job.scenarios.values()),
+        SCORES: describe_scores(kind_of(suite).metrics_of(suite), job.scenarios.values()),
         "estimators": [
             {"name": one.name, "params": json.loads(one.params), "packages": plugin_version(one.plugin)}
             for one in plan.entries
@@ -174,7 +161,7 @@ def build_manifest(
         "packages": package_versions(),
         **machine(),
         "blas_threads": 1,
-        "blas": blas_libraries(),
+        "blas": [{key: library.get(key) for key in BLAS} for library in threadpool_info()],
     }
     read: dict[str, Any] = json.loads(json.dumps(with_sessions(manifest, environments, sessions)))
     return read

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_info
+import pandas as pd
 
 import isacbench
 from isacbench.bench.suites.scenario_digest import digest
@@ -41,6 +42,9 @@ RESULT_PACKAGES = ("numpy", "scipy")
 
 DIGITS = 16
 """Hexadecimal digits of a digest of isacbench."""
+
+SHOWN_DIGITS, LONGEST_VERSION = 12, 32
+"""Digits that are shown of a digest, and the length that no version exceeds."""
 
 GIT_TIMEOUT_S = 30.0
 
@@ -118,6 +122,16 @@ def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
     return dict(sorted(found.items()))
 
 
+def differing_versions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """List what differs in the ``versions`` of two environments, such as ``numpy 2.0.0 instead of 2.1.0``."""
+    before, after = _flat(old), _flat(new)
+    return [
+        f"{name} {_short(before.get(name))} instead of {_short(after.get(name))}"
+        for name in dict.fromkeys([*before, *after])
+        if before.get(name) != after.get(name)
+    ]
+
+
 def _distribution(root: str) -> tuple[str, str | None, bool]:
     """Name and version of the distribution of a package, and whether the version says all about its code."""
     for kind in GROUPS:
@@ -172,17 +186,21 @@ def package_version(package: str) -> str | None:
         return None
 
 
-def blas_libraries() -> list[dict[str, Any]]:
-    """Linear algebra libraries of this process."""
-    return [
-        {key: library.get(key) for key in ("user_api", "internal_api", "version", "architecture")}
-        for library in threadpool_info()
-    ]
-
-
 def _processor() -> str:
     """Name of the processor as the system reports it."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.processor() or platform.machine())
+
+
+def _flat(versions: Mapping[str, Any]) -> dict[Any, Any]:
+    """Versions by flat names: nested keys joined by spaces."""
+    # pandas 2 makes no row of an empty dictionary.
+    return pd.json_normalize(dict(versions), sep=" ").to_dict("records")[0] if versions else {}
+
+
+def _short(version: str | None) -> str:
+    """Version, or the first digits of a digest."""
+    text = version or "none"
+    return text if len(text) <= LONGEST_VERSION else text[:SHOWN_DIGITS]

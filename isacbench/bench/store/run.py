@@ -24,17 +24,10 @@ from isacbench.bench.cells.record import (
 )
 from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store import run_folder as files
-from isacbench.bench.store.journal import read_journal
+from isacbench.bench.store import tables
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
 from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import DAMAGE, damage_text, damage_told, replacing
-from isacbench.bench.store.tables import (
-    CloudArray,
-    read_table,
-    without_formulas,
-    write_csv_table,
-    write_table,
-)
 from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
@@ -118,7 +111,7 @@ class Run(Displayed):
     rows: pd.DataFrame
     manifest: Mapping[str, Any]
     has_scenarios: bool = True
-    read_clouds: Callable[[], CloudArray] | None = None
+    read_clouds: Callable[[], tables.Clouds] | None = None
     read_scenes: Callable[[], Scenes] | None = None
 
     @classmethod
@@ -153,7 +146,7 @@ class Run(Displayed):
     @classmethod
     def of_journal(cls, path: Path) -> Run:
         """Read the rows of a journal; damaged lines are left out with a warning."""
-        rows, clouds, environments, n_torn = read_journal(path)
+        rows, clouds, environments, n_torn = tables.read_journal(path)
         if n_torn:
             _warn_of_damage(path, f"{n_torn} lines")
         return cls(str(path.parent), rows, {"environments": environments}, read_clouds=lambda: clouds)
@@ -161,12 +154,12 @@ class Run(Displayed):
     @classmethod
     def joined(cls, parts: Sequence[Run]) -> Run:
         """Rows of several runs, one after the other, with their clouds and environments."""
-        tables = [part.rows for part in parts if len(part.rows)]
+        found = [part.rows for part in parts if len(part.rows)]
         return cls(
             " and ".join(part.label for part in parts),
-            pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS),
+            pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=COLUMNS),
             {"environments": {name: one for part in parts for name, one in part.environments.items()}},
-            read_clouds=lambda: CloudArray.joined([part.lent_clouds() for part in parts]),
+            read_clouds=lambda: [one for part in parts for one in part.points],
         )
 
     @property
@@ -186,15 +179,9 @@ class Run(Displayed):
         return found
 
     @cached_property
-    def cloud_array(self) -> CloudArray:
+    def points(self) -> tables.Clouds:
         """Clouds in the order of the rows, empty where there is none."""
-        return self.lent_clouds()
-
-    def lent_clouds(self) -> CloudArray:
-        """The same for a run that is made of this one, which keeps no copy of its own for that."""
-        if "cloud_array" in vars(self):
-            return self.cloud_array
-        return CloudArray.empty(len(self.rows)) if self.read_clouds is None else self.read_clouds()
+        return [tables.NO_POINTS] * len(self.rows) if self.read_clouds is None else self.read_clouds()
 
     @cached_property
     def scenes(self) -> Scenes:
@@ -227,14 +214,14 @@ class Run(Displayed):
 
     def changed(self, **changes: Any) -> Run:
         """Replace attributes: rows by others of the same cells, the label, the manifest."""
-        known = {"read_clouds": self.lent_clouds, "read_scenes": lambda: self.scenes}
+        known = {"read_clouds": lambda: self.points, "read_scenes": lambda: self.scenes}
         return replace(self, **known | changes)
 
     def take(self, picked: NDArray[np.int64] | NDArray[np.bool_]) -> Run:
         """Select rows by a mask, or by their positions in the wanted order."""
         places: NDArray[Any] = np.flatnonzero(picked) if picked.dtype == np.bool_ else picked
         rows = self.rows.iloc[places].reset_index(drop=True)
-        return self.changed(rows=rows, read_clouds=lambda: self.lent_clouds().take(places))
+        return self.changed(rows=rows, read_clouds=lambda: [self.points[place] for place in places])
 
     def require_finished(self) -> Run:
         """Return the run, or refuse one that was killed, or of which it is not known what it measured."""
@@ -253,24 +240,24 @@ class Run(Displayed):
 
     def is_whole(self) -> NDArray[np.bool_]:
         """Tell of which rows the cloud has all its points."""
-        found: NDArray[np.bool_] = self.cloud_array.n_points == stored_points(self.rows).to_numpy()
+        found: NDArray[np.bool_] = tables.sizes(self.points) == stored_points(self.rows).to_numpy()
         return found
 
     def save(self, folder: Path) -> None:
         """Write tables and manifest into an existing folder, and then remove the journal."""
         write_truth(folder, self.scenarios)
         if len(self.draws):
-            write_table(self.draws, folder / files.DRAWS)
+            tables.write_table(self.draws, folder / files.DRAWS)
         self.save_rows(folder)
         with replacing(folder / files.RECORDS_CSV) as path:
-            write_csv_table(without_formulas(self.rows), path)
+            tables.write_csv_table(tables.without_formulas(self.rows), path)
         write_manifest(folder, self.manifest)
         (folder / files.JOURNAL).unlink(missing_ok=True)
 
     def save_rows(self, folder: Path) -> None:
         """Write rows and clouds, in place of older ones."""
-        write_table(self.cloud_array.table(self.rows), folder / files.CLOUDS)
-        write_table(self.rows, folder / files.RECORDS)
+        tables.write_table(tables.cloud_table(self.rows, self.points), folder / files.CLOUDS)
+        tables.write_table(self.rows, folder / files.RECORDS)
 
     @cached_property
     def clouds(self) -> Mapping[CellKey, PointCloud]:
@@ -378,8 +365,9 @@ class Run(Displayed):
             return replace(scene.template, scatterers=scatterers)
 
     @cached_property
-    def _drawn(self) -> Mapping[Any, NDArray[np.intp]]:
-        return rows_by_trial(self.draws)
+    def _drawn(self) -> Mapping[Any, Any]:
+        """Positions of the draws by scene and trial."""
+        return self.draws.groupby(["scenario", "trial"]).indices
 
     def _position(self, wanted: Mapping[str, Any]) -> int:
         """Position in the table of the one row that has some values in its key."""
@@ -452,27 +440,21 @@ def load_run(folder: str | Path) -> Run:
 
 def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
     """Write the scatterers of the scenarios of a run."""
-    tables = [truth_table(scenario) for scenario in scenarios.values()]
-    write_table(pd.concat(tables, ignore_index=True), folder / files.TRUTH)
-
-
-def rows_by_trial(table: pd.DataFrame) -> dict[Any, NDArray[np.intp]]:
-    """Positions of the rows of a table by scene and trial."""
-    groups = table.groupby(["scenario", "trial"], sort=False).indices
-    return {key: np.asarray(rows) for key, rows in groups.items()}
+    truth = pd.concat([truth_table(scenario) for scenario in scenarios.values()], ignore_index=True)
+    tables.write_table(truth, folder / files.TRUTH)
 
 
 class _Clouds(Mapping[CellKey, PointCloud]):
     """Clouds of rows, each built when it is asked for."""
 
     def __init__(self, run: Run) -> None:
-        self._array = run.cloud_array
+        self._points = run.points
         places = np.flatnonzero(run.rows["deviation"].notna() & run.is_whole())
         keys = run.rows[CLOUD_KEYS].iloc[places].itertuples(index=False)
         self._places = dict(zip(map(CellKey._make, keys), places.tolist(), strict=True))
 
     def __getitem__(self, key: CellKey) -> PointCloud:
-        return self._array.cloud(self._places[key])
+        return PointCloud.from_array(self._points[self._places[key]])
 
     def __iter__(self) -> Iterator[CellKey]:
         return iter(self._places)
@@ -503,7 +485,7 @@ def _stored(folder: Path, manifest: Mapping[str, Any], is_strict: bool = False) 
 
 
 def _read_rows(path: Path) -> pd.DataFrame:
-    rows = read_table(path)
+    rows = tables.read_table(path)
     if missing := [name for name in COLUMNS if name not in rows]:
         raise ValueError(f"{path.name} has no column {missing[0]}")
     if rows.duplicated(CLOUD_KEYS).any():
@@ -511,20 +493,20 @@ def _read_rows(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> CloudArray:
+def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> tables.Clouds:
     with damage_told(folder):
-        table = _attempt(read_table, folder / files.CLOUDS, is_strict)
-        return CloudArray.empty(len(rows)) if table is None else CloudArray.of_table(rows, table)
+        table = _attempt(tables.read_table, folder / files.CLOUDS, is_strict)
+        return [tables.NO_POINTS] * len(rows) if table is None else tables.clouds_of(rows, table)
 
 
 def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:
     with damage_told(folder):
-        truth = read_table(folder / files.TRUTH)
+        truth = tables.read_table(folder / files.TRUTH)
         scenarios = {
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        draws = _attempt(read_table, folder / files.DRAWS, is_strict=True)
+        draws = _attempt(tables.read_table, folder / files.DRAWS, is_strict=True)
         if draws is None:
             draws = pd.DataFrame(columns=DRAW_COLUMNS)
         return Scenes(restore_suite(manifest["suite"]), scenarios, draws)

@@ -1,15 +1,22 @@
-"""Tables of a run as files: parquet with a digest of what it holds, and CSV that is safe in a spreadsheet.
+"""Rows and clouds of a run as files: a journal while they are made, then tables.
 
-Clouds of rows are one array, and one table: they are selected, joined and sorted as the rows are.
+In the journal each row and its cloud are on disk as soon as they are made. A line holds a checksum and an
+entry in JSON: the columns, the description of an environment, or a row with its cloud. A line that a kill or
+a failing disk has torn does not match its checksum, and is left out. Tables are parquet with a digest of what
+they hold, and CSV that is safe in a spreadsheet.
 """
 
 from __future__ import annotations
 
+import base64
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,76 +24,45 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from isacbench.bench.cells.record import CLOUD_KEYS
-from isacbench.bench.store.run_folder import replacing
+from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, Row
+from isacbench.bench.store.provenance import Environment
+from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import AccessError
 from isacbench.files.checked_files import require_file, require_inside
-from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 TEXTS = ["scenario", "estimator", "params"]
 """Keys that a table of points holds as categories."""
 
 
-@dataclass(frozen=True, eq=False)
-class CloudArray:
-    """Clouds one after the other, one for each row.
+Clouds = list[NDArray[np.float64]]
+"""Points of each row, shape (n, 5): x, y, z, v, power."""
 
-    Attributes
-    ----------
-    n_points : ndarray of int64, shape (n,)
-    points : ndarray of float64, shape (sum of n_points, 5)
-        x, y, z, v, power.
-    """
+NO_POINTS = np.empty((0, len(POINT_COLUMNS)))
 
-    n_points: NDArray[np.int64]
-    points: NDArray[np.float64]
 
-    @classmethod
-    def of_table(cls, rows: pd.DataFrame, table: pd.DataFrame) -> CloudArray:
-        """Find the clouds of rows in a table of points with their cells' keys; other cells are left out."""
-        index, keys = (pd.MultiIndex.from_frame(one[CLOUD_KEYS]) for one in (rows, table))
-        of_row = index.get_indexer(keys)
-        known = of_row >= 0
-        order = np.argsort(of_row[known], kind="stable")
-        points = table[POINT_COLUMNS].to_numpy(dtype=np.float64)[known][order]
-        return cls(np.bincount(of_row[known], minlength=len(rows)), points)
+def clouds_of(rows: pd.DataFrame, table: pd.DataFrame) -> Clouds:
+    """Find the clouds of rows in a table of points with their cells' keys; other cells are left out."""
+    index, keys = (pd.MultiIndex.from_frame(one[CLOUD_KEYS]) for one in (rows, table))
+    of_row = index.get_indexer(keys)
+    order = np.argsort(of_row, kind="stable")  # points of other cells, -1, first
+    points = table[POINT_COLUMNS].to_numpy(dtype=np.float64)[order]
+    bounds = np.searchsorted(of_row[order], np.arange(len(rows) + 1))
+    return [points[start:end] for start, end in pairwise(bounds.tolist())]
 
-    @classmethod
-    def empty(cls, n: int = 0) -> CloudArray:
-        """Empty clouds."""
-        return cls(np.zeros(n, dtype=np.int64), np.empty((0, len(POINT_COLUMNS))))
 
-    @classmethod
-    def joined(cls, parts: Sequence[CloudArray]) -> CloudArray:
-        """Clouds of several parts, one part after the other."""
-        every = [cls.empty(), *parts]
-        return cls(
-            np.concatenate([part.n_points for part in every]), np.concatenate([part.points for part in every])
-        )
+def cloud_table(rows: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:
+    """One row a point: the keys of its cell, then x, y, z in m, v in m/s, power."""
+    keys = rows[CLOUD_KEYS].astype(dict.fromkeys(TEXTS, "category"))
+    own = keys.iloc[np.repeat(np.arange(len(rows)), sizes(clouds))].reset_index(drop=True)
+    points = np.concatenate([NO_POINTS, *clouds])
+    return pd.concat([own, pd.DataFrame(points, columns=POINT_COLUMNS)], axis=1)
 
-    @cached_property
-    def ends(self) -> NDArray[np.int64]:
-        """End of each cloud among the points."""
-        return np.cumsum(self.n_points)
 
-    def cloud(self, index: int) -> PointCloud:
-        """Cloud of one row."""
-        end = self.ends[index]
-        return PointCloud.from_array(self.points[end - self.n_points[index] : end])
-
-    def take(self, picked: NDArray[np.int64]) -> CloudArray:
-        """Select clouds by their positions, in the wanted order."""
-        starts, n_points = (self.ends - self.n_points)[picked], self.n_points[picked]
-        shift = np.repeat(starts - (np.cumsum(n_points) - n_points), n_points)
-        return CloudArray(n_points, self.points[np.arange(n_points.sum()) + shift])
-
-    def table(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """One row a point: the keys of its cell, then x, y, z in m, v in m/s, power."""
-        keys = rows[CLOUD_KEYS].astype(dict.fromkeys(TEXTS, "category"))
-        own = keys.iloc[np.repeat(np.arange(len(rows)), self.n_points)].reset_index(drop=True)
-        return pd.concat([own, pd.DataFrame(self.points, columns=POINT_COLUMNS)], axis=1)
+def sizes(clouds: Clouds) -> NDArray[np.int64]:
+    """Number of points of each cloud."""
+    return np.fromiter(map(len, clouds), dtype=np.int64)
 
 
 DIGEST = "digest"
@@ -153,3 +129,95 @@ def _table_digest(table: pd.DataFrame) -> str:
     """Digest of the names and values of a table."""
     rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
     return digest([list(table.columns), len(table), hashlib.sha256(rows.tobytes()).hexdigest()])
+
+
+MOST_ROWS = 10_000
+"""Rows that are read before they become a table, which takes less memory."""
+
+
+class Journal:
+    """Journal that is open for writing into a new file.
+
+    `columns` are those of the study, each with its value where a row has none. What cannot be written is
+    an `InputError`.
+    """
+
+    def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
+        self._columns = {**dict.fromkeys(COLUMNS, math.nan), **columns}
+        self._environments: set[str] = set()
+        self._path = path
+        try:
+            # Unbuffered: a line is on its way when it is written, so that a kill tears at most one.
+            self._file = path.open("xb", buffering=0)
+        except OSError as error:
+            raise cannot_be_written(path, error) from error
+        self._write({"columns": [*self._columns]})
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def append(self, row: Row) -> None:
+        """Write a row and its cloud."""
+        values = row.values
+        if (name := values["environment"]) not in self._environments:
+            self._environments.add(name)
+            self._write({"environment": name, "is": row.environment})
+        points = base64.b64encode(row.cloud.to_array().astype("<f8").tobytes()).decode("ascii")
+        self._write({"row": [values.get(*one) for one in self._columns.items()], "cloud": points})
+
+    def _write(self, entry: Mapping[str, Any]) -> None:
+        text = json.dumps(entry, separators=(",", ":"), default=np.generic.item).encode()
+        rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
+        try:
+            while rest:  # a disk that is nearly full takes a part before it refuses
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            raise cannot_be_written(self._path, error) from error
+
+
+class JournalContent(NamedTuple):
+    """Rows of a journal in the order in which they were made, and the number of damaged lines."""
+
+    rows: pd.DataFrame
+    clouds: Clouds
+    environments: dict[str, Environment]
+    n_torn: int
+
+
+def read_journal(path: Path) -> JournalContent:
+    """Read a journal; damaged lines are left out."""
+    require_inside(path, path.parent)
+    require_file(path)
+    columns: list[str] = []
+    environments: dict[str, Environment] = {}
+    tables: list[pd.DataFrame] = []
+    values: list[list[Any]] = []
+    clouds: Clouds = []
+    n_torn = 0
+    with path.open("rb") as file:
+        for line in file:
+            entry = _decoded(line)
+            if "columns" in entry:
+                columns = entry["columns"]
+            elif "environment" in entry:
+                environments[entry["environment"]] = entry["is"]
+            elif "row" in entry and columns:
+                values.append(entry["row"])
+                points = np.frombuffer(base64.b64decode(entry["cloud"]), dtype="<f8")
+                clouds.append(points.reshape(-1, len(POINT_COLUMNS)))
+            else:
+                n_torn += 1
+            if len(values) == MOST_ROWS:
+                tables.append(pd.DataFrame(values, columns=columns))
+                values = []
+    if values or not tables:
+        tables.append(pd.DataFrame(values, columns=columns))
+    return JournalContent(pd.concat(tables, ignore_index=True), clouds, environments, n_torn)
+
+
+def _decoded(line: bytes) -> dict[str, Any]:
+    """Entry of a line, empty where the line is damaged."""
+    checksum, _, text = line.rstrip(b"\n").partition(b" ")
+    entry: dict[str, Any] = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else {}
+    return entry

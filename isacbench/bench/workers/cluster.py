@@ -24,10 +24,11 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from distributed import Client, Future
+from distributed.scheduler import KilledWorker
 
 from isacbench.bench.cells.record import Row
 from isacbench.bench.plan.run_plan import Block, Job
-from isacbench.bench.store.resume import differing_versions, versions_now
+from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.workers.guarded_cells import Guard, Lane, Workbench
 from isacbench.errors import InputError
 
@@ -70,7 +71,7 @@ class WorkOrder:
         """Make the order for a job, with the versions of this process."""
         job.parts  # noqa: B018  which the worker itself cannot make, for it imports no plugin
         packed = zlib.compress(pickle.dumps(job))
-        return cls(uuid.uuid4().hex, packed, guard, versions_now(job.plan), mix_versions)
+        return cls(uuid.uuid4().hex, packed, guard, job.plan.versions(), mix_versions)
 
     @contextmanager
     def lane(self) -> Iterator[Lane]:
@@ -138,16 +139,13 @@ def work_on_cluster(
     """Work off blocks on the workers of a Dask scheduler; rows come in the order in which they are done.
 
     Scheduler and workers are checked before this returns. A cell that several workers in a row die of is
-    ``killed``. InputError if the package `distributed` is missing, there is no scheduler or no worker, or a
-    worker lacks a plugin or has another version of it; also later, if the cluster is lost.
+    ``killed``. InputError if there is no scheduler or no worker, or a worker lacks a plugin or has another
+    version of it; also later, if the cluster is lost.
     """
-    if not blocks:
-        nothing: tuple[Row, ...] = ()
-        return (row for row in nothing)
     with ExitStack() as stack:
         stack.enter_context(_quiet())
-        order = WorkOrder.of_job(job, guard, mix_versions)
-        cluster = stack.enter_context(_connected(address, order))
+        cluster = _Cluster(address, WorkOrder.of_job(job, guard, mix_versions))
+        stack.callback(cluster.leave)
         cluster.check()
         return _rows(cluster, job, blocks, stack.pop_all())
 
@@ -177,8 +175,15 @@ def _rows(
 class _Cluster:
     """Workers of a scheduler: checks them, gives them tasks, and notices their loss."""
 
-    def __init__(self, client: Client, address: str, order: WorkOrder) -> None:
-        self._client, self._address, self._order = client, address, order
+    def __init__(self, address: str, order: WorkOrder) -> None:
+        self._address, self._order = address, order
+        try:
+            self._client = Client(address, timeout=WAIT_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:  # no answer, no address, another server's address
+            raise self._error(
+                f"no scheduler there ({error}); give the address of a running `dask scheduler`, such as "
+                "tcp://10.0.0.1:8786"
+            ) from error
         self._done: SimpleQueue[Future[list[Row]]] = SimpleQueue()
         self._running: dict[Future[list[Row]], Piece] = {}
         self._last_alive_s = time.monotonic()
@@ -223,18 +228,14 @@ class _Cluster:
 
     def _rows_of(self, future: Future[list[Row]]) -> list[Row] | None:
         """Rows of a task; None if more workers died in it than the scheduler allows."""
-        from distributed.scheduler import KilledWorker
-
         while future.status not in ("error", "cancelled"):
             try:
-                rows: list[Row] = future.result(timeout=POLL_S)
+                return future.result(timeout=POLL_S)
             except OSError:  # such as TimeoutError: the worker that had the result may have died
                 self._n_threads()
             except Exception:
                 if future.status == "finished":
                     raise
-            else:
-                return rows
         if future.status == "cancelled":
             raise self._lost(GONE)
         error = future.exception()
@@ -280,30 +281,6 @@ class _Cluster:
 
     def _error(self, text: str) -> InputError:
         return InputError(f"dask {self._address}: {text}")
-
-
-@contextmanager
-def _connected(address: str, order: WorkOrder) -> Iterator[_Cluster]:
-    """Connection to a scheduler, which leaves nothing on it."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError(
-            "dask: the package `distributed` is missing; pip install 'isacbench[distributed]', here and "
-            "where workers run"
-        ) from error
-    try:
-        client = Client(address, timeout=WAIT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:  # no answer, no address, another server's address
-        raise InputError(
-            f"dask {address}: no scheduler there ({error}); give the address of a running "
-            "`dask scheduler`, such as tcp://10.0.0.1:8786"
-        ) from error
-    cluster = _Cluster(client, address, order)
-    try:
-        yield cluster
-    finally:
-        cluster.leave()
 
 
 @contextmanager

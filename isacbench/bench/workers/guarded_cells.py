@@ -23,12 +23,11 @@ from queue import SimpleQueue
 from threading import Lock
 from typing import Any, Self
 
-from isacbench.bench.cells.cell import Found, failed_by, repeat, run_cell, seed_global_generators
+from isacbench.bench.cells.cell import MIB, Found, failed_by, repeat, run_cell, seed_global_generators
 from isacbench.bench.cells.record import SCORED, Row
 from isacbench.bench.kinds.scenes import Entry, Scene, SharedObservation
 from isacbench.bench.plan.run_plan import Block, BlockQueue, Job
 from isacbench.bench.store.provenance import Environment, environment_id, environment_of
-from isacbench.bench.store.resume import versions_now
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
@@ -160,7 +159,6 @@ DEFAULT_TIMEOUT_S = 600.0
 """Default limit in s: an estimate that takes ten minutes hangs."""
 
 OBSERVE_ATTEMPTS = 3
-MIB = 2**20
 PROCESS_STATUS = Path("/proc/self/status")
 
 
@@ -232,7 +230,10 @@ class Lane:
         """
         found: dict[tuple[str, str], Any] = {}
         for owner in self._parts:
-            found |= self._process(owner).versions()
+            try:
+                found |= self._process(owner).call(_versions, timeout_s=self._limits[0].timeout_s)
+            except ProcessLostError as loss:
+                raise InputError(f"loading the plugins: {loss.reason}") from loss
         return found
 
     def work(self, blocks: Iterable[Block]) -> Iterator[Row]:
@@ -277,13 +278,6 @@ class _CellProcess(GuardedProcess):
         """End the process; the next call starts a fresh one."""
         self._n_cells = 0
         super().renew()
-
-    def versions(self) -> dict[tuple[str, str], Any]:
-        """Versions of the code in the process, by name and parameters of the entry."""
-        try:
-            return self.call(_versions, timeout_s=self._guard.timeout_s)
-        except ProcessLostError as loss:
-            raise InputError(f"loading the plugins: {loss.reason}") from loss
 
     def row(self, block: Block, entry: int) -> Row:
         """Row of a cell of a block that has none but cells of this process, also of one that failed."""
@@ -389,7 +383,7 @@ def _start_worker(job: Job, repeats: int | None) -> None:
 
 
 def _versions() -> dict[tuple[str, str], Any]:
-    return versions_now(_workbench.job.plan)
+    return _workbench.job.plan.versions()
 
 
 def _observe(block: Block) -> dict[int, Row]:
@@ -418,7 +412,9 @@ def _memory_limit(memory_mib: float | None) -> Iterator[None]:
         yield
         return
     before, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = _data_bytes() + int(memory_mib * MIB)
+    # Private writable memory of this process, as the limit counts it.
+    (line,) = (line for line in PROCESS_STATUS.read_text().splitlines() if line.startswith("VmData:"))
+    limit = int(line.split()[1]) * 1024 + int(memory_mib * MIB)
     resource.setrlimit(
         resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
     )
@@ -426,9 +422,3 @@ def _memory_limit(memory_mib: float | None) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
-
-
-def _data_bytes() -> int:
-    """Private writable memory of this process, as RLIMIT_DATA counts it."""
-    (line,) = (line for line in PROCESS_STATUS.read_text().splitlines() if line.startswith("VmData:"))
-    return int(line.split()[1]) * 1024

@@ -275,12 +275,10 @@ class GuardedProcess:
 
     def _end(self) -> None:
         """End the process and all processes that were started in it."""
+        self._signal(signal.SIGKILL)
         with self._changing:
             if self._is_there:
-                assert self._process.pid is not None
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(self._process.pid, signal.SIGKILL)
-                self._process.kill()
+                self._process.kill()  # which may not have a group yet
                 self._process.join(END_S)
 
     def _refuse_if_stopped(self) -> None:

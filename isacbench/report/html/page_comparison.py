@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from isacbench.bench.compare.comparison import Comparison
+from isacbench.bench.compare.comparison import VERDICTS, Comparison, direction
 from isacbench.bench.compare.scenes import compared_scenes
-from isacbench.bench.compare.verdicts import VERDICTS, direction
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.charts import Variant, rows_of
 from isacbench.report.comparison import ComparisonReport, Row

@@ -13,10 +13,10 @@ from scipy.special import stdtrit
 
 from isacbench import charts
 from isacbench.bench.cells.record import SCORED
+from isacbench.bench.compare.comparison import direction
 from isacbench.bench.compare.pairs import code_version
 from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
-from isacbench.bench.compare.verdicts import direction
 from isacbench.bench.kinds.imaging import SCORE_AXES, ScoreAxis
 from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.plan.labels import find_limits
@@ -24,6 +24,7 @@ from isacbench.bench.run_times import is_timed, summarise_points, summarise_stag
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
 from isacbench.bench.store.run import Run
+from isacbench.bench.store.tables import NO_POINTS, sizes
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant
 from isacbench.errors import InputError
@@ -94,13 +95,13 @@ def page_content(
     imaged = {name for run in joined.runs for name in _imaged(run)}
     is_imaged = records["deviation"].notna() & records["scenario"].isin(imaged)
     has_image = is_imaged.to_numpy() & joined.table.is_whole()
-    n_points = joined.table.cloud_array.n_points
+    n_points = sizes(joined.table.points)
     chosen = has_image & choose_clouds(records, n_points, first)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
-    kept = joined.table.cloud_array.take(np.flatnonzero(chosen))
-    scenes, truths = _scenes(joined, len(kept.n_points))
-    counts = np.concatenate([kept.n_points, np.array([len(truth) for truth in truths], dtype=np.int64)])
-    points = np.concatenate([kept.points, *(truth.to_array() for truth in truths)])
+    clouds = [joined.table.points[place] for place in np.flatnonzero(chosen)]
+    scenes, truths = _scenes(joined, len(clouds))
+    clouds += [truth.to_array() for truth in truths]
+    counts, points = sizes(clouds), np.concatenate([NO_POINTS, *clouds])
     lines = charts.assign_lines(joined.labels, find_limits(records))
     metrics = _metrics(joined)
     is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.compare.verdicts import (
+from isacbench.bench.compare.comparison import (
     DEFAULT_TOLERANCE,
     Tolerance,
     direction,

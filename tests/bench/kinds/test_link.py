@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.compare.verdicts import direction
+from isacbench.bench.compare.comparison import direction
 from isacbench.bench.kinds.link import (
     LinkKind,
     LinkSuite,

@@ -8,7 +8,7 @@ import isacbench
 from isacbench.bench.cells import cell
 from isacbench.bench.cells.cell import image_reference
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
-from isacbench.bench.compare.verdicts import direction
+from isacbench.bench.compare.comparison import direction
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import CLOUD_KEYS
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.tables import CloudArray
+from isacbench.bench.store.tables import cloud_table, clouds_of
 from isacbench.model.cloud_files.columns import POINT_COLUMNS
 
 sizes = st.lists(st.integers(0, 3), max_size=6)
@@ -21,29 +21,33 @@ def run_of(n_points, first_trial=0):
     )
     nth = np.concatenate([np.arange(count) for count in n_points] or [np.empty(0)])
     points = np.repeat((np.repeat(trials, n_points) + nth / 10)[:, None], 5, axis=1).reshape(-1, 5)
-    clouds = CloudArray(np.array(n_points, dtype=np.int64), points)
+    clouds = np.split(points, np.cumsum(n_points, dtype=int))[:-1]
     return Run("run", rows, {"environments": {str(first_trial): {}}}, read_clouds=lambda: clouds)
 
 
-def clouds_of(run):
+def by_trial(run):
     """Trial and points of every row."""
-    clouds = [run.cloud_array.cloud(index).to_array().tolist() for index in range(len(run.rows))]
+    clouds = [cloud.tolist() for cloud in run.points]
     return list(zip(run.rows["trial"].tolist(), clouds, strict=True))
+
+
+def assert_equal(found, wanted):
+    assert [cloud.tolist() for cloud in found] == [cloud.tolist() for cloud in wanted]
 
 
 @given(sizes, st.data())
 def test_rows_that_are_picked_bring_their_clouds(n_points, data):
     run = run_of(n_points)
     picked = data.draw(st.lists(st.integers(0, len(n_points) - 1), max_size=8)) if n_points else []
-    whole = clouds_of(run)
-    assert clouds_of(run.take(np.array(picked, dtype=np.int64))) == [whole[index] for index in picked]
+    whole = by_trial(run)
+    assert by_trial(run.take(np.array(picked, dtype=np.int64))) == [whole[index] for index in picked]
 
 
 @given(sizes, st.data())
 def test_a_mask_picks_what_its_indices_pick(n_points, data):
     n, run = len(n_points), run_of(n_points)
     mask = np.array(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)), dtype=np.bool_)
-    assert clouds_of(run.take(mask)) == clouds_of(run.take(np.flatnonzero(mask)))
+    assert by_trial(run.take(mask)) == by_trial(run.take(np.flatnonzero(mask)))
 
 
 @given(st.lists(sizes, max_size=3))
@@ -51,8 +55,8 @@ def test_joined_rows_are_those_of_all_parts(parts):
     starts = np.cumsum([0, *map(len, parts)])
     split = [run_of(n_points, int(start)) for n_points, start in zip(parts, starts[:-1], strict=True)]
     joined = Run.joined(split)
-    every = [one for run in split for one in clouds_of(run)]
-    assert clouds_of(joined) == every if every else joined.rows.empty
+    every = [one for run in split for one in by_trial(run)]
+    assert by_trial(joined) == every if every else joined.rows.empty
     assert set(joined.environments) == {name for run in split for name in run.environments}
 
 
@@ -62,22 +66,20 @@ def test_a_table_of_points_finds_its_rows_in_any_order(n_points, shuffler):
     order = list(range(len(n_points)))
     shuffler.shuffle(order)
     other = run.take(np.array(order, dtype=np.int64))
-    table = other.cloud_array.table(other.rows)
-    found = CloudArray.of_table(run.rows, table)
-    np.testing.assert_array_equal(found.points, run.cloud_array.points)
-    np.testing.assert_array_equal(found.n_points, run.cloud_array.n_points)
+    found = clouds_of(run.rows, cloud_table(other.rows, other.points))
+    assert_equal(found, run.points)
 
 
 def test_points_of_cells_that_are_not_there_are_left_out():
     run = run_of([2, 1, 3])
     some = run.take(np.array([0, 2]))
-    found = CloudArray.of_table(some.rows, run.cloud_array.table(run.rows))
-    np.testing.assert_array_equal(found.points, some.cloud_array.points)
+    found = clouds_of(some.rows, cloud_table(run.rows, run.points))
+    assert_equal(found, some.points)
 
 
 def test_the_table_of_points_has_the_key_of_a_cell_with_every_point():
     run = run_of([2, 0, 1])
-    table = run.cloud_array.table(run.rows)
+    table = cloud_table(run.rows, run.points)
     assert table.columns.tolist() == [*CLOUD_KEYS, *POINT_COLUMNS]
     assert table["trial"].tolist() == [0, 0, 2]
     assert table["x"].tolist() == [0.0, 0.1, 2.0]

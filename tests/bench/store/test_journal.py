@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.record import COLUMNS, Row
-from isacbench.bench.store.journal import Journal, read_journal
+from isacbench.bench.store.tables import Journal, read_journal
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 
@@ -80,8 +80,9 @@ def test_a_row_comes_back_bit_for_bit_also_from_numpy(folder, values, whole, wor
     assert row[[*whole, *words]].to_dict() == {**whole, **words}
     assert row["resolved"] == resolved
     assert [bits(row[name]) for name in values] == [bits(value) for value in values.values()]
-    assert clouds.points.tobytes() == np.array(cloud, dtype="<f8").tobytes()
-    assert clouds.n_points.tolist() == [len(cloud)]
+    (found,) = clouds
+    assert found.tobytes() == np.array(cloud, dtype="<f8").tobytes()
+    assert len(found) == len(cloud)
 
 
 def test_a_row_without_values_of_the_study_gets_its_own(folder):
@@ -103,7 +104,7 @@ def test_environments_are_kept_once_by_name(folder):
 
 def test_an_empty_journal_has_no_rows(folder):
     rows, clouds, _, n_torn = read_journal(written(folder / "empty"))
-    assert len(rows) == len(clouds.n_points) == n_torn == 0
+    assert len(rows) == len(clouds) == n_torn == 0
 
 
 TRIALS = 3
@@ -134,7 +135,7 @@ def test_a_cut_keeps_every_row_before_it(folder, content, data):
     n_rows = sum(end <= place for end in ends[2:])  # behind columns and environment
     assert rows.get("trial", np.empty(0)).tolist() == list(range(n_rows))
     assert n_torn == (place > 0 and content[place - 1] != 10 and place not in ends)
-    assert clouds.n_points.tolist() == list(range(n_rows))
+    assert [len(cloud) for cloud in clouds] == list(range(n_rows))
 
 
 @given(data=st.data())
@@ -148,8 +149,8 @@ def test_a_bit_that_flips_never_yields_a_row_that_was_not_written(folder, conten
     assert len(kept) == len(set(kept))
     if kept:
         assert rows.to_csv() == whole.rows.iloc[kept].reset_index(drop=True).to_csv()
-        expected = whole.clouds.take(np.array(kept, dtype=np.int64))
-        assert clouds.points.tobytes() == expected.points.tobytes()
+        expected = [whole.clouds[place] for place in kept]
+        assert [cloud.tobytes() for cloud in clouds] == [cloud.tobytes() for cloud in expected]
     assert n_torn or kept == list(range(TRIALS))
 
 

@@ -8,12 +8,12 @@ import pytest
 
 import isacbench
 from isacbench.bench.store.provenance import (
+    differing_versions,
     environment_id,
     environment_of,
     git_state,
     package_version,
 )
-from isacbench.bench.store.resume import differing_versions
 from isacbench.plugins.registry import get_detector, get_estimator
 
 

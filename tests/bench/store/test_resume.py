@@ -13,8 +13,8 @@ import pytest
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.runner import Execution, run_suite
-from isacbench.bench.store.journal import Journal
 from isacbench.bench.store.run import Run
+from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.paper import Paper
@@ -227,7 +227,7 @@ def test_rows_of_other_versions_are_refused_or_stay_beside_new_ones_or_are_made_
 def read_all(folder):
     """Read a run with what is otherwise read at first use."""
     run = Run.open(folder)
-    return run, run.scenarios, run.cloud_array
+    return run, run.scenarios, run.points
 
 
 def some(places, n, seed):
@@ -447,7 +447,7 @@ def test_a_table_that_cannot_be_written_leaves_the_journal(
     suite, folder, undisturbed, monkeypatch, raised, expected, message
 ):
     with monkeypatch.context() as patch:
-        patch.setattr("isacbench.bench.store.run.write_csv_table", Mock(side_effect=raised))
+        patch.setattr("isacbench.bench.store.tables.write_csv_table", Mock(side_effect=raised))
         with pytest.raises(expected, match=message):
             go(suite, folder)
     assert go(suite, folder)[1] == 0

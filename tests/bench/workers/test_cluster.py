@@ -300,6 +300,7 @@ def test_an_address_without_a_scheduler_is_told(suite, tmp_path, monkeypatch, ad
 
 def test_a_missing_package_is_told_with_the_extra_that_brings_it(suite, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.delitem(sys.modules, "isacbench.bench.workers.cluster")
     with pytest.raises(InputError, match=r"pip install 'isacbench\[distributed\]'"):
         run(suite, dask="tcp://127.0.0.1:1")
 

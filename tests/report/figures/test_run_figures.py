@@ -12,7 +12,6 @@ from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import PopulationSuite
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.tables import CloudArray
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
 from isacbench.metrics.one_to_one import Curve
@@ -72,7 +71,7 @@ def test_scores_over_the_radius_are_means_over_images_and_the_legend_has_the_are
     run = run_of("blob", "trouble", snr_db=[-10, 0], trials=1)
     rows = pd.concat([run.rows, run.rows], ignore_index=True)
     monkeypatch.setattr(run_report, "score_curve", lambda _: curves.pop())
-    twice = run.changed(rows=rows, read_clouds=lambda: CloudArray.empty(len(rows)))
+    twice = run.changed(rows=rows, read_clouds=None)
     (group,) = radius_charts(twice, lines_of(rows))
     assert [chart.y.title for chart in group.charts] == ["F-score", "precision", "recall"]
     for chart in group.charts:
