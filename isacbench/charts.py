@@ -6,13 +6,11 @@ import math
 import zlib
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike
 
 Item = TypeVar("Item")
 
@@ -23,18 +21,9 @@ VARIANT = ["estimator", "params"]
 """Columns that have them."""
 
 # Okabe and Ito's palette without its yellow, too pale for a line, and four of Paul Tol's muted colours.
-COLOURS = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#882255",
-    "#44AA99",
-    "#999933",
-    "#332288",
-)
+OKABE_ITO = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+MUTED = "#882255", "#44AA99", "#999933", "#332288"
+COLOURS = *OKABE_ITO, *MUTED
 DASHES = "solid", "dashdot", "dot"
 SYMBOLS = "circle", "square", "triangle-up", "diamond", "triangle-down", "pentagon"
 REFERENCE_DASHES = "dash", "dot", "dashdot", "solid"
@@ -286,6 +275,19 @@ def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
 def number_or_blank(value: float, form: str) -> str:
     """Write a number, nothing for NaN."""
     return "" if math.isnan(value) else form.format(value)
+
+
+def rate_text(rate: float, form: str = "{:.1e}") -> str:
+    """Write a rate: 0 where nothing occurs in anything one could run, and a dash for NaN.
+
+    Examples
+    --------
+    >>> rate_text(0.0012), rate_text(1e-30), rate_text(math.nan)
+    ('1.2e-3', '0', '-')
+    """
+    if math.isnan(rate):
+        return "-"
+    return form.format(rate).replace("e-0", "e-") if rate >= 1e-12 else "0"
 
 
 def with_failures(text: str, n_failed: int) -> str:

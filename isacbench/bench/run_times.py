@@ -281,16 +281,12 @@ def timed_rows(records: pd.DataFrame) -> pd.DataFrame:
     Of more than 12 scenarios means over the trials of each, as trials of one scenario.
     """
     is_timed = records["timing"].astype(bool)
-    return _pooled(records[is_timed | (failed(records) & bool(is_timed.any()))])
-
-
-def _pooled(rows: pd.DataFrame) -> pd.DataFrame:
-    """Many scenarios as trials of one; one that failed in any trial has failed."""
+    rows = records[is_timed | (failed(records) & bool(is_timed.any()))]
     n_scenarios = rows["scenario"].nunique()
     if n_scenarios <= MANY_SCENARIOS:
         return rows
     groups = rows.assign(failed=failed(rows)).groupby(POINT, sort=False)
-    has_failed = groups["failed"].any()
+    has_failed = groups["failed"].any()  # in any trial
     numbers = rows.select_dtypes(np.float64).columns.drop("snr_db", errors="ignore").tolist()
     others = groups.first().drop(columns=numbers)
     others["status"] = others["status"].mask(has_failed, "error")

@@ -66,6 +66,12 @@ def mean_band(values: Floats) -> tuple[float, float]:
     return float(values.mean()), float(student_band(values.std(ddof=1), values.size))
 
 
+def deviation_columns(rows: pd.DataFrame) -> dict[str, float]:
+    """Mean of the imaging deviation, ``deviation_mean``, and its ``deviation_band`` (`mean_band`)."""
+    mean, band = mean_band(rows["deviation"].dropna().to_numpy())
+    return {"deviation_mean": mean, "deviation_band": band}
+
+
 def means_and_bands(groups: Any, names: Sequence[str]) -> pd.DataFrame:
     """Mean of each column in groups of a table, ``<name>_mean``, and its ``<name>_band`` (`student_band`)."""
     mean, deviation, count = (getattr(groups[[*names]], what)() for what in ("mean", "std", "count"))

@@ -248,20 +248,14 @@ def _rates_text(entry: Mapping[Any, Any]) -> str:
     """Probabilities of detection and false alarm."""
     if entry["n_failed"]:
         return charts.with_failures("", entry["n_failed"])
-    return f"{_rate_text(entry['pd'], '{:.3f}')} {_rate_text(entry['pfa_measured'], '{:.1e}')}"
+    # Nothing was counted where an estimator does not show its map.
+    return f"{charts.rate_text(entry['pd'], '{:.3f}')} {charts.rate_text(entry['pfa_measured'])}"
 
 
 def _deviation_and_rates(entry: Mapping[Any, Any]) -> str:
     """Deviation, and the probabilities of detection and false alarm."""
     rates = _rates_text(entry)
     return rates if entry["n_failed"] else f"{entry['deviation_mean']:.2f} {rates}"
-
-
-def _rate_text(rate: float, form: str) -> str:
-    """Measured rate; nothing was counted where an estimator does not show its map."""
-    if math.isnan(rate):
-        return "-"
-    return form.format(rate).replace("e-0", "e-") if rate else "0"
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,8 +358,7 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     found = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed, **counts}
     for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
         found |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
-    mean, band = statistics.mean_band(part["deviation"].dropna().to_numpy())
-    return found | {"deviation_mean": mean, "deviation_band": band}
+    return found | statistics.deviation_columns(part)
 
 
 def _alone(detectors: Sequence[SpelledVariant], rates: Sequence[float]) -> list[Entry[Detector]]:

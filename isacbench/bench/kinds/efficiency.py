@@ -37,12 +37,8 @@ MARGIN_CELLS = 0.5
 UNITS = {"range": ("range_m", " [m]"), "velocity": ("velocity_mps", " [m/s]"), "u": ("u", ""), "w": ("w", "")}
 """Ends of the names of columns, and units of axes, by dimension."""
 
-DIMENSION_TITLES = {
-    "range": "Range",
-    "velocity": "Velocity",
-    "u": "Direction cosine u",
-    "w": "Direction cosine w",
-}
+TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "w": "Direction cosine w"}
+"""Titles of charts by dimension."""
 
 ERRORS = [f"error_{column}" for column, _ in UNITS.values()]
 """Errors of a hit, which have a sign."""
@@ -123,7 +119,7 @@ class EfficiencyKind(Kind):
             bounds = part.drop_duplicates("snr_gain_db").sort_values("snr_gain_db")
             above, below = [], []
             for name, (column, unit) in UNITS.items():
-                title, bound = DIMENSION_TITLES[name], bounds[f"bound_{column}"]
+                title, bound = TITLES[name], bounds[f"bound_{column}"]
                 errors = over_snr(f"rmse_{column}", f"rmse_{column}")
                 errors.append(Series("Cramér-Rao bound", bounds["snr_gain_db"], bound, style=BOUND_STYLE))
                 axis = Axis(f"root mean square error{unit}", log=True)

@@ -15,6 +15,7 @@ from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, average_scenarios, summarise_scores
+from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, Table, Variant
@@ -113,7 +114,7 @@ class ImagingKind(Kind):
                 title += "; ± of references: spread over realisations"
             tables = _estimators_over_snr(part, title, labels, rows[rows["scenario"] == scenario])
             found += [replace(table, is_detail=is_detail) for table in tables]
-        return [*found, *scores.object_tables(rows, labels)]
+        return [*found, *scores.object_tables(rows, scores.with_references(labels, find_limits(rows)))]
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Deviation of all scenarios, all scores of each, and run time against error where the time counts.

@@ -9,20 +9,12 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from isacbench import charts
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
 from isacbench.bench.kinds.scenes import Scene
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import (
-    ChartGroup,
-    Line,
-    Table,
-    Variant,
-    assign_lines,
-    number_table,
-    short_labels,
-    variants_in,
-)
+from isacbench.charts import ChartGroup, Line, Table, Variant, variants_in
 from isacbench.errors import InputError
 from isacbench.files.file_names import file_stems
 from isacbench.metrics.descriptions import Direction
@@ -108,17 +100,17 @@ def taken_columns(metric: Metric, of_kinds: Iterable[str]) -> list[str]:
 
 def lines_of(rows: pd.DataFrame) -> dict[Variant, Line]:
     """Label and style of every estimator of a run, the same in all its charts."""
-    return assign_lines(estimator_labels(variants_in(rows)), find_limits(rows))
+    return charts.assign_lines(estimator_labels(variants_in(rows)), find_limits(rows))
 
 
 def labels_of(rows: pd.DataFrame) -> dict[Variant, str]:
     """Short label of every estimator of a run, the same in all its tables."""
-    return short_labels(estimator_labels(variants_in(rows)))
+    return charts.short_labels(estimator_labels(variants_in(rows)))
 
 
 def number_tables(rows: pd.DataFrame) -> list[Table]:
     """Table of what the numbers in short labels stand for, if there are any."""
-    return number_table(estimator_labels(variants_in(rows)))
+    return charts.number_table(estimator_labels(variants_in(rows)))
 
 
 def title_stems(table: pd.DataFrame, column: str) -> Iterator[tuple[str, str, pd.DataFrame]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
@@ -144,14 +144,16 @@ class LinkKind(Kind):
         summary = self.summary(rows)
         sensed, received = summary[summary["channel"] == ""], summary[summary["channel"] != ""]
         times, labels = statistics.time_notes(rows, IMAGED), kind.labels_of(sensed)
-        found = kind.number_tables(sensed)
+        found, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
         for key, part in sensed.groupby(IMAGED, sort=False):
             template, name, params = map(str, key)
             title = (
                 f"{template}, {labels[name, params]}: mean imaging deviation by what is sensed with, "
                 f"{statistics.trials_and_band(int(part['n_cells'].max()), 'interval')}{times.get(key, '')}"
             )
-            found += _over_snr(title, part, SIGNAL, signal_label, deviation_text, SIGNALS_A_TABLE)
+            headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
+            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL)
+            found += charts.tables_of_columns(title, first, lines, headings, deviation_text, SIGNALS_A_TABLE)
         labels, outside = receiver_labels(received), outside_interval(received)
         for key, part in received.groupby(["channel", *VARIANT], sort=False):
             channel, name, params = map(str, key)
@@ -159,7 +161,9 @@ class LinkKind(Kind):
                 f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
                 f"{counted(part['n_cells'].max(), 'frame')}"
             ) + _expectation(outside.reindex(part.index).dropna())
-            found += _over_snr(title, part, ["modulation"], _modulation, _reception_text, MODULATIONS_A_TABLE)
+            headings = {(name,): name.upper() for name in part["modulation"].unique()}
+            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], ["modulation"])
+            found += charts.tables_of_columns(title, first, lines, headings, _reception, MODULATIONS_A_TABLE)
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -281,10 +285,6 @@ def signal_label(signal: tuple[Any, ...]) -> str:
     return str(modulation).upper() + (f", {DIVISIONS[division]}" if division else "")
 
 
-def _modulation(key: tuple[str]) -> str:
-    return key[0].upper()
-
-
 def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     """Name receivers by what they know, and by further parameters where two know the same."""
     params = {variant: json.loads(variant[1]) for variant in charts.variants_in(part)}
@@ -296,21 +296,6 @@ def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     }
 
 
-def _over_snr(
-    title: str,
-    part: pd.DataFrame,
-    by: Sequence[str],
-    label: Callable[[Any], str],
-    write: Callable[[Any], str],
-    n_columns: int,
-) -> list[Table]:
-    """Tables of texts over SNR, a column for each value of some columns."""
-    rows = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], by)
-    first = [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
-    headings = {key: label(key) for key in part[[*by]].drop_duplicates().itertuples(index=False, name=None)}
-    return charts.tables_of_columns(title, first, rows, headings, write, n_columns)
-
-
 def _expectation(outside: pd.Series[bool]) -> str:
     """Say whether counts of errors are as expected; empty where nothing is known to expect."""
     if outside.empty:
@@ -320,20 +305,13 @@ def _expectation(outside: pd.Series[bool]) -> str:
     return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
 
 
-def _reception_text(entry: Mapping[Any, Any]) -> str:
+def _reception(entry: Mapping[Any, Any]) -> str:
     """Bit error rate beside the expected one, EVM and rate; and what failed."""
     if math.isnan(entry["ber"]):
         return charts.with_failures("", entry["n_failed"])
-    expected = "-" if math.isnan(entry["ber_expected"]) else _rate_text(entry["ber_expected"])
-    figures = (
-        f"{_rate_text(entry['ber'])} ({expected}) | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
-    )
+    rates = f"{charts.rate_text(entry['ber'])} ({charts.rate_text(entry['ber_expected'])})"
+    figures = f"{rates} | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
     return charts.with_failures(figures, entry["n_failed"])
-
-
-def _rate_text(rate: float) -> str:
-    """Rate with two digits; what no frame will ever show is 0."""
-    return f"{rate:.1e}".replace("e-0", "e-") if rate >= 1e-12 else "0"
 
 
 def signals_of(suite: LinkSuite) -> dict[str, Signal]:
@@ -418,12 +396,8 @@ def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
 
 def _imaged(part: pd.DataFrame) -> dict[str, float]:
     """Means of the scores of images, and the band of the deviation."""
-    mean, half = statistics.mean_band(part["deviation"].dropna().to_numpy())
-    return {
-        "deviation_mean": mean,
-        "deviation_band": half,
-        **{f"{name}_mean": part[name].mean() for name in ("n_estimated", "precision", "recall")},
-    }
+    means = {f"{name}_mean": part[name].mean() for name in ("n_estimated", "precision", "recall")}
+    return statistics.deviation_columns(part) | means
 
 
 def _received(part: pd.DataFrame) -> dict[str, float]:

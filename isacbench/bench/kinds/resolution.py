@@ -25,7 +25,7 @@ from isacbench.bench import statistics
 from isacbench.bench.cells.cell import MeasuredImage
 from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind
-from isacbench.bench.kinds.efficiency import DIMENSION_TITLES
+from isacbench.bench.kinds.efficiency import TITLES
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
@@ -73,10 +73,8 @@ class ResolutionKind(Kind):
     suite = ResolutionSuite
     columns: ClassVar = {
         **SNR_GAIN,
-        "template": "",
-        "dimension": "",
-        "separation_cells": math.nan,
-        "phase_deg": math.nan,
+        **dict.fromkeys(["template", "dimension"], ""),
+        **dict.fromkeys(["separation_cells", "phase_deg"], math.nan),
         "resolved": False,
         "n_false": 0,
     }
@@ -151,7 +149,7 @@ class ResolutionKind(Kind):
                 for name, own in part.groupby("dimension", sort=False):
                     series = charts.line_series(own, lines, "separation_cells", "resolved", "resolved")
                     series += charts.line_series(own, in_phase, "separation_cells", "resolved_in_phase")
-                    panels.append(Chart(DIMENSION_TITLES[str(name)], x, y, series))
+                    panels.append(Chart(TITLES[str(name)], x, y, series))
                 title = (
                     f"{template}: two equal scatterers, each found within half their distance, "
                     f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(int(part['n_trials'].max()))}"

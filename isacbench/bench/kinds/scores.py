@@ -10,7 +10,6 @@ import pandas as pd
 
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS, failed
 from isacbench.bench.kinds.kind import SNR_GAIN
-from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.statistics import means_and_bands, median_times
 from isacbench.charts import VARIANT, Column, Table, Variant
 from isacbench.files.escaping import counted
@@ -114,6 +113,11 @@ def hausdorff_ratios(records: pd.DataFrame, without: Collection[str] = ()) -> pd
     return (records["hausdorff_sum_m"] / below).where(~records["scenario"].isin(list(without)))
 
 
+def with_references(labels: Mapping[Variant, str], references: Collection[str]) -> dict[Variant, str]:
+    """Mark the labels of the estimators that see the truth."""
+    return {one: f"{label} (ref.)" if one[0] in references else label for one, label in labels.items()}
+
+
 def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Table]:
     """Objects of a run: shares that were detected, and errors, first over all SNRs, then as details at each.
 
@@ -149,7 +153,7 @@ def object_means(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
-    means, references = object_means(rows), find_limits(rows)
+    means = object_means(rows)
     kinds = [name for name in map(str, means) if name.startswith(DETECTED)]
     columns = [
         Column("estimator", "label", part=0),
@@ -163,8 +167,6 @@ def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str)
     for error, unit in ERRORS:
         heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
         columns.append(Column(heading, column, "{:.2f}", optional=2 + len(kinds)))
-    shown, entries = [], means.to_dict("index")
-    for variant in (one for one in labels if one in entries):
-        label = labels[variant].removesuffix(" (ref.)")
-        shown.append({"label": f"{label} (ref.)" if variant[0] in references else label, **entries[variant]})
+    entries = means.to_dict("index")
+    shown = [{"label": label, **entries[one]} for one, label in labels.items() if one in entries]
     return Table(title, columns, shown)

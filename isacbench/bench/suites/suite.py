@@ -7,16 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from isacbench.errors import InputError
@@ -63,7 +54,7 @@ Listed = Annotated[tuple[Item, ...], Field(min_length=1), AfterValidator(refuse_
 Snrs = Listed[Annotated[float, Field(ge=-MAX_SNR_DB, le=MAX_SNR_DB)]]
 
 
-class Suite(BaseModel):
+class Suite(BaseModel, extra="forbid", frozen=True):
     """Plan of a run: which estimators meet which scenarios at which SNR, and how often.
 
     Attributes
@@ -90,9 +81,7 @@ class Suite(BaseModel):
         Seed that all noise follows from.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    _instances: Instances = PrivateAttr(default_factory=Instances)
+    _instances: Instances = Instances()
 
     kind: str = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
