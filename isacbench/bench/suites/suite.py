@@ -48,6 +48,9 @@ def refuse_repeats(values: tuple[Item, ...]) -> tuple[Item, ...]:
     return values
 
 
+Distinct = Annotated[tuple[Item, ...], AfterValidator(refuse_repeats)]
+"""Key that takes a list of different entries, or an empty one."""
+
 Listed = Annotated[tuple[Item, ...], Field(min_length=1), AfterValidator(refuse_repeats)]
 """Key that takes a list of one or more different entries."""
 
@@ -87,7 +90,7 @@ class Suite(BaseModel, extra="forbid", frozen=True):
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
     scenarios: Listed[str]
     estimators: Listed[str]
-    metrics: Annotated[tuple[str, ...], AfterValidator(refuse_repeats)] | None = None
+    metrics: Distinct[str] | None = None
     snr_gain_db: Snrs | None = None
     snr_db: Annotated[Snrs | None, Field(validate_default=True)] = None
     trials: Annotated[int, Field(ge=1)]
