@@ -219,6 +219,9 @@ class Metrics:
         return found
 
 
+PAPER_ALONE = Metrics()
+
+
 def _as_cloud(values: Any, name: str) -> PointCloud:
     """Take a cloud as it is, anything else as an array or table of x, y, z, v and perhaps power."""
     if isinstance(values, PointCloud):

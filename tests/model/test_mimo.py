@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isacbench.bench.kinds.link import LinkKind
-from isacbench.bench.kinds.lone_targets import scene_bound
+from isacbench.bench.kinds.population import scene_bound
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes.frame import observe_cube

@@ -38,7 +38,7 @@ from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Estimator, ReferenceEstimator, TruthEstimator
 from isacbench.plugins.discovery import error_place
 from isacbench.plugins.registry import canonical_params
-from isacbench.plugins.scoring import Metrics
+from isacbench.plugins.scoring import PAPER_ALONE, Metrics
 from isacbench.streams import plugin_output
 
 
@@ -65,8 +65,6 @@ def array_digest(array: NDArray[Any]) -> str:
         total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
     return total.hexdigest()
 
-
-PAPER_ALONE = Metrics()
 
 KEPT = 32
 """Scored images of references that a process keeps."""
@@ -226,10 +224,6 @@ class MeasuredImage:
     estimator: Estimator | None
     snr_db: float
     cloud: PointCloud
-
-
-Measure = Callable[[MeasuredImage], Mapping[str, Any]]
-"""Function of a study that derives further columns of the row from an image."""
 
 
 def run_cell(row: Row, work: Callable[[], Found]) -> Row:

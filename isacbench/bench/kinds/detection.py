@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar, get_args
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from isacbench import charts
 from isacbench.bench import statistics
@@ -31,7 +31,7 @@ from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
 from isacbench.bench.suites.scenario_digest import digest
-from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
+from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
 from isacbench.checked_arrays import Mask
 from isacbench.choices import MapName
@@ -88,8 +88,8 @@ class DetectionSuite(Suite):
 
     kind: str = "detection"
     detectors: Listed[str]
-    maps: Annotated[tuple[MapName, ...], AfterValidator(refuse_repeats)] = get_args(MapName)
-    pfa: Annotated[tuple[Pfa, ...], AfterValidator(refuse_repeats)] = ()
+    maps: Distinct[MapName] = get_args(MapName)
+    pfa: Distinct[Pfa] = ()
 
 
 class DetectionKind(Kind):

@@ -11,14 +11,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from functools import partial
-from itertools import product
-from typing import Annotated, Any, ClassVar, get_args
+from collections.abc import Mapping
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
-from pydantic import AfterValidator
 from scipy.special import bdtr, bdtrc
 
 from isacbench import charts
@@ -27,18 +24,12 @@ from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.link_users import user_scenes
-from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, build_estimators
-from isacbench.bench.suites.suite import Listed, Suite, refuse_repeats
+from isacbench.bench.kinds.link_scenes import LinkSuite, plan_scenes
+from isacbench.bench.kinds.scenes import Scene
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
-from isacbench.choices import Division, Modulation, Sensing
-from isacbench.errors import InputError
+from isacbench.choices import Modulation
 from isacbench.files.escaping import counted
-from isacbench.link.sensing.division import Signal
-from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.qam import awgn_ber
-from isacbench.model.numerology import System
-from isacbench.model.scene import Scenario
 
 IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
@@ -64,32 +55,6 @@ SNR_AXIS = Axis("SNR of a resource element [dB]")
 PANEL_IN = 3.1, 2.5
 
 
-class LinkSuite(Suite):
-    """Suite of the kind ``link``.
-
-    Attributes
-    ----------
-    modulations : tuple of {"qpsk", "16qam", "64qam", "256qam"}
-        Modulations of the data that are sent, received, and sensed with.
-    sensing : tuple of {"all", "prs"}
-        Resource elements that are sensed with.
-    divisions : tuple of {"reciprocal", "matched", "wiener"}
-        Divisions of the echo by symbols of unequal power.
-    channels : tuple of str
-        Channels to the user as ``name[param=value,...]``: ``awgn``,
-        ``two_ray`` and ``tapped_delay``, see `isacbench.link.reception.channel`.
-    receivers : tuple of str
-        Receivers of the user, likewise: ``one_tap``, see `isacbench.bench.kinds.link_users.OneTap`.
-    """
-
-    kind: str = "link"
-    modulations: Listed[Modulation] = get_args(Modulation)
-    sensing: Listed[Sensing] = get_args(Sensing)
-    divisions: Listed[Division] = get_args(Division)
-    channels: Annotated[tuple[str, ...], AfterValidator(refuse_repeats)] = ("awgn", "two_ray", "tapped_delay")
-    receivers: Listed[str] = ("one_tap[knowledge=perfect]", "one_tap")
-
-
 class LinkKind(Kind):
     """Bit errors of a user, and deviations of images from the same frame."""
 
@@ -108,20 +73,7 @@ class LinkKind(Kind):
 
     def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Scene]:
         """Plan every scenario with every signal, and every channel with every modulation."""
-        if suite.snr_db is None:
-            raise InputError(
-                "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
-            )
-        entries = build_estimators(suite)
-        for scenario in scenarios.values():
-            scenario.require_default("a suite of the kind link", "noise", "mimo")
-        sensed = [
-            _sensed_scene(suite, scenario, name, signal, entries)
-            for scenario in scenarios.values()
-            for name, signal in signals_of(suite).items()
-        ]
-        system = _common_system(scenarios)
-        return [*sensed, *user_scenes(suite, suite.channels, suite.receivers, suite.modulations, system)]
+        return plan_scenes(suite, scenarios)
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
@@ -312,56 +264,6 @@ def _reception(entry: Mapping[Any, Any]) -> str:
     rates = f"{charts.rate_text(entry['ber'])} ({charts.rate_text(entry['ber_expected'])})"
     figures = f"{rates} | {entry['evm_db']:z.1f} | {entry['rate_bps'] / 1e9:.2f}"
     return charts.with_failures(figures, entry["n_failed"])
-
-
-def signals_of(suite: LinkSuite) -> dict[str, Signal]:
-    """Signals that the scenarios of a suite are sensed with, by a short name, each once.
-
-    Where all symbols that are sensed with have the same power, all divisions
-    are the same; and of the PRS, which is QPSK always, all modulations.
-
-    Names are such as ``all-qpsk``, ``all-16qam-matched`` and ``prs``.
-    """
-    signals: dict[str, Signal] = {}
-    for sensing, modulation, division in product(suite.sensing, suite.modulations, suite.divisions):
-        signal = Signal(modulation, sensing, division)
-        name = "prs" if sensing == "prs" else f"{sensing}-{modulation}"
-        if sensing != "prs" and not signal.has_unit_modulus:
-            name += f"-{division}"
-        signals.setdefault(name, signal)
-    return signals
-
-
-def _sensed_scene(
-    suite: LinkSuite, scenario: Scenario, name: str, signal: Signal, entries: Sequence[Entry[Any]]
-) -> ImagedScene:
-    """Scene of a scenario that is sensed with a signal."""
-    labels = {
-        "template": scenario.name,
-        "modulation": "" if signal.sensing == "prs" else signal.modulation,
-        "sensing": signal.sensing,
-        "division": "" if signal.has_unit_modulus else signal.division,
-    }
-    return ImagedScene(
-        suite,
-        scenario,
-        entries,
-        name=f"{scenario.name}-{name}",
-        simulator=partial(SignalSimulator, signal=signal),
-        labels=labels,
-    )
-
-
-def _common_system(scenarios: Mapping[str, Scenario]) -> System:
-    """Radio of the scenarios, whose frame the user receives; all must have the same."""
-    (first, scenario), *others = scenarios.items()
-    for name, other in others:
-        if other.system != scenario.system:
-            raise InputError(
-                f"scenarios: {first!r} and {name!r} have different systems; a suite of the kind link takes "
-                "scenarios of one system, whose frame the user receives"
-            )
-    return scenario.system
 
 
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:

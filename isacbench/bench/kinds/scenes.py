@@ -18,15 +18,7 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import (
-    PAPER_ALONE,
-    Found,
-    Measure,
-    MeasuredImage,
-    array_digest,
-    estimate_cloud,
-    image_reference,
-)
+from isacbench.bench.cells.cell import Found, MeasuredImage, array_digest, estimate_cloud, image_reference
 from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, Row, status_of
 from isacbench.bench.plan.labels import variant_label
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
@@ -40,7 +32,10 @@ from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.registry import build_variants, canonical_params
-from isacbench.plugins.scoring import Metrics
+from isacbench.plugins.scoring import PAPER_ALONE, Metrics
+
+Measure = Callable[[MeasuredImage], Mapping[str, Any]]
+"""Function of a kind that derives further columns of the row from an image."""
 
 SNR_DECIMALS = 6
 """Digits after which an SNR is rounded, so that a gain added and taken away leaves it as it was."""

@@ -7,15 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    Field,
-    PrivateAttr,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from isacbench.errors import InputError
@@ -57,6 +49,9 @@ def refuse_repeats(values: tuple[Item, ...]) -> tuple[Item, ...]:
     return values
 
 
+Distinct = Annotated[tuple[Item, ...], AfterValidator(refuse_repeats)]
+"""Key that takes a list of different entries, or an empty one."""
+
 Listed = Annotated[tuple[Item, ...], Field(min_length=1), AfterValidator(refuse_repeats)]
 """Key that takes a list of one or more different entries."""
 
@@ -90,13 +85,13 @@ class Suite(BaseModel, extra="forbid", frozen=True):
         Seed that all noise follows from.
     """
 
-    _instances: Instances = PrivateAttr(default_factory=Instances)
+    _instances: Instances = Instances()
 
     kind: str = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
     scenarios: Listed[str]
     estimators: Listed[str]
-    metrics: Annotated[tuple[str, ...], AfterValidator(refuse_repeats)] | None = None
+    metrics: Distinct[str] | None = None
     snr_gain_db: Snrs | None = None
     snr_db: Annotated[Snrs | None, Field(validate_default=True)] = None
     trials: Annotated[int, Field(ge=1)]

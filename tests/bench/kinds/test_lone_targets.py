@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.cell import MeasuredImage
-from isacbench.bench.kinds.lone_targets import match_points, measure_lone_scatterers, scene_bound
+from isacbench.bench.kinds.population import match_points, measure_lone_scatterers, scene_bound
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers

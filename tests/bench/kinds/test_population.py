@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.kinds import lone_targets
+from isacbench.bench.kinds import population
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
     AIMED,
@@ -120,7 +120,7 @@ def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_
     assert [seen[name] for name in ("n_resolvable", "n_resolved", "n_false")] == [3, 3, 0]
     assert [broken[name] for name in ("family", "frame", "coherent_phase")] == ["sparse", "panel", True]
     assert rescore(tmp_path / "run").changes == []
-    monkeypatch.setattr(lone_targets, "RESOLVABLE_CELLS", 0.0)
+    monkeypatch.setattr(population, "RESOLVABLE_CELLS", 0.0)
     changes = rescore(tmp_path / "run").changes
     assert {change.column: change.n_rows for change in changes} == {"n_resolvable": 1, "n_resolved": 1}
 
