@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from isacbench import charts
 from isacbench.bench import statistics
 from isacbench.bench.cells.record import TIMING_COLUMNS, failed
+from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
-from isacbench.files.escaping import file_stems
 from isacbench.instrument.stages import STAGES
 
 PANEL = ["scenario", "snr_db"]
@@ -117,9 +117,9 @@ def time_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Chart
     if timed.empty:
         return []
     points, found = summarise_points(timed), []
-    for scenario, stem in file_stems(points["scenario"].unique()).items():
+    for _, stem, part in kind.title_stems(points, "scenario"):
         # No point at all takes no time, and its error would be most of the axis.
-        part = points[(points["scenario"] == scenario) & (points["estimator"] != "empty")]
+        part = part[part["estimator"] != "empty"]
         found.append(pareto_charts(part, f"pareto-{stem}", lines))
         found += stage_charts(timed, part, f"stages-{stem}", lines)
     return found
@@ -212,9 +212,8 @@ def stage_charts(
         return []
     panels = []
     for snr_db, group in front.sort_values("time_s").groupby("snr_db"):
-        labels = [line.label for line in _of_variants(group, lines)]
-        costs = map(_cost, group.to_dict("records"))
-        names = [f"{label}: {cost}" for label, cost in zip(labels, costs, strict=True)]
+        named = zip(_of_variants(group, lines), group.to_dict("records"), strict=True)
+        names = [f"{line.label}: {_cost(row)}" for line, row in named]
         places = np.arange(len(group))
         bars = [
             Series(stage, shares.loc[group.index, stage], places, mark="bar", style=STAGE_STYLES[stage])

@@ -26,7 +26,7 @@ from isacbench import charts
 from isacbench.bench import statistics
 from isacbench.bench.cells.cell import Found, MeasuredImage, array_digest
 from isacbench.bench.cells.record import Row, failed, status_of
-from isacbench.bench.kinds import scenes
+from isacbench.bench.kinds import kind, scenes
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
@@ -37,7 +37,6 @@ from isacbench.checked_arrays import Mask
 from isacbench.choices import MapName
 from isacbench.dsp.cfar.detection_rates import detection_rate
 from isacbench.errors import InputError
-from isacbench.files.escaping import file_stems
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
@@ -154,9 +153,8 @@ class DetectionKind(Kind):
         on_maps, found = summary[is_on_map], []
         if len(on_maps):
             found = [_map_charts(on_maps), _roc_charts(on_maps)]
-        for name, stem in file_stems(summary.loc[~is_on_map, "scenario"].unique()).items():
-            found.append(_image_charts(summary[summary["scenario"] == name], name, stem))
-        return found
+        imaged = kind.title_stems(summary[~is_on_map], "scenario")
+        return [*found, *(_image_charts(part, name, stem) for name, stem, part in imaged)]
 
 
 def _detector_series(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
@@ -27,7 +27,7 @@ from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.efficiency import TITLES
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import Entry, ImagedScene, build_estimators
+from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
 from isacbench.choices import Dimension
@@ -85,13 +85,17 @@ class ResolutionKind(Kind):
 
     def scenes(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario, dimension, distance and relative phase."""
-        entries = build_estimators(suite)
-        return [
-            _scene(suite, entries, *chosen)
-            for chosen in product(
-                scenarios.values(), suite.dimensions, suite.separations_cells, suite.phases_deg
-            )
-        ]
+        entries, found = build_estimators(suite), []
+        pairs = product(suite.dimensions, suite.separations_cells, suite.phases_deg)
+        for template, (dimension, cells, phase_deg) in product(scenarios.values(), pairs):
+            name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
+            own: dict[str, Any] = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
+            draw = partial(_draw, partial(pair, template, name, **own), template, suite)
+            with warned_before():
+                renamed = dataclasses.replace(template, name=name)
+            labels, measure = {"template": template.name, **own}, partial(measure_resolution, dimension)
+            found.append(ImagedScene(suite, renamed, entries, draw=draw, measure=measure, labels=labels))
+        return found
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probability of resolution of every estimator over the distance.
@@ -159,32 +163,10 @@ class ResolutionKind(Kind):
         return found
 
 
-def _scene(
-    suite: ResolutionSuite,
-    entries: Sequence[Entry[Any]],
-    template: Scenario,
-    dimension: Dimension,
-    separation_cells: float,
-    phase_deg: float,
-) -> ImagedScene:
-    """Scene of pairs of one kind at a place that each trial draws."""
-    name = f"{template.name}-{dimension}-{separation_cells:g}-{phase_deg:g}deg"
+def _draw(make: Callable[..., Scenario], template: Scenario, suite: ResolutionSuite, trial: int) -> Scenario:
+    """Scenario of a trial: a pair around a place that leaves room for the farthest one."""
     margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
-    labels = {
-        "template": template.name,
-        "dimension": dimension,
-        "separation_cells": separation_cells,
-        "phase_deg": phase_deg,
-    }
-
-    def draw(trial: int) -> Scenario:
-        centre = radio_coordinates.draw_place(template, trial, suite.seed, margin_cells)
-        return pair(template, name, centre, dimension, separation_cells, phase_deg)
-
-    with warned_before():
-        renamed = dataclasses.replace(template, name=name)
-    measure = partial(measure_resolution, dimension)
-    return ImagedScene(suite, renamed, entries, draw=draw, measure=measure, labels=labels)
+    return make(centre=radio_coordinates.draw_place(template, trial, suite.seed, margin_cells))
 
 
 def pair(
