@@ -505,7 +505,7 @@ class Family:
 
     @property
     def description(self) -> str:
-        """What its cases are, in a line."""
+        """Description of its cases, in a line."""
         return (self.make.__doc__ or "").partition("\n")[0]
 
     def case(self, **params: Any) -> Case:

@@ -278,7 +278,7 @@ RESOLVED_ECHOES = NO_FALSE_POINT, FOUND
 """Checks of images of which all is known."""
 
 LEAKAGE = THREADS, LAYOUT
-"""What must not change an image of what is no echo."""
+"""Checks of images of leakage alone."""
 
 INVARIANT = TWO_POWER_SCALE, ANY_SCALE, THREADS, LAYOUT, ELEMENT_ORDER
 """Checks of images without ties."""

@@ -21,7 +21,7 @@ CANDIDATES = 64
 MAX_ROUNDS = 200
 
 Radio = Scenario | Observation
-"""What has a radio, its place and its region."""
+"""Scenario or observation: a radio with its place and its region."""
 
 
 def rayleigh_cells(radio: Radio) -> Floats:

@@ -1,4 +1,4 @@
-"""What the code of a plugin is: digests of files of packages and of classes that no file holds, which travel.
+"""Digests of the code of plugins: of packages' files, and of classes that no file holds, which travel.
 
 A class of a notebook, of a script, or made in a function is what its methods say, and what
 constants, defaults, closures and containers hold at the time. The instructions of its functions

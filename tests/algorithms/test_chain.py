@@ -1,4 +1,4 @@
-"""What all cell-by-cell estimators share: each stage of their chain is exchanged by itself."""
+"""The chain that all cell-by-cell estimators share: each stage is exchanged by itself."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""What a whole image costs, by each estimator and its stages, and what each metric does."""
+"""Times of whole images, by estimator and stage, and of metrics."""
 
 import pytest
 from isacbench_algorithms.music2d import Music2d

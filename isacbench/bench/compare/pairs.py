@@ -1,4 +1,4 @@
-"""What a comparison pairs: estimators of two runs and their cells; and reasons why runs cannot be compared.
+"""Pairs of a comparison, estimators and cells of two runs, and reasons why runs cannot be compared.
 
 Estimators are found in the runs that hold them; their plugins need not be installed.
 """
@@ -103,7 +103,7 @@ def incomparable(base: Run, new: Run) -> tuple[str, ...]:
 
 
 def _measured(run: Run) -> tuple[dict[str, Any], dict[str, set[str]]]:
-    """What must be equal to be compared: in words, and digests of each scenario's content."""
+    """Properties that must be equal to be compared: in words, and digests of each scenario's content."""
     suite, metrics = run.manifest["suite"], run.manifest[SCORES]["metrics"]
     words = {
         "the suite": suite.get("name"),
