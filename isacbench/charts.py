@@ -405,15 +405,23 @@ def line_series(
     Returns
     -------
     list of Series
-        Of the estimators that the table has. At a single place estimators stand side by side.
+        Of the estimators that the table has. At a single place estimators stand side by side, and what sees
+        the truth is a level line.
     """
     found = []
     is_single = table[x].nunique() == 1
-    for place, (variant, line) in enumerate(lines.items()):
+    own = [variant for variant, line in lines.items() if not line.is_reference]
+    half = 0.05 * max(len(own), 2)
+    for variant, line in lines.items():
         rows = rows_of(table, variant).sort_values(x, kind="stable")
         if rows.empty:
             continue
-        at = rows[x] + (0.0 if not is_single else 0.1 * (place - (len(lines) - 1) / 2))
+        at = rows[x]
+        if is_single and line.is_reference:
+            rows = pd.concat([rows, rows])
+            at = rows[x] + [-half, half]
+        elif is_single:
+            at = at + 0.1 * (own.index(variant) - (len(own) - 1) / 2)
         low, high = interval(rows, y, stem) if stem is not None else ((), ())
         label = line.label if rows[y].notna().any() else line.label + NO_SCORE
         found.append(Series(label, at, rows[y], low, high, style=line.style))

@@ -109,9 +109,13 @@ def test_a_line_has_the_means_in_order_of_x_with_their_interval_and_the_style_of
     assert list(line_series(ends, LINES, "snr_db", "error_mean", "low")[0].high) == [9, 9, 9]
 
 
-def test_at_a_single_place_estimators_stand_side_by_side():
-    found = line_series(SUMMARY[SUMMARY["snr_db"] == 0], LINES, "snr_db", "error_mean")
+def test_at_a_single_place_estimators_stand_side_by_side_and_references_are_level_lines():
+    single = SUMMARY[SUMMARY["snr_db"] == 0]
+    found = line_series(single, LINES, "snr_db", "error_mean")
     assert [one.x.item() for one in found] == pytest.approx([-0.1, 0.0])
+    a, b = line_series(single, assign_lines(labels_of("a", "b"), ["a"]), "snr_db", "error_mean", "error")
+    assert b.x.item() == 0.0
+    assert (list(a.x), list(a.y), list(a.low)) == ([-0.1, 0.1], [2.0, 2.0], [1.5, 1.5])
 
 
 def test_a_huge_band_does_not_dwarf_the_means_and_all_means_are_within():

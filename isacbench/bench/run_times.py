@@ -35,6 +35,7 @@ MOST_PANELS = 4
 LEAST_LOG_RATIO = 2.5
 """Errors that span less are drawn on a linear axis."""
 
+FRONTIER = "Pareto frontier (its symbols are full)"
 FRONTIER_STYLE = LineStyle("#737373", "solid", "")
 REST = "none of these"
 STAGE_STYLES = {
@@ -195,7 +196,7 @@ def _pareto_series(
     if len(frontier) and x_limits is not None:
         times_ms = [*(1e3 * frontier["time_s"]), x_limits[1]]
         errors = [*frontier["hausdorff_sum_m_mean"], frontier["hausdorff_sum_m_mean"].iloc[-1]]
-        found.append(Series("Pareto frontier", times_ms, errors, mark="step", style=FRONTIER_STYLE))
+        found.append(Series(FRONTIER, times_ms, errors, mark="step", style=FRONTIER_STYLE))
     return found
 
 

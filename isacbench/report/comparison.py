@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from isacbench import charts
 from isacbench.bench.compare.comparison import VERDICTS, Comparison, Tolerance, verdict_counts
 from isacbench.bench.compare.pairs import CURVE
 from isacbench.bench.kinds.imaging import SCORE_AXES
@@ -29,7 +30,6 @@ MAX_ROWS = 40
 
 CELLS_NAMED = 3
 CELL_TABLES = "new_failures", "missing", "repaired", "added"
-NAME_WIDTH = 40
 
 SCENE_LINE = (
     "the scene is the unit: scores are averaged over its trials, and tests, intervals and probabilities are "
@@ -37,7 +37,7 @@ SCENE_LINE = (
 )
 
 MOST_CHARTS = 12
-LONGEST_LINE = 42
+LONGEST_LINE = 36
 BASE, NEW = LineStyle("#595959", "dash", "square"), LineStyle("#0072B2", "solid", "circle")
 RINGS = {
     "regression": LineStyle("#D55E00", "", "circle-open"),
@@ -59,7 +59,7 @@ class ComparisonReport:
     outcome : str
         Summary in one phrase: the new side is worse, lacks results, or neither.
     labels : mapping of (str, str) to str
-        Names of estimators, by name and parameters.
+        Short names of estimators, by name and parameters.
     unit : {"trial", "scene"}
         Noun for what is paired.
     lost, gained : list of (DataFrame, str)
@@ -68,7 +68,8 @@ class ComparisonReport:
 
     def __init__(self, comparison: Comparison) -> None:
         self.comparison = comparison
-        self.labels = estimator_labels(comparison.variants)
+        full = estimator_labels(comparison.variants)
+        self.labels, self._numbers = charts.short_labels(full), charts.number_table(full)
         self.unit = comparison.unit
         self._is_between = comparison.between is not None
         self._verdicts: dict[str, str] = {}
@@ -82,10 +83,11 @@ class ComparisonReport:
             ]
             worse, fine = "regression", "no regression"
         else:
-            first, second = (self.labels[variant] for variant in comparison.between)
+            first, second = (full[variant] for variant in comparison.between)
             self.heads = self.sides = "A", "B"
             self.legend = f"A: {first}", f"B: {second}"
             self.heading = [f"A {first}", f"B {second}", f"in {comparison.base}: isacbench {versions[0]}"]
+            self._numbers = []
             self._verdicts = {"regression": "worse", "improvement": "better"}
             worse, fine = f"{second} is worse than {first}", _fine(comparison, first, second)
             if comparison.is_better:
@@ -127,7 +129,7 @@ class ComparisonReport:
 
     def grids(self) -> list[Table]:
         """Lay out every curve and the points that got worse or better, and the scenes that changed most."""
-        found = []
+        found = list(self._numbers)
         for tolerance in self.comparison.tolerances:
             curves, changed = self.compared_rows(tolerance)
             for table, title in ((curves, "curves, means over all SNRs"), (changed, "points that changed")):
@@ -221,7 +223,7 @@ class ComparisonReport:
                     few = f"; {counted(n_pairs, self.unit)}{each}, too few for a test ({needed})"
                 equal = f", equal on {n_equal}" if n_equal else ""
                 where = f"better on {n_better} of {counted(of, 'scene')}{equal}{few}"
-                name = shortened(self.name(first, before=" of "), NAME_WIDTH)
+                name = self.name(first, before=" of ")
                 found.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
         return found
 
@@ -265,12 +267,13 @@ class ComparisonReport:
     def content(self) -> dict[str, Any]:
         """Describe a comparison in terms of JSON; numbers that are not finite are null."""
         one, cells = self.comparison, self.comparison.cells
+        full = estimator_labels(one.variants)
         found: dict[str, Any] = {
             "comparable": True,
             "regression": one.is_regression,
             "base": {"folder": one.base, "version": one.base_version},
             "new": {"folder": one.new, "version": one.new_version},
-            "between": one.between and [self.labels[variant] for variant in one.between],
+            "between": one.between and [full[variant] for variant in one.between],
             "alpha": one.alpha,
             "tolerances": [dataclasses.asdict(tolerance) for tolerance in one.tolerances],
             "curves": json_rows(one.curves),
@@ -327,12 +330,12 @@ class ComparisonReport:
         n_pairs = int(curves["n_pairs"].max())
         of_scenes = f"mean of {n_pairs} scenes, 95 % confidence band"
         mean = mean_of_trials(n_pairs) if self.unit == "trial" else of_scenes
-        of_curve, charts = points.groupby(CURVE), []
+        of_curve, panels = points.groupby(CURVE), []
         for curve in shown.to_dict("records"):
             own = of_curve.get_group(tuple(curve[key] for key in CURVE)).sort_values("snr_db")
             y = Axis(SCORE_AXES[metric].axis if metric in SCORE_AXES else metric, limits=_limits(own))
-            charts.append(Chart(self._title(curve), Axis("SNR [dB]"), y, self._series(own)))
-        return ChartGroup("compare", f"{metric} of paired cells: {mean}{part}", charts, n_columns=3)
+            panels.append(Chart(self._title(curve), Axis("SNR [dB]"), y, self._series(own)))
+        return ChartGroup("compare", f"{metric} of paired cells: {mean}{part}", panels, n_columns=3)
 
     def _series(self, points: pd.DataFrame) -> list[Series]:
         """Both curves with their bands, and rings around points that changed."""

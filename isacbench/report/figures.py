@@ -4,6 +4,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -198,6 +199,7 @@ LEAST_WIDTH_IN = 6.0
 TITLE_LETTERS_AN_INCH = 14
 LONGEST_LEGEND = 80
 FEW_POINTS = 40
+TICK_SIZE = 10.0
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -249,10 +251,9 @@ def _legend(group: ChartGroup) -> list[Artist]:
         if first.mark == "bar":
             entries.append(Patch(color=colour, label=text))
             continue
-        symbols = {one.style.symbol.removesuffix("-open") for one in found if one.style.symbol != "x"}
-        marker = _marker(first.style, colour)
-        if len(symbols) == 1 and first.style.symbol == "x":
-            marker["marker"] = MARKERS[symbols.pop()]
+        symbols = [one.style.symbol for one in found]
+        full = min(symbols, key=lambda symbol: 2 * (symbol == "x") + symbol.endswith("-open"))
+        marker = _marker(replace(first.style, symbol=full), colour)
         line: Any = "" if first.mark == "points" else LINES[first.style.dash]
         entries.append(Line2D([], [], color=colour, linestyle=line, label=text, **marker))
     return entries
@@ -295,7 +296,9 @@ def _draw_series(
         x_low, x_high = (np.asarray(end, dtype=np.float64) for end in (series.x_low, series.x_high))
         x_bars = [x - x_low, x_high - x] if x_low.size else None
         y_bars = [y - low, high - y] if low.size else None
-        marker |= {"markersize": size, "elinewidth": 1.2}
+        is_tick = style.symbol == "line-ns"
+        marker |= {"markersize": TICK_SIZE if is_tick else size, "elinewidth": 1.2}
+        marker["markeredgewidth"] = 2.0 if is_tick else marker["markeredgewidth"]
         axes.errorbar(x, y, y_bars, x_bars, color=colour, linestyle="", **marker)
     elif np.isfinite(x).sum() == 1:
         marker["marker"] = marker["marker"] or "_"

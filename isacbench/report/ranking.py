@@ -14,7 +14,7 @@ from isacbench import charts
 from isacbench.bench.compare.pairs import VARIANT
 from isacbench.bench.compare.ranking import Ranking, rank_text
 from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
-from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, variants_in
+from isacbench.charts import Axis, Chart, ChartGroup, Column, Series, Table, variants_in
 from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed
@@ -26,7 +26,6 @@ HEADINGS = {
 }
 """Headings of the columns `isacbench.bench.compare.ranking.BESIDE`."""
 
-LONGEST_LABEL = 36
 FAR = 2.0
 """Largest distance of a reference that is drawn, in widths of all intervals together: to scale, farther ones
 would leave no room for the differences."""
@@ -34,7 +33,8 @@ would leave no room for the differences."""
 
 def ranking_grids(ranking: Ranking) -> list[Table]:
     """Lay out the ranks and the win probabilities of every group, and the worst scenes."""
-    found = []
+    found = charts.number_table(ranking.labels)
+    ranking = replace(ranking, labels=charts.short_labels(ranking.labels))
     for group, ranks in ranking.ranks.groupby("group", sort=False):
         found.append(_rank_grid(ranking, str(group), ranks))
         if not ranking.is_descriptive:
@@ -77,7 +77,7 @@ def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
         _estimator_column(ranking),
         Column("rank", form=_rank_text),
         Column(f"mean {ranking.metric}", "mean", "{:.4g}"),
-        *(Column(heading, name, "{:.2f}") for name, heading in HEADINGS.items() if name in ranks),
+        *(Column(heading, name, "{:.2f}", part=2) for name, heading in HEADINGS.items() if name in ranks),
         Column("from the best", form=lambda row: "" if row["is_reference"] else signed(row["change"])),
         Column("95 % interval", form=_interval_text),
     ]
@@ -105,7 +105,10 @@ def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     variants = variants_in(ranks[~ranks["is_reference"]])
     title = f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval"
     columns = [_estimator_column(ranking, "better")]
-    columns += [Column(ranking.labels[variant], variant, _win_text) for variant in variants]
+    columns += [
+        Column(ranking.labels[variant], variant, _win_text, part=place)
+        for place, variant in enumerate(variants, 1)
+    ]
     wins = ranking.wins[ranking.wins["group"] == group]
     rows = charts.spread_rows(wins, VARIANT, ["other", "other_params"])
     rows.sort(key=lambda row: variants.index((row["estimator"], row["params"])))
@@ -139,37 +142,40 @@ def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
 
 def ranking_charts(ranking: Ranking) -> ChartGroup:
     """For each group of scenes, rank sets, and mean differences from the best estimator."""
-    charts, most = [], 1
+    panels, most = [], 1
+    references = ranking.ranks.loc[ranking.ranks["is_reference"], "estimator"]
+    lines = charts.assign_lines(ranking.labels, references)
     for group, part in ranking.ranks.groupby("group", sort=False):
         own = part[~part["is_reference"]]
         most = max(most, len(own))
-        names = [shortened(ranking.labels[variant], LONGEST_LABEL) for variant in variants_in(own)]
+        names = [lines[variant].label for variant in variants_in(own)]
         y, low, high = Axis("", categories=names), min(own["change_low"].min(), 0.0), own["change_high"].max()
         sets = Axis("rank", limits=(0.5, len(own) + 0.5))
         title = f"{group}: {part['n_scenes'].iloc[0]} scenes"
-        charts.append(Chart(title, sets, y, _series(ranking, own, ("rank", "rank_low", "rank_high"))))
-        differences = _series(ranking, own, ("change", "change_low", "change_high"))
+        panels.append(Chart(title, sets, y, _series(lines, own, ("rank", "rank_low", "rank_high"))))
+        differences = _series(lines, own, ("change", "change_low", "change_high"))
         reach = FAR * (max(high, 0.0) - low)
         for row in part[part["is_reference"]].to_dict("records"):
             place = row["mean"] - own["mean"].iloc[0]
             if math.isnan(place):
                 continue
-            label = f"{ranking.labels[row['estimator'], row['params']]} (ref.)"
+            variant = row["estimator"], row["params"]
+            label = f"{shortened(ranking.labels[variant], charts.LONGEST_LABEL)} (ref.)"
             ends = [-0.5, len(own) - 0.5]
             if not low - reach <= place <= max(high, 0.0) + reach:
                 label, ends = f"{label} at {place:+.3g}", []
-            style = LineStyle("", "dash", "")
-            differences.append(Series(label, [place] * len(ends), ends, style=style))
+            differences.append(Series(label, [place] * len(ends), ends, style=lines[variant].style))
         x = Axis(f"mean {ranking.metric} less that of the best")
-        charts.append(Chart("mean difference, 95 % interval", x, y, differences))
+        panels.append(Chart("mean difference, 95 % interval", x, y, differences))
     stem = f"ranks-{file_stems([ranking.metric])[ranking.metric]}"
     title = f"Ranks by {ranking.metric}, {ranking.better} is better: ranks of means in their 95 % sets"
-    return ChartGroup(stem, title, charts, n_columns=2, panel_in=(4.0, 0.7 + 0.27 * most))
+    return ChartGroup(stem, title, panels, n_columns=2, panel_in=(4.0, 0.7 + 0.27 * most))
 
 
-def _series(ranking: Ranking, own: pd.DataFrame, columns: tuple[str, str, str]) -> list[Series]:
+def _series(
+    lines: Mapping[charts.Variant, charts.Line], own: pd.DataFrame, columns: tuple[str, str, str]
+) -> list[Series]:
     """A point with its interval for every estimator."""
-    lines = charts.assign_lines(ranking.labels)
     found = []
     for place, row in enumerate(own.assign(rank=range(1, len(own) + 1)).to_dict("records")):
         x, low, high = ([row[name]] for name in columns)

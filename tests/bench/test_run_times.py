@@ -14,6 +14,7 @@ from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import (
+    FRONTIER,
     is_timed,
     pareto_charts,
     pareto_frontier,
@@ -212,10 +213,10 @@ def test_a_point_is_drawn_with_both_its_intervals_over_a_logarithmic_time():
 
 def test_the_frontier_goes_in_steps_from_the_fastest_to_the_edge_and_dominated_points_are_open():
     chart, series = chart_of(timed(a=(0.01, 5.0), b=(0.02, 4.0), beaten=(0.03, 4.5)))
-    frontier = series["Pareto frontier"]
+    frontier = series[FRONTIER]
     assert (frontier.mark, frontier.x, frontier.y) == ("step", [10.0, 20.0, chart.x.limits[1]], [5, 4, 4])
     is_open = {label: one.style.symbol.endswith("-open") for label, one in series.items()}
-    assert is_open == {"a": False, "b": False, "beaten": True, "Pareto frontier": False}
+    assert is_open == {"a": False, "b": False, "beaten": True, FRONTIER: False}
 
 
 def test_references_are_level_lines_of_their_own_and_do_not_stretch_the_time():
@@ -237,7 +238,7 @@ def test_failures_are_crosses_and_what_has_no_score_is_said_in_the_legend():
     rows.loc[rows.index[rows["estimator"] == "shaky"][:1], ["status", "hausdorff_sum_m"]] = "error", np.nan
     rows.loc[rows["estimator"] == "broken", ["status", "hausdorff_sum_m"]] = "timeout", np.nan
     _, series = chart_of(rows)
-    assert list(series) == ["good", "shaky", "broken: no score", "Pareto frontier"]
+    assert list(series) == ["good", "shaky", "broken: no score", FRONTIER]
     assert series["shaky"].style.symbol == "x"
     assert len(series["broken: no score"].x) == 0
 
@@ -245,7 +246,7 @@ def test_failures_are_crosses_and_what_has_no_score_is_said_in_the_legend():
 def test_a_run_in_which_all_failed_or_with_one_trial_is_drawn_and_without_times_none():
     for n_trials in (1, 8):
         rows = timed(n_trials, a=(0.01, 5.0))
-        assert list(chart_of(rows)[1]) == ["a", "Pareto frontier"]
+        assert list(chart_of(rows)[1]) == ["a", FRONTIER]
         rows[["status", "hausdorff_sum_m"]] = "error", np.nan
         assert list(chart_of(rows)[1]) == ["a: no score"]
     assert time_charts(rows.assign(timing=False), lines_of(rows)) == []

@@ -1,6 +1,8 @@
 import json
+import re
 from functools import partial
 
+import pandas as pd
 import pytest
 
 
@@ -33,6 +35,21 @@ def test_ranks_wins_and_worst_scenes_are_printed_and_drawn(cli, write, tmp_path)
         assert text in result.stdout
     assert "F-score" in result.stdout
     assert (tmp_path / "r" / "figures" / "ranks-ratio.png").stat().st_size > 10_000
+
+
+def test_in_a_narrow_terminal_no_number_is_broken_and_long_names_are_numbers(
+    cli, scenes_run, written_run, monkeypatch
+):
+    run = scenes_run(town=8)
+    own = run.rows[run.rows["estimator"] == "music2d"]
+    params = [json.dumps({"local_dynamic_range_db": 20.0 + n, "pfa": 0.001}) for n in range(6)]
+    written_run("r", pd.concat([run.rows, *(own.assign(params=one) for one in params)]), run.manifest)
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = cli("r").stdout.splitlines()
+    assert sum(bool(re.search(r"[+-][.\d]+ to [+-][.\d]+ $", line)) for line in lines) == 8
+    wins = "".join(line for line in lines if "(0." in line)
+    assert len(re.findall(r"[01]\.\d\d \([01]\.\d\d-[01]\.\d\d\)", wins)) == wins.count("(") == 9 * 8
+    assert any(line.startswith(" music2d #7 ") for line in lines)
 
 
 def test_json_is_all_that_is_printed_and_nothing_is_drawn(cli, write, tmp_path):

@@ -126,6 +126,15 @@ def test_one_legend_has_each_label_once_grey_where_its_series_have_several_colou
     assert same_color(full.legends[0].get_lines()[0].get_color(), "#0000FF")
 
 
+def test_what_is_full_in_one_panel_is_full_in_the_legend_whatever_the_order_of_the_panels():
+    symbols = "x", "square-open", "square"
+    series = [Series("a", [1], [1], mark="points", style=LineStyle("#0000FF", "", one)) for one in symbols]
+    figure = draw_charts(ChartGroup("stem", "title", [Chart("", X, Y, [one]) for one in series]))
+    (entry,) = figure.legends[0].get_lines()
+    assert entry.get_marker() == "s"
+    assert same_color(entry.get_markerfacecolor(), "#0000FF")
+
+
 def test_the_legend_says_that_there_is_no_score_where_no_chart_has_one():
     labels = ["a", "b: no score"], ["a: no score", "b: no score"]
     charts = [Chart("", X, Y, [Series(label, [0, 1], [0, 1]) for label in names]) for names in labels]

@@ -303,7 +303,7 @@ def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Cha
         panels.append(Chart(f"{family}, {snr_db:g} dB", x, y, series))
     title = (
         "Hausdorff sum of each scene, divided by that of the oracle (0.3 m or more)\n"
-        "a dot a scene, a bar from quartile to quartile, its cross at the median"
+        "a dot a scene, a bar from quartile to quartile, its tick at the median"
     )
     panel_in = 2.1, 0.75 + 0.28 * len(rows)
     return [ChartGroup("ratios", title, panels, n_columns=len(families), panel_in=panel_in)]
