@@ -231,11 +231,11 @@ def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_and_keeps_the_fo
     assert "snr=-10" in page.evaluate("location.hash")
     assert page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == "-10 dB"
     go_to(page, "Overview")
-    page.locator("th button", has_text="f_score").first.focus()
+    page.locator("th button", has_text="F-score").first.focus()
     page.keyboard.press("Enter")  # which draws the control anew
     settle(page)
-    assert page.evaluate("document.activeElement.textContent") == "f_score"
-    assert page.locator("th[aria-sort]").first.inner_text().startswith("f_score")
+    assert page.evaluate("document.activeElement.textContent") == "F-score"
+    assert page.locator("th[aria-sort]").first.inner_text().startswith("F-score")
 
 
 def test_a_link_to_the_mean_over_scenes_opens_it_and_its_curves_take_the_scene_as_the_unit(visit, runs):

@@ -74,12 +74,12 @@ const drawOverview = (box) => {
       : null,
     ...shown.flatMap((each) => [
       {
-        title: each.name,
+        title: each.axis,
         about: `${each.title}, ${each.better} is better`,
         get: (row) => row.of[each.name].mean,
         show: (row) => withBand(row.of[each.name]),
       },
-      { title: `${each.name} ±`, isHidden: true, get: (row) => row.of[each.name].band },
+      { title: `${each.axis} ±`, isHidden: true, get: (row) => row.of[each.name].band },
     ]),
     {
       title: "failed",
@@ -99,7 +99,7 @@ const drawOverview = (box) => {
     columns,
     rows: listed,
     sortKey: "sort",
-    first: `${metric.name}|${sign}`,
+    first: `${metric.axis}|${sign}`,
     rowClass: (row) => (data.estimators[row.estimator].is_reference ? "reference" : null),
   });
   const order = [...listed]
@@ -126,7 +126,7 @@ const drawOverview = (box) => {
       dataTable({
         caption: metric.title,
         name: metric.name,
-        columns: columns.filter((column) => ["estimator", metric.name].includes(column.title)),
+        columns: columns.filter((column) => ["estimator", metric.axis].includes(column.title)),
         rows: order,
       }),
   });

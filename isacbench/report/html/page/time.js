@@ -66,22 +66,22 @@ const buildTime = (root) => {
         ],
         rows: own,
       });
-    const apart = (mid, end) => own.map((one) => (one[end] === null ? 0 : Math.abs(one[end] - one[mid])));
+    const apart = (mid, end, scale) => own.map((one) => (one[end] === null ? 0 : scale * Math.abs(one[end] - one[mid])));
     const traces = own.map((one, i) => {
       const look = data.estimators[number(one)],
         colour = colourOf(look);
-      const error = (mid, low, high) => ({
+      const error = (mid, low, high, scale = 1) => ({
         type: "data",
         symmetric: false,
-        array: [apart(mid, high)[i]],
-        arrayminus: [apart(mid, low)[i]],
+        array: [apart(mid, high, scale)[i]],
+        arrayminus: [apart(mid, low, scale)[i]],
         color: colour,
         thickness: 1.5,
       });
       return {
         type: "scatter",
         mode: "markers+text",
-        x: [one.time_s],
+        x: [1e3 * one.time_s],
         y: [one.hausdorff_sum_m_mean],
         text: [plain(one.label, 28)],
         textposition: "top right",
@@ -92,14 +92,14 @@ const buildTime = (root) => {
           symbol: look.symbol || "cross",
           line: { width: one.is_on_frontier ? 2.5 : 0, color: css("fg") },
         },
-        error_x: error("time_s", "time_low_s", "time_high_s"),
+        error_x: error("time_s", "time_low_s", "time_high_s", 1e3),
         error_y: error("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
-        hovertemplate: "%{text}: %{x:.3g} s, %{y:.3g}<extra></extra>",
+        hovertemplate: "%{text}: %{x:.3g} ms, %{y:.3g} m<extra></extra>",
         showlegend: false,
       };
     });
     figure.draw(traces, {
-      xaxis: axis(axisNote("time of an estimate [s]", true)),
+      xaxis: axis(axisNote("median processor time of an image [ms]", true)),
       yaxis: axis({ title: { text: "Hausdorff sum [m]" }, rangemode: "tozero" }),
     });
     const names2 = unique(stages.flatMap((one) => Object.keys(one))).filter((name) => /^time_(?!estimate|spread).*_s_median$/.test(name));
