@@ -19,7 +19,7 @@ def lint(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def lowest(session: nox.Session) -> None:
-    """Run the README's commands with the lowest versions that pyproject.toml allows, on the oldest Python."""
+    """Run `isacbench run` and the tests with the lowest versions of pyproject.toml, on the oldest Python."""
     session.install("--resolution=lowest-direct", ".[test]")
     session.run("isacbench", "run", f"--out={session.create_tmp()}/run")
     session.run("pytest", *session.posargs)

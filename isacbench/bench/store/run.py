@@ -51,7 +51,7 @@ NO_IMAGE = (
     "the row is the test of a detector on a map or of a receiver; only rows of estimators have an image"
 )
 
-PLUGIN_KEYS = ("estimators", "detectors")
+PLUGIN_KEYS = ("estimators", "detectors", "metrics")
 """Keys of a suite that name plugins, on which no scene depends."""
 
 MEASURED = ("suite", "seed", SCORES, "scenarios", "environments")

@@ -109,6 +109,15 @@ def test_a_run_of_an_older_version_has_a_page_without_objects_and_keeps_all_digi
     assert all(content["rows"]["has_image"])
 
 
+def test_a_metric_that_is_not_installed_does_not_keep_a_run_from_its_page(runs, tmp_path):
+    folder = shutil.copytree(runs("images"), tmp_path / "scored")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["suite"]["metrics"] = ["height"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    content = content_of(write_run_page(Run.open(folder)))
+    assert all(content["rows"]["has_image"])
+
+
 def test_a_page_of_a_ranking_has_its_rank_sets(runs):
     found = content_of(write_rank_page(Run.open(runs("scenes")), "gospa_m"))
     wanted = rank(runs("scenes"), "gospa_m").ranks
