@@ -21,6 +21,7 @@ from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_t
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted, file_stems
+from isacbench.model.cloud_files.point_files import require_writable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,6 +74,8 @@ def image_command(
     """Take one image of a simulated or a recorded frame, and score, write or draw its cloud."""
     if plot is not None and plot != OWN_PICTURE:
         require_picture(plot)
+    if out is not None:
+        require_writable(out)
     for option, value in (("--transmitted", transmitted), ("--ascending", ascending)):
         if cube is None and value is not None:
             raise InputError(f"{option} needs --cube FILE")

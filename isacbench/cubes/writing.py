@@ -100,6 +100,7 @@ def write_cube(
     if (suffix := path.suffix.lower()) not in FORMATS:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise InputError(f"{path}: has {found}; a cube is written as {', '.join(FORMATS)}")
+    zarr = import_extra("zarr", "cubes", str(path)) if suffix == ".zarr" else None
     checked_shape = tiles.require_cube(str(path), shape, dtype)
     require_new(path)
     wanted = math.prod(checked_shape) * dtype.itemsize + SPARE_BYTES
@@ -108,7 +109,7 @@ def write_cube(
         raise InputError(f"{path}: takes {wanted / 1e9:.2f} GB, its disk has {free / 1e9:.2f} GB left")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with _created(part, suffix, checked_shape, dtype) as write:
+        with _created(part, zarr, checked_shape, dtype) as write:
             first = 0
             for block in _whole_chunks(blocks, path, checked_shape, dtype):
                 write(first, block)
@@ -177,15 +178,14 @@ def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any])
 
 
 @contextmanager
-def _created(path: Path, suffix: str, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
-    """Make a file, or a folder of zarr, and give what writes blocks into it one after the other."""
-    if suffix == ".npy":
+def _created(path: Path, zarr: Any, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
+    """Make a file, or with zarr a folder, and give what writes blocks into it one after the other."""
+    if zarr is None:
         header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
         with path.open("wb") as file:
             np.lib.format.write_array_header_1_0(file, header)
             yield lambda _, block: file.write(block.data)
         return
-    zarr: Any = import_extra("zarr", "cubes", str(path))
     array = zarr.open_group(path, mode="w").create_array(
         tiles.CUBE_NAME,
         shape=shape,

@@ -12,7 +12,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from math import prod
@@ -355,7 +355,8 @@ def _list_zarr(path: Path) -> ArrayFile:
             elif name and not member.nmembers():
                 entries[name] = "empty group"
     except BaseException:
-        store.close()
+        with suppress(AttributeError):  # of a zip file that could not be opened
+            store.close()
         raise
     return ArrayFile(entries, store.close)
 

@@ -95,6 +95,11 @@ def test_a_path_that_is_no_file_of_a_known_format_is_refused(tmp_path, opening):
     assert refusal(tmp_path / "cube.h5", opening) == "is a folder, not a file"
 
 
+def test_a_zip_file_of_zarr_that_is_none_is_told(tmp_path):
+    (tmp_path / "cube.zip").write_text("junk")
+    assert "not a zip file" in refusal(tmp_path / "cube.zip")
+
+
 @pytest.mark.parametrize("kind", [kind for kind, (_, name) in FORMATS.items() if not name.endswith(".zarr")])
 def test_a_truncated_file_is_refused_at_whatever_byte_it_ends(tmp_path, kind):
     write, filename = FORMATS[kind]

@@ -509,6 +509,14 @@ def test_a_local_file_is_its_content_and_has_no_version(write_plugin):
     assert plugin_version(get_detector("never")) == {"local.py": {"version": None, "digest": file.digest}}
 
 
+def test_a_module_that_a_plugin_names_is_never_run_for_its_version(write_plugin, tmp_path, monkeypatch):
+    (tmp_path / "neverrun.py").write_text("raise SystemExit('it was run')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    file = PluginFile("local.py", f"{DETECTOR}\n\ndef train():\n    import neverrun\n")
+    register_plugin(file)
+    assert {"local.py", "neverrun"} <= set(plugin_version(get_detector("never")))
+
+
 def test_nested_detectors_count_where_they_come_from(plugins, write_plugin):
     register_plugin(PluginFile("local.py", DETECTOR))
     assert list(plugin_version(build_estimator("blob[detector=never]"))) == ["local.py", "test-plugins"]

@@ -220,7 +220,11 @@ def _require_agreement(one: Run, other: Run) -> None:
 
 def _draws(parts: Sequence[Run], scenes: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Scatterers that the parts drew, each trial of a scene once, in the order of the table."""
-    draws = pd.concat([part.draws.assign(part=n) for n, part in enumerate(parts)], ignore_index=True)
+    # A part that was killed has none; a table of none has other types, and so another digest.
+    held = [part.draws.assign(part=n) for n, part in enumerate(parts) if len(part.draws)]
+    if not held:
+        return parts[0].draws
+    draws = pd.concat(held, ignore_index=True)
     first = draws.groupby(["scenario", "trial"])["part"].transform("min")
     draws = draws[draws["part"] == first].drop(columns="part")
     scene = pd.Index([scene["name"] for scene in scenes]).get_indexer(pd.Index(draws["scenario"]))

@@ -34,7 +34,7 @@ from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.suites.suite_kinds import kind_of, load_suite, with_metrics
+from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
 from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Estimator, is_reference
@@ -332,7 +332,8 @@ def _rows_to_keep(stored: Run, job: Job, execution: Execution, part: Mask) -> Ru
     rows, plan = stored.rows, job.plan
     if rows.empty:
         return stored
-    require_same_scores(stored.manifest, kind_of(job.suite).metrics_of(job.suite))
+    if "all" not in execution.rerun:
+        require_same_scores(stored.manifest, job.suite)
     positions = plan.positions(rows)
     _refuse_others(rows, positions, plan, job.suite)
     known = [environment_of(one.plugin) for one in plan.entries]  # the manifest may be damaged

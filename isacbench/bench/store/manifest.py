@@ -65,11 +65,16 @@ def row_columns(suite: Suite, described: Mapping[str, Any]) -> dict[str, Any]:
     return {"label": "", **kind_of(suite).columns, **dict.fromkeys(further, math.nan)}
 
 
-def require_same_scores(manifest: Mapping[str, Any], metrics: Metrics) -> None:
+def require_same_scores(manifest: Mapping[str, Any], suite: Suite) -> None:
     """Refuse a run whose cells were scored by other metrics, or other versions of them, naming the metric."""
-    if SCORES not in manifest:  # damaged
-        return
-    wanted, stored = metrics.described(), manifest[SCORES]["metrics"]
+    if SCORES not in manifest:  # missing or damaged
+        if suite.metrics is None:
+            return
+        raise InputError(
+            f"{MANIFEST} is missing or damaged: it is not known by which metrics its cells were scored; use "
+            "--rerun all, or a new folder"
+        )
+    wanted, stored = kind_of(suite).metrics_of(suite).described(), manifest[SCORES]["metrics"]
     for name in wanted | stored:
         if wanted.get(name) != stored.get(name):
             found, now = (

@@ -138,8 +138,10 @@ def _distribution(root: str) -> tuple[str, str | None, bool]:
         for entry in entries(kind).values():
             if entry.version is not None and root_of(entry.module) == root:
                 return entry.package, entry.version, False
+    if not is_installed(root):  # a name in the text of a plugin, which may never import it
+        return root, None, False
     number = getattr(import_module(root), "__version__", None)
-    return root, number, number is not None and is_installed(root)
+    return root, number, number is not None
 
 
 @cache

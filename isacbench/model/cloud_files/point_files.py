@@ -13,7 +13,7 @@ import numpy as np
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
-from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file
+from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_replaceable
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import (
     POINT_COLUMNS,
@@ -101,6 +101,12 @@ def read_point_table(path: str | Path) -> dict[str, Floats]:
     read = _by_extension(path, _READERS)
     require_file(path, CLOUD_BYTES)
     return read(path)
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a file that `write_point_table` could not write; call it before the work."""
+    _by_extension(path, _WRITERS)
+    require_replaceable(path)
 
 
 def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:

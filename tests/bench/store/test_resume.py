@@ -354,6 +354,14 @@ def test_missing_files_are_made_anew(suite, folder, undisturbed, names, finished
     assert table(folder) == undisturbed
 
 
+def test_cells_are_not_kept_where_it_is_not_known_by_which_metrics_they_were_scored(suite, folder, finished):
+    (folder / "manifest.json").unlink()
+    further = suite.replace(metrics=["repository"])
+    with pytest.raises(InputError, match=r"manifest\.json is missing or damaged.*--rerun all"):
+        go(further, folder)
+    assert go(further, folder, "all")[1] == further.trials * 2 * 3
+
+
 def test_a_damaged_run_is_reported_in_one_message(tmp_path, complete):
     for name in ("results.parquet", "clouds.parquet", "truth.parquet", "manifest.json"):
         folder = shutil.copytree(complete, tmp_path / name)
