@@ -17,6 +17,9 @@ Item = TypeVar("Item")
 Variant = tuple[str, str]
 """Name and canonical parameters of an estimator."""
 
+SNR_COLUMNS = "snr_db", "snr_gain_db"
+"""Columns in dB: of a single SNR, estimators are drawn side by side."""
+
 VARIANT = ["estimator", "params"]
 """Columns that have them."""
 
@@ -405,11 +408,11 @@ def line_series(
     Returns
     -------
     list of Series
-        Of the estimators that the table has. At a single place estimators stand side by side, and what sees
-        the truth is a level line.
+        Of the estimators that the table has. At a single SNR estimators stand side by side, and what sees the
+        truth is a level line.
     """
     found = []
-    is_single = table[x].nunique() == 1
+    is_single = x in SNR_COLUMNS and table[x].nunique() == 1
     own = [variant for variant, line in lines.items() if not line.is_reference]
     half = 0.05 * max(len(own), 2)
     for variant, line in lines.items():

@@ -118,6 +118,11 @@ def test_at_a_single_place_estimators_stand_side_by_side_and_references_are_leve
     assert (list(a.x), list(a.y), list(a.low)) == ([-0.1, 0.1], [2.0, 2.0], [1.5, 1.5])
 
 
+def test_at_a_single_place_that_is_no_snr_all_estimators_stand_at_it():
+    single = SUMMARY[SUMMARY["snr_db"] == 0].rename(columns={"snr_db": "distance"}).assign(distance=0.2)
+    assert [one.x.tolist() for one in line_series(single, LINES, "distance", "error_mean")] == [[0.2]] * 2
+
+
 def test_a_huge_band_does_not_dwarf_the_means_and_all_means_are_within():
     low, high = linear_limits(SUMMARY.assign(error_band=1e3), "error_mean", "error")
     assert low < 0

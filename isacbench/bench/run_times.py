@@ -158,6 +158,8 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
     y_limits = None
     if len(errors):
         y_limits = (0.8 * errors.min(), 1.25 * errors.max()) if is_log else (0.0, 1.25 * errors.max() or 1.0)
+    if times_ms.empty:
+        times_ms = 1e3 * shown["time_s"].dropna()
     x_limits = (0.8 * times_ms.min(), 1.25 * times_ms.max()) if len(times_ms) else None
     x = Axis("median processor time of an image [ms]", log=True, limits=x_limits)
     y = Axis("Hausdorff sum [m]", log=is_log, limits=y_limits)

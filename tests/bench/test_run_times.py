@@ -233,6 +233,12 @@ def test_references_are_level_lines_of_their_own_and_do_not_stretch_the_time():
     assert chart.x.limits[0] > 1
 
 
+def test_references_alone_are_level_lines_too():
+    chart, series = chart_of(timed(oracle=(0.01, 1.0)))
+    (line,) = series.values()
+    assert (line.x, line.y) == (chart.x.limits, [pytest.approx(1.0)] * 2)
+
+
 def test_failures_are_crosses_and_what_has_no_score_is_said_in_the_legend():
     rows = timed(good=(0.01, 5.0), shaky=(0.02, 4.0), broken=(0.04, 2.0))
     rows.loc[rows.index[rows["estimator"] == "shaky"][:1], ["status", "hausdorff_sum_m"]] = "error", np.nan

@@ -152,7 +152,8 @@ class ResolutionKind(Kind):
                 panels = []
                 for name, own in part.groupby("dimension", sort=False):
                     series = charts.line_series(own, lines, "separation_cells", "resolved", "resolved")
-                    series += charts.line_series(own, in_phase, "separation_cells", "resolved_in_phase")
+                    if own["resolved_in_phase"].notna().any():
+                        series += charts.line_series(own, in_phase, "separation_cells", "resolved_in_phase")
                     panels.append(Chart(TITLES[str(name)], x, y, series))
                 title = (
                     f"{template}: two equal scatterers, each found within half their distance, "

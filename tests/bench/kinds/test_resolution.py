@@ -183,6 +183,8 @@ def test_shares_are_drawn_over_distance_and_dashed_where_in_phase(of_summary):
     assert (list(mean.high), list(in_phase.y)) == ([1, 1, 1], [0.0, 0.3, 0.9])
     assert (in_phase.label, mean.style.dash, in_phase.style.dash) == ("a, in phase", "solid", "dash")
     assert mean.style.colour == in_phase.style.colour
+    (without,) = of_summary(ResolutionKind).charts(made.assign(snr_gain_db=60.0, resolved_in_phase=np.nan))
+    assert [one.label for one in without.charts[0].series] == ["a"]
     assert (group.stem, chart.title, chart.x.log) == ("resolution-room", "Direction cosine u", True)
     several = pd.concat([made.assign(snr_gain_db=snr_db) for snr_db in (60.0, 70.0)])
     assert [one.stem for one in of_summary(ResolutionKind).charts(several)] == [
