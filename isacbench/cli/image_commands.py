@@ -21,7 +21,6 @@ from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_t
 from isacbench.errors import InputError
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted, file_stems
-from isacbench.model.cloud_files.point_files import require_writable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,6 +74,8 @@ def image_command(
     if plot is not None and plot != OWN_PICTURE:
         require_picture(plot)
     if out is not None:
+        from isacbench.model.cloud_files.point_files import require_writable
+
         require_writable(out)
     for option, value in (("--transmitted", transmitted), ("--ascending", ascending)):
         if cube is None and value is not None:

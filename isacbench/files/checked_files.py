@@ -71,9 +71,14 @@ def require_picture(path: Path) -> None:
 
 def require_replaceable(path: Path) -> None:
     """Refuse a file that could not be written or replaced; call it before the work whose result it takes."""
-    if path.exists() and not path.is_file():
+    try:
+        is_taken = path.exists() and not path.is_file()
+        is_placed = path.parent.is_dir()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    if is_taken:
         raise InputError(f"{path}: cannot be written: is not a file")
-    if not path.parent.is_dir():
+    if not is_placed:
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
