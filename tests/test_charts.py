@@ -109,7 +109,7 @@ def test_a_line_has_the_means_in_order_of_x_with_their_interval_and_the_style_of
     assert list(line_series(ends, LINES, "snr_db", "error_mean", "low")[0].high) == [9, 9, 9]
 
 
-def test_at_a_single_place_estimators_stand_side_by_side_and_references_are_level_lines():
+def test_at_a_single_snr_estimators_stand_side_by_side_and_references_are_level_lines():
     single = SUMMARY[SUMMARY["snr_db"] == 0]
     found = line_series(single, LINES, "snr_db", "error_mean")
     assert [one.x.item() for one in found] == pytest.approx([-0.1, 0.0])

@@ -70,11 +70,11 @@ class ComparisonReport:
         self.comparison = comparison
         full = estimator_labels(comparison.variants)
         self.labels, self._numbers = charts.short_labels(full), charts.number_table(full)
+        self._between = comparison.between and [full[variant] for variant in comparison.between]
         self.unit = comparison.unit
-        self._is_between = comparison.between is not None
         self._verdicts: dict[str, str] = {}
         versions = comparison.base_version, comparison.new_version
-        if comparison.between is None:
+        if self._between is None:
             self.heads, self.sides = ("base", "new"), ("the base", "the new run")
             self.legend = f"base: {versions[0]}", f"new: {versions[1]}"
             self.heading = [
@@ -83,7 +83,7 @@ class ComparisonReport:
             ]
             worse, fine = "regression", "no regression"
         else:
-            first, second = (full[variant] for variant in comparison.between)
+            first, second = self._between
             self.heads = self.sides = "A", "B"
             self.legend = f"A: {first}", f"B: {second}"
             self.heading = [f"A {first}", f"B {second}", f"in {comparison.base}: isacbench {versions[0]}"]
@@ -107,7 +107,7 @@ class ComparisonReport:
 
         None if two estimators are compared, because the heading names them.
         """
-        if self._is_between:
+        if self._between:
             return []
         sides = (row["estimator"], row["params"]), (row["new_estimator"], row["new_params"])
         return list(dict.fromkeys(self.labels[variant] for variant in sides))
@@ -267,13 +267,12 @@ class ComparisonReport:
     def content(self) -> dict[str, Any]:
         """Describe a comparison in terms of JSON; numbers that are not finite are null."""
         one, cells = self.comparison, self.comparison.cells
-        full = estimator_labels(one.variants)
         found: dict[str, Any] = {
             "comparable": True,
             "regression": one.is_regression,
             "base": {"folder": one.base, "version": one.base_version},
             "new": {"folder": one.new, "version": one.new_version},
-            "between": one.between and [full[variant] for variant in one.between],
+            "between": self._between,
             "alpha": one.alpha,
             "tolerances": [dataclasses.asdict(tolerance) for tolerance in one.tolerances],
             "curves": json_rows(one.curves),

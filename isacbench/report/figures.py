@@ -199,7 +199,7 @@ LEAST_WIDTH_IN = 6.0
 TITLE_LETTERS_AN_INCH = 14
 LONGEST_LEGEND = 80
 FEW_POINTS = 40
-TICK_SIZE = 10.0
+TICK = {"markersize": 10.0, "markeredgewidth": 2.0}
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -296,10 +296,8 @@ def _draw_series(
         x_low, x_high = (np.asarray(end, dtype=np.float64) for end in (series.x_low, series.x_high))
         x_bars = [x - x_low, x_high - x] if x_low.size else None
         y_bars = [y - low, high - y] if low.size else None
-        is_tick = style.symbol == "line-ns"
-        marker |= {"markersize": TICK_SIZE if is_tick else size, "elinewidth": 1.2}
-        marker["markeredgewidth"] = 2.0 if is_tick else marker["markeredgewidth"]
-        axes.errorbar(x, y, y_bars, x_bars, color=colour, linestyle="", **marker)
+        marker |= TICK if style.symbol == "line-ns" else {"markersize": size}
+        axes.errorbar(x, y, y_bars, x_bars, color=colour, linestyle="", elinewidth=1.2, **marker)
     elif np.isfinite(x).sum() == 1:
         marker["marker"] = marker["marker"] or "_"
         axes.plot(x, y, color=colour, linestyle="", **marker)

@@ -320,7 +320,7 @@ def compare(
     if between is None:
         if new is None:
             raise InputError(
-                "only one run was given; give two runs (BASE and NEW), or between which of its estimators"
+                "only one run was given; give two runs (BASE and NEW), or one run and two of its estimators"
             )
         runs = _opened(base), _opened(new)
         partners = pairs.find_pairs(*runs, _as_list(map))

@@ -332,7 +332,8 @@ def _rows_to_keep(stored: Run, job: Job, execution: Execution, part: Mask) -> Ru
     rows, plan = stored.rows, job.plan
     if rows.empty:
         return stored
-    if "all" not in execution.rerun:
+    is_all_again = "all" in execution.rerun and part.all()
+    if SCORES in stored.manifest or not is_all_again:  # without them it is not known what scored the rows
         require_same_scores(stored.manifest, job.suite)
     positions = plan.positions(rows)
     _refuse_others(rows, positions, plan, job.suite)

@@ -355,8 +355,10 @@ def test_missing_files_are_made_anew(suite, folder, undisturbed, names, finished
 
 
 def test_cells_are_not_kept_where_it_is_not_known_by_which_metrics_they_were_scored(suite, folder, finished):
-    (folder / "manifest.json").unlink()
     further = suite.replace(metrics=["repository"])
+    with pytest.raises(InputError, match="repository: not at all"):
+        go(further, folder, "all", shard=Shard(1, 2))
+    (folder / "manifest.json").unlink()
     with pytest.raises(InputError, match=r"manifest\.json is missing or damaged.*--rerun all"):
         go(further, folder)
     assert go(further, folder, "all")[1] == further.trials * 2 * 3

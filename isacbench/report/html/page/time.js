@@ -66,15 +66,15 @@ const buildTime = (root) => {
         ],
         rows: own,
       });
-    const apart = (mid, end, scale) => own.map((one) => (one[end] === null ? 0 : scale * Math.abs(one[end] - one[mid])));
-    const traces = own.map((one, i) => {
+    const apart = (one, mid, end, scale) => (one[end] === null ? 0 : scale * Math.abs(one[end] - one[mid]));
+    const traces = own.map((one) => {
       const look = data.estimators[number(one)],
         colour = colourOf(look);
       const error = (mid, low, high, scale = 1) => ({
         type: "data",
         symmetric: false,
-        array: [apart(mid, high, scale)[i]],
-        arrayminus: [apart(mid, low, scale)[i]],
+        array: [apart(one, mid, high, scale)],
+        arrayminus: [apart(one, mid, low, scale)],
         color: colour,
         thickness: 1.5,
       });
