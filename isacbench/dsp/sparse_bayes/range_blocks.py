@@ -20,7 +20,7 @@ from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.sparse_bayes.learning import learn_atoms
-from isacbench.dsp.sparse_bayes.places import Reach, gather, strongest_near
+from isacbench.dsp.sparse_bayes.places import Reach, merge_neighbours, strongest_near
 
 BLOCK_BINS = 8
 """Range bins of a block."""
@@ -100,7 +100,7 @@ class _Block:
     rows: slice
 
 
-def relearn(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
+def learn_blocks(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
     """Learn all atoms anew, block by block.
 
     Parameters
@@ -155,7 +155,7 @@ def _relearn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> At
     floor = max(noise, strongest * 10 ** (-MISFIT_DB / 10))
     index, learned = learn_atoms(gram, window.correlate(lines).value, power, floor, STEPS)
     is_own = index < n_own
-    found, strength = gather(candidates[index[is_own]], learned[is_own], GATHER_BOX)
+    found, strength = merge_neighbours(candidates[index[is_own]], learned[is_own], GATHER_BOX)
     found = found[strength > strongest_near(found, strength, NEAR_BINS) * 10 ** (-DYNAMIC_RANGE_DB / 20)]
     others = np.setdiff1d(np.arange(atoms.amplitude.size), members)
     places = np.concatenate([found, atoms.places[block.beside]])

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched
-from isacbench.dsp.sparse_bayes.places import Reach, gather, strongest_near
+from isacbench.dsp.sparse_bayes.places import Reach, merge_neighbours, strongest_near
 
 HANN_SIDE = 0.25, 0.5
 """Weights of the neighbouring bins and of the middle one: a Hann window over the apertures of an `AtomMap`,
@@ -319,7 +319,7 @@ def learn_tile(
     places = np.stack(
         [range_bins[at[0]], tile.doppler_bins[at[1]], grid.u[at_u[at[2]]], grid.w[at_w[at[2]]]], axis=1
     )
-    return gather(places, amplitude[at], GATHER_BOX)
+    return merge_neighbours(places, amplitude[at], GATHER_BOX)
 
 
 def _thinned(directions: Mask, most: int) -> Mask:
