@@ -80,7 +80,7 @@ from isacbench.plugins.contracts import Needs
 SPLIT_CERTAINTY = 3.0
 """Required gain of a split, in thresholds of a new atom; higher, because a split is the best of many."""
 
-TABOO_CELLS = 0.15 + 1e-9
+FAILED_SPLIT_CELLS = 0.15 + 1e-9
 """Distance from a failed split within which no split is tried again. More than that of its halves, but for
 rounding."""
 
@@ -102,7 +102,7 @@ LAST_ROUNDS = 2
 FINISHING_STEPS = 3
 """Steps at the end with hardly any damping, and as many on the misfit, for the last digits."""
 
-SETTLED_CELLS = 0.01
+CONVERGED_CELLS = 0.01
 """Largest move by the undamped steps of atoms that have settled; those of a crowd would only move on."""
 
 
@@ -220,7 +220,7 @@ class Pursuit:
         with stage("refinement"):
             atom_map = self.space.atom_map
             fit = refine_atoms(atom_map, self.places, FINISHING_STEPS, damping=LEAST_DAMPING)
-            if np.abs(fit.places - self.places).max() < SETTLED_CELLS:
+            if np.abs(fit.places - self.places).max() < CONVERGED_CELLS:
                 self.fit = polish_atoms(atom_map, fit, FINISHING_STEPS)
                 self.places = self.fit.places
 
@@ -409,7 +409,7 @@ def _splits(pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
         return NO_PLACES, np.empty(0)
     around = space.mean_around(residual, fit.places)
     offsets, gain = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * pursuit.threshold)
-    return offsets, np.where(are_near(fit.places, pursuit.unsplit, TABOO_CELLS), 0, gain)
+    return offsets, np.where(are_near(fit.places, pursuit.unsplit, FAILED_SPLIT_CELLS), 0, gain)
 
 
 def atoms_as_cloud(observation: Observation, atom_map: AtomMap, fit: AtomFit, unit: float) -> PointCloud:

@@ -35,7 +35,7 @@ from isacbench.model.scenes.raw_uniforms import raw_uniforms
 FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
 
-DUST = 16.0
+NEGLIGIBLE_ROUNDINGS = 16.0
 """Roundings of the largest value that echoes could have together, up to which their sum counts as zero."""
 
 MOST_PRODUCTS = 2**24
@@ -174,7 +174,7 @@ def is_negligible(values: Complex, echo: EchoParameters, largest: float) -> bool
     largest : float
         Largest value of a unit echo.
     """
-    rounding = DUST * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
+    rounding = NEGLIGIBLE_ROUNDINGS * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
     # Mostly the first element tells, at little cost.
     parts = (values[:, :, :1], values)
     return all(float(np.abs(part).max(initial=0)) <= rounding for part in parts)

@@ -66,7 +66,7 @@ POLISHING_STEPS = 3
 MOST_UNEXPLAINED = 2.0
 """Largest misfit around a scatterer of an explained map, in noise powers; means of 21 cells vary by 0.2."""
 
-HOPELESS = 20.0
+MOST_UNEXPLAINED_POWER = 20.0
 """Misfit after the first steps above which further steps do not help, in noise powers."""
 
 LEAST_RESOLVED = 0.5
@@ -257,7 +257,7 @@ def explain_map(
     atom_map = AtomMap.from_map(gated, system)
     start = np.stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w], axis=1)
     fit = refine_atoms(atom_map, start / atom_map.cell_size, EXPLAINING_STEPS)
-    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > HOPELESS * noise:
+    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > MOST_UNEXPLAINED_POWER * noise:
         return None
     while True:
         drop, places = redundant_pairs(fit, noise)

@@ -47,7 +47,7 @@ SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 SPLIT_STANDOUT = 25.0
 """Gain of a split over the mean residual around it."""
 
-SPLIT_CALM = 0.1
+SPLIT_RESIDUAL = 0.1
 """Residual around an atom, relative to it, above which a crowd is there and not a second echo."""
 
 LEAST_FREE = 1e-6
@@ -441,7 +441,7 @@ def split_gains(
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
     best = gain[atom, axis]
-    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_CALM * fit.power)
+    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_RESIDUAL * fit.power)
     offsets = np.zeros((n, N_COORDINATES))
     offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
     return offsets, np.where(stands_out & (best > least_energy), best, 0)
