@@ -9,7 +9,7 @@ The detected cells are read three times (`isacbench_algorithms.chain`):
    first. The estimator finds starts for the directions in that subspace, and
    maximum likelihood refines them on the whole snapshot. What comes out counts
    only where it explains the cell down to the noise.
-2. *Crowds*, where it does not: more echoes than can be told apart, and a
+2. *Crowds*, where it does not: more echoes than can be resolved, and a
    search as fine as the first invents ghosts. Three neighbouring range cells
    behind low sidelobes give one covariance, whose order is tested against the
    leakage of the strongest cells.
@@ -144,9 +144,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         if not detected.cells.bins[0].size:
             return PointCloud.empty()
         seen = []
-        for (
-            rule
-        ) in self.snapshot_rules():  # resolved cells, crowds in three range cells, crowds in single cells
+        # Resolved cells, then crowds in three range cells, then crowds in single cells.
+        for rule in self.snapshot_rules():
             cells = read_cells(rdm, detected, rule)
             waves = self.plane_waves(observation, cells)  # subspaces, maximum likelihood in resolved cells
             waves = determined(cells, waves, self)  # no directions between scatterers
@@ -178,7 +177,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             return replace(waves, found=found)
 
     def resolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find directions in cells whose sources can be told apart, by maximum likelihood in the end.
+        """Find directions in cells whose sources can be resolved, by maximum likelihood in the end.
 
         Returns
         -------
@@ -199,7 +198,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return replace(waves, resolved=resolved)
 
     def unresolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find directions in cells that may hold more sources than can be told apart."""
+        """Find directions in cells that may hold more sources than can be resolved."""
         with stage("subspace"):
             subspaces = self.subspaces(cells.snapshots, cells.levels.floor)
         waves = self.unresolved_directions(observation, subspaces)

@@ -12,7 +12,7 @@ the scatterers, or to centroids of a few, wherever noise allows to tell.
    (`isacbench.dsp.sparse_bayes.first_atoms`): Doppler spectra, the static layer,
    moving echoes with Doppler as a coordinate, angular sectors.
 3. All atoms settle together off the grid under a falling ridge, and those that
-   are weak beside others nearby are dropped (`ridge_steps`).
+   are weak compared with others nearby are dropped (`ridge_steps`).
 4. The residual is learned in the same way without a taper along range: objects
    whose echoes are in phase have their energy at the edge of the band, which a
    taper removes.

@@ -10,7 +10,7 @@ multiplied.
 
 Lobes next to each other differ by less than the sidelobes of other echoes.
 A scatterer taken alone is easily put at a wrong one. Together scatterers are
-told apart, because the echoes of all others are subtracted for each.
+resolved, because the echoes of all others are subtracted for each.
 """
 
 from __future__ import annotations

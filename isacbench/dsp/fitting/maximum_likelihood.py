@@ -1,4 +1,4 @@
-"""Maximum likelihood of a cell's plane waves: directions refined together on all elements, and told apart.
+"""Maximum likelihood of a cell's plane waves: directions refined together on all elements, and resolved.
 
 In white noise the likeliest directions leave the least power unexplained, each
 plane wave with its best amplitude. The amplitudes are linear and drop out in

@@ -3,8 +3,8 @@
 Learned atoms are many, and near each other: least squares would let them cancel
 and drive them apart. A ridge keeps their amplitudes small, and makes the fit of
 the places well posed; as it falls the places become those of least squares.
-After each step atoms that are weak beside their neighbours, or beside the
-sidelobes of all others, are dropped. Those that stand for misfit are told apart
+After each step atoms that are weak compared with their neighbours, or with the
+sidelobes of all others, are dropped. Those that stand for misfit are recognised
 once no step follows (`drop_model_error`): earlier, echoes that are not all found
 look like it.
 
@@ -142,7 +142,7 @@ def significant_atoms(
 
 
 def drop_model_error(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | None:
-    """Drop atoms that are weak beside both the sidelobes of other ranges and what is left around them.
+    """Drop atoms that are weak compared with both the sidelobes of other ranges and what is left around them.
 
     Either alone says little: weak echoes lie among strong ones, and are wanted
     where the map is explained; and a crowd's misfit lies among its echoes. The
