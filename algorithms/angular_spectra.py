@@ -69,13 +69,13 @@ class AngularSpectrumEstimator(CellwiseEstimator):
             waves = spectrum.waves(self.angle_dynamic_range_db, self.max_sources)
         waves = self.placed(cells, waves)
         with stage("peaks"):
-            return self.audible(observation, cells, waves)
+            return self.above_noise(observation, cells, waves)
 
     def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
         """Place the peaks of a spectrum better; by default they stay."""
         return waves
 
-    def audible(self, observation: Observation, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
+    def above_noise(self, observation: Observation, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
         """Keep the plane waves that exceed the noise of their cell, each direction once."""
         apart = np.hypot(
             *(

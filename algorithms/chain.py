@@ -42,7 +42,7 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.scaling import in_unit
+from isacbench.dsp.scaling import scale_to_unit
 from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require
@@ -130,7 +130,7 @@ class Detected(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Reading:
+class SnapshotRule:
     """Way to read the cells whose plane waves are sought: tapers, neighbours, and the cells that count.
 
     Attributes
@@ -156,21 +156,21 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class CellSnapshots:
-    """Snapshots (complex samples of all elements) of n detected cells, as one reading takes them.
+    """Snapshots (complex samples of all elements) of n detected cells, as one snapshot rule takes them.
 
     Attributes
     ----------
-    reading : Reading
+    rule : SnapshotRule
         Tapers and neighbours.
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
         Absolute range and Doppler bins.
     tapered : GatedMap
-        Map after the tapers of the reading.
+        Map after the tapers of the rule.
     snapshots : ndarray of complex, shape (n, s, *elements)
         Samples of each cell and its neighbours in range, the cell in the middle.
     """
 
-    reading: Reading
+    rule: SnapshotRule
     bins: Bins
     tapered: GatedMap
     snapshots: Complex
@@ -199,7 +199,7 @@ def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
     with stage("rdm"):
         aperture = estimator.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        cells, unit = in_unit(cells)
+        cells, unit = scale_to_unit(cells)
         gated = GatedMap.of(observation, cells, aperture)
         stages: tuple[PrecisionStage, ...] = ("detection", "directions", "selection")
         # Stages of one precision share one map.
@@ -239,7 +239,7 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
         return Detected(cells, Levels(white, cells.floor, min_power))
 
 
-def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapshots:
+def read_cells(rdm: ReadMap, detected: Detected, rule: SnapshotRule) -> CellSnapshots:
     """Read the snapshots of detected cells.
 
     Returns
@@ -250,14 +250,14 @@ def read_cells(rdm: ReadMap, detected: Detected, reading: Reading) -> CellSnapsh
     """
     with stage("rdm"):
         gated, bins = rdm.directions, detected.cells.bins
-        doppler_window = gated.doppler_taper(reading.doppler_window)
-        tapered = gated.tapered(reading.range_window, doppler_window, neighbours=1)
+        doppler_window = gated.doppler_taper(rule.doppler_window)
+        tapered = gated.tapered(rule.range_window, doppler_window, neighbours=1)
         inside = tapered.surrounds(bins)
         bins = bins[0][inside], bins[1][inside]
         rows, columns = tapered.index(bins)
-        steps = np.arange(reading.range_cells) - reading.range_cells // 2
+        steps = np.arange(rule.range_cells) - rule.range_cells // 2
         snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]
-        return CellSnapshots(reading, bins, tapered, snapshots, detected.levels)
+        return CellSnapshots(rule, bins, tapered, snapshots, detected.levels)
 
 
 def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
@@ -298,7 +298,7 @@ def determined(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstim
         See `isacbench.dsp.angles.plane_waves.PlaneWaves.determined`.
     """
     largest_error = estimator.largest_direction_error
-    if largest_error is None or cells.reading.resolved_only:
+    if largest_error is None or cells.rule.resolved_only:
         return waves
     with stage("peaks"):
         return waves.determined(cells.own, cells.tapered.aperture, cells.levels.white, largest_error)
@@ -316,21 +316,21 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
         strongest one of the 5 x 5 cells around them are left out.
     """
     with stage("peaks"):
-        reading, tapered = cells.reading, cells.tapered
+        rule, tapered = cells.rule, cells.tapered
         return locate_waves(
             waves,
             tapered,
             cells.bins,
-            (reading.range_window, tapered.doppler_taper(reading.doppler_window)),
+            (rule.range_window, tapered.doppler_taper(rule.doppler_window)),
             estimator.local_dynamic_range_db,
             # Grating lobes put echoes of all speeds into every bin: hardly any then looks like one echo.
-            reading.one_doppler and not tapered.sees_lobes,
+            rule.one_doppler and not tapered.sees_lobes,
             cells.levels.min_power,
         )
 
 
 def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
-    """Merge scatterers that several cells or readings saw: of those close together the strongest stays."""
+    """Merge scatterers that several cells or rules saw: of those close together the strongest stays."""
     with stage("peaks"):
         return merge_duplicates(scatterers)
 
@@ -558,7 +558,7 @@ class CellwiseEstimator(MapEstimator):
         """Image one observation by the stages in order."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
-        cells = read_cells(rdm, detected, self.readings()[0])  # P x Q snapshots
+        cells = read_cells(rdm, detected, self.snapshot_rules()[0])  # P x Q snapshots
         if not len(cells):
             return PointCloud.empty()
         waves = self.plane_waves(observation, cells)  # by the estimator's own method
@@ -570,7 +570,7 @@ class CellwiseEstimator(MapEstimator):
     def own_cell_test(self, located: ScatterersInCells) -> ScatterersInCells:
         """Keep the scatterers that are not much stronger in a neighbouring cell than in their own."""
         with stage("peaks"):
-            return located.at_home(self.range_excess, self.doppler_excess)
+            return located.in_own_cell(self.range_excess, self.doppler_excess)
 
     def sidelobe_test(self, located: ScatterersInCells, rdm: ReadMap, levels: Levels) -> LocatedScatterers:
         """Keep the scatterers that stand out of the sidelobes of stronger ones.
@@ -594,11 +594,11 @@ class CellwiseEstimator(MapEstimator):
             with stage("refinement"):
                 return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
         with stage("peaks"):
-            return located.clear_of_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
+            return located.above_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
 
-    def readings(self) -> tuple[Reading, ...]:
+    def snapshot_rules(self) -> tuple[SnapshotRule, ...]:
         """Readings of the cells, one after the other; `diagnose` draws the last."""
-        return (Reading(self.range_window, self.doppler_window),)
+        return (SnapshotRule(self.range_window, self.doppler_window),)
 
     @abstractmethod
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
@@ -619,5 +619,5 @@ class CellwiseEstimator(MapEstimator):
         return ()
 
     def _spectra_of(self, rdm: ReadMap, strongest: Detected) -> tuple[Spectrum, ...]:
-        cells = read_cells(rdm, strongest, self.readings()[-1])
+        cells = read_cells(rdm, strongest, self.snapshot_rules()[-1])
         return self.spectra(rdm.observation, cells) if len(cells) else ()

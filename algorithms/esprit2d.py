@@ -19,7 +19,7 @@ Scatterers that explain the map down to the noise are fitted to it together
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them and k
 sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces,
 n (L M k² + k³) for the directions, and n (k P Q + k³) a step of the refinement,
-in each of three readings; then m (15 P Q + m²) for m candidates.
+in each of three snapshot rules; then m (15 P Q + m²) for m candidates.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of
@@ -86,7 +86,7 @@ class Esprit2d(JointSubspaceEstimator):
             order[cells[~found.reliable]] -= 1
         return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])
 
-    def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
+    def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find directions of the most sources that all lie in the region: ghosts of crowds often do not."""
         basis, order = subspaces
         waves = self.directions(observation, subspaces)

@@ -9,17 +9,17 @@ The detected cells are read three times (`isacbench_algorithms.chain`):
    first. The estimator finds starts for the directions in that subspace, and
    maximum likelihood refines them on the whole snapshot. What comes out counts
    only where it explains the cell down to the noise.
-2. *Crowds*, where it does not: more echoes than can be told apart, and a
+2. *Crowds*, where it does not: more echoes than can be resolved, and a
    search as fine as the first invents ghosts. Three neighbouring range cells
    behind low sidelobes give one covariance, whose order is tested against the
    leakage of the strongest cells.
 3. The same on single cells.
 
 In crowds, plane waves stay only where their cell determines their direction.
-If scatterers selected from all three readings explain the map down to the
+If scatterers selected from all three snapshot rules explain the map down to the
 noise, they are moved together in range, velocity, u and w to the least-squares
 fit, which brings them to the Cramér-Rao bound. Otherwise there is a crowd, and
-the selected scatterers and those of the last reading are points.
+the selected scatterers and those of the last rule are points.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from .chain import (
     CellSnapshots,
     CellwiseEstimator,
     Levels,
-    Reading,
     ReadMap,
+    SnapshotRule,
     detect,
     determined,
     determined_order,
@@ -62,7 +62,7 @@ from .chain import (
     read_map,
 )
 
-CROWDS = Reading("hamming", "soft", range_cells=3, one_doppler=True)
+UNRESOLVED = SnapshotRule("hamming", "soft", range_cells=3, one_doppler=True)
 """Low sidelobes along range, so that a cell shows what is near, and the mean direction of three."""
 
 LEAST_NOISE = 1e-8
@@ -138,14 +138,15 @@ class JointSubspaceEstimator(CellwiseEstimator):
         require(self.polish >= 0, "polish", self.polish, "0 and more")
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation by the stages in order, those of the cells once for each reading."""
+        """Image one observation by the stages in order, those of the cells once for each snapshot rule."""
         rdm = read_map(observation, self)  # 2D-FFT
         detected = detect(rdm, self)  # OSCA-CFAR
         if not detected.cells.bins[0].size:
             return PointCloud.empty()
         seen = []
-        for reading in self.readings():  # resolved cells, crowds in three range cells, crowds in single cells
-            cells = read_cells(rdm, detected, reading)
+        # Resolved cells, then crowds in three range cells, then crowds in single cells.
+        for rule in self.snapshot_rules():
+            cells = read_cells(rdm, detected, rule)
             waves = self.plane_waves(observation, cells)  # subspaces, maximum likelihood in resolved cells
             waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
@@ -154,7 +155,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find directions down to the noise in a reading of resolved cells, and those of crowds in others.
+        """Find directions down to the noise in snapshots of resolved cells, and those of crowds in others.
 
         Returns
         -------
@@ -162,21 +163,21 @@ class JointSubspaceEstimator(CellwiseEstimator):
             One row a cell.
         """
         with stage("peaks"):
-            if cells.reading.resolved_only:
+            if cells.rule.resolved_only:
                 waves = self.resolved_waves(observation, cells)
             else:
-                waves = self.crowd_waves(observation, cells)
+                waves = self.unresolved_waves(observation, cells)
             power = np.abs(waves.amplitudes(cells.own[None], self.aperture(observation))[0]) ** 2
             strongest = power.max(axis=1, keepdims=True, initial=0)
             found = waves.found & (power > cells.levels.min_power)
             found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
             found &= waves.u**2 + waves.w**2 <= 1
-            if cells.reading.resolved_only and waves.resolved is not None:
+            if cells.rule.resolved_only and waves.resolved is not None:
                 found &= waves.resolved[:, None]
             return replace(waves, found=found)
 
     def resolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find directions in cells whose sources can be told apart, by maximum likelihood in the end.
+        """Find directions in cells whose sources can be resolved, by maximum likelihood in the end.
 
         Returns
         -------
@@ -196,17 +197,17 @@ class JointSubspaceEstimator(CellwiseEstimator):
         resolved &= np.mean(np.abs(snapshots) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
         return replace(waves, resolved=resolved)
 
-    def crowd_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find directions in cells that may hold more sources than can be told apart."""
+    def unresolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find directions in cells that may hold more sources than can be resolved."""
         with stage("subspace"):
             subspaces = self.subspaces(cells.snapshots, cells.levels.floor)
-        waves = self.crowd_directions(observation, subspaces)
+        waves = self.unresolved_directions(observation, subspaces)
         return replace(waves, resolved=np.zeros(len(cells), dtype=np.bool_))
 
-    def readings(self) -> tuple[Reading, ...]:
+    def snapshot_rules(self) -> tuple[SnapshotRule, ...]:
         """Resolved cells first, then crowds: means of three range cells, then single cells."""
-        single = Reading(self.range_window, self.doppler_window)
-        return replace(single, resolved_only=True), CROWDS, replace(single, one_doppler=True)
+        single = SnapshotRule(self.range_window, self.doppler_window)
+        return replace(single, resolved_only=True), UNRESOLVED, replace(single, one_doppler=True)
 
     def explain(self, rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers]) -> LocatedScatterers:
         """Fit scatterers to the map in all coordinates if they explain it.
@@ -214,13 +215,13 @@ class JointSubspaceEstimator(CellwiseEstimator):
         Parameters
         ----------
         seen : sequence of LocatedScatterers
-            Candidates of each reading. Those of a later reading join if the
+            Candidates of each snapshot rule. Those of a later rule join if the
             scatterers selected before leave them unexplained.
 
         Returns
         -------
         LocatedScatterers
-            Where they do not explain the map, those selected and those of the last reading.
+            Where they do not explain the map, those selected and those of the last rule.
         """
         with stage("refinement"):
             gated, system, chosen = rdm.selection, rdm.observation.system, LocatedScatterers.empty()
@@ -251,7 +252,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """
 
     @abstractmethod
-    def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
+    def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find directions in subspaces that hold more sources than dimensions; those are never split.
 
         Returns

@@ -22,7 +22,7 @@ a null is no power of noise, and the order says how many nulls count.
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them, g x h
 grid points and k sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the
 subspaces, n k h L (M + g) for the spectra, and n (k P Q + k³) a step of the
-refinement, in each of three readings; then what selecting and fitting the
+refinement, in each of three snapshot rules; then what selecting and fitting the
 candidates together costs.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
@@ -102,7 +102,7 @@ class Music2dJoint(JointSubspaceEstimator):
         n_p, n_q = observation.array.shape
         return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
 
-    def crowd_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
+    def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, none of them split."""
         basis, order = subspaces
         nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)

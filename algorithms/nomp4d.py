@@ -50,27 +50,27 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.cell_detection import white_noise
-from isacbench.dsp.fitting.atom_fits import LEAST_DAMPING, AtomFit, refine_atoms, refit_atoms, settle_atoms
+from isacbench.dsp.fitting.atom_fits import LEAST_DAMPING, AtomFit, polish_atoms, refine_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.fitting.joint_selection import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (
     MOST_LEFT,
     TIE_DIGITS,
     BeamSpace,
+    above_sidelobes,
     are_near,
-    became_pairs,
+    are_split,
     choose_moves,
-    clear_of_sidelobes,
     descending,
+    drop_lobe_images,
     noise_maximum,
     reachable_places,
-    redundant,
+    redundant_pairs,
     split_gains,
     strongest_around,
-    without_images,
 )
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scaling import in_unit
+from isacbench.dsp.scaling import scale_to_unit
 from isacbench.errors import require
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -80,17 +80,17 @@ from isacbench.plugins.contracts import Needs
 SPLIT_CERTAINTY = 3.0
 """Required gain of a split, in thresholds of a new atom; higher, because a split is the best of many."""
 
-TABOO_CELLS = 0.15 + 1e-9
+FAILED_SPLIT_CELLS = 0.15 + 1e-9
 """Distance from a failed split within which no split is tried again. More than that of its halves, but for
 rounding."""
 
-HOPELESS_CELLS = 0.3
+FAILED_CELLS = 0.3
 """Distance from a failed new atom (its round changed nothing) within which no new atom is tried again."""
 
 BOX_CELLS = 0.5
 """Half width of the box around an atom's first place that it must not leave, unless little is left there."""
 
-CALM, CALM_NOISE = 1e-3, 3.0
+FLAT, FLAT_NOISE = 1e-3, 3.0
 """Residual around an atom, relative to its power or to the noise, below which it gets a new box."""
 
 STEPS = 4
@@ -102,7 +102,7 @@ LAST_ROUNDS = 2
 FINISHING_STEPS = 3
 """Steps at the end with hardly any damping, and as many on the misfit, for the last digits."""
 
-SETTLED_CELLS = 0.01
+CONVERGED_CELLS = 0.01
 """Largest move by the undamped steps of atoms that have settled; those of a crowd would only move on."""
 
 
@@ -153,7 +153,7 @@ class Pursuit:
         Present places of the atoms, and the centres of their boxes.
     fit : AtomFit or None
         Fit of the atoms, None without atoms.
-    hopeless, unsplit : ndarray of float64, shape (m, 4)
+    failed, unsplit : ndarray of float64, shape (m, 4)
         Places of failed new atoms, and of failed splits.
     """
 
@@ -166,7 +166,7 @@ class Pursuit:
     places: Floats = field(default_factory=NO_PLACES.copy)
     origins: Floats = field(default_factory=NO_PLACES.copy)
     fit: AtomFit | None = None
-    hopeless: Floats = field(default_factory=NO_PLACES.copy)
+    failed: Floats = field(default_factory=NO_PLACES.copy)
     unsplit: Floats = field(default_factory=NO_PLACES.copy)
 
     def residual(self) -> Complex:
@@ -184,10 +184,10 @@ class Pursuit:
         """
         if self.fit is not None:
             around = self.space.mean_around(residual, self.places)
-            calm = (around < CALM * self.fit.power) | (around < CALM_NOISE * self.noise)
-            self.origins = np.where(calm[:, None], self.places, self.origins)
+            is_flat = (around < FLAT * self.fit.power) | (around < FLAT_NOISE * self.noise)
+            self.origins = np.where(is_flat[:, None], self.places, self.origins)
 
-    def make(self, moves: _Moves) -> None:
+    def apply(self, moves: _Moves) -> None:
         """Add the new atoms, and replace those that are split by two."""
         parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.added]
         self.places, self.origins = (
@@ -220,8 +220,8 @@ class Pursuit:
         with stage("refinement"):
             atom_map = self.space.atom_map
             fit = refine_atoms(atom_map, self.places, FINISHING_STEPS, damping=LEAST_DAMPING)
-            if np.abs(fit.places - self.places).max() < SETTLED_CELLS:
-                self.fit = settle_atoms(atom_map, fit, FINISHING_STEPS)
+            if np.abs(fit.places - self.places).max() < CONVERGED_CELLS:
+                self.fit = polish_atoms(atom_map, fit, FINISHING_STEPS)
                 self.places = self.fit.places
 
     @property
@@ -248,10 +248,10 @@ class Pursuit:
         n_before : int
             Atoms before it.
         """
-        is_pair = became_pairs(moves.centres, self.places)
+        is_pair = are_split(moves.centres, self.places)
         self.unsplit = np.concatenate([self.unsplit, moves.centres[~is_pair]])
         if len(self.places) == n_before and not is_pair.any():
-            self.hopeless = np.concatenate([self.hopeless, moves.added])
+            self.failed = np.concatenate([self.failed, moves.added])
 
 
 @dataclass(frozen=True)
@@ -340,26 +340,26 @@ class Nomp4d:
         bursts = pursuit.space.atom_map.bursts
         places, gain = pursuit.space.peaks(residual, pursuit.threshold)
         eligible = reachable_places(places, pursuit.observation.gate)
-        eligible &= ~are_near(places, pursuit.hopeless, HOPELESS_CELLS)
+        eligible &= ~are_near(places, pursuit.failed, FAILED_CELLS)
         if pursuit.fit is not None:
             eligible &= gain > self._weakest(strongest_around(places, pursuit.fit, bursts))
         order = descending(gain)
         candidates, others = order[eligible[order]], order[~eligible[order]]
-        left = without_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
-        clear = clear_of_sidelobes(places, gain, candidates, left, bursts)
+        left = drop_lobe_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
+        clear = above_sidelobes(places, gain, candidates, left, bursts)
         return places[clear], gain[clear]
 
     def _round(self, pursuit: Pursuit, residual: Complex, moves: _Moves) -> None:
-        """Make the moves of a round (possibly none), settle all atoms, and remember the moves that failed."""
+        """Make the moves of a round (possibly none), refine all atoms, and remember the moves that failed."""
         with stage("refinement"):
             n_before = len(pursuit.places)
             pursuit.release(residual)
-            pursuit.make(moves)
+            pursuit.apply(moves)
             if len(pursuit.places):
-                self._settle(pursuit)
+                self._refine(pursuit)
             pursuit.remember(moves, n_before)
 
-    def _settle(self, pursuit: Pursuit) -> None:
+    def _refine(self, pursuit: Pursuit) -> None:
         """Move all atoms, each within its box, and drop weak and redundant ones."""
         atom_map = pursuit.space.atom_map
         if not atom_map.bursts.is_whole_frame:
@@ -374,7 +374,7 @@ class Nomp4d:
             stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
             stays &= np.all(np.abs(places[:, 2:] * atom_map.cell_size[2:]) <= 1, axis=1)
             if stays.all():
-                drop, places = redundant(fit, pursuit.noise)
+                drop, places = redundant_pairs(fit, pursuit.noise)
                 stays = ~drop
             pursuit.places, pursuit.origins = places[stays], pursuit.origins[stays]
             pursuit.fit = fit if stays.any() else None
@@ -389,7 +389,7 @@ class Nomp4d:
 def _begin(observation: Observation, pfa: float) -> Pursuit:
     """Read the range-Doppler map, form its beams, measure the noise, and derive the levels from it."""
     with stage("rdm"):
-        cells, unit = in_unit(observation.cells)
+        cells, unit = scale_to_unit(observation.cells)
         gated = GatedMap.of(observation, cells)
         atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
     with stage("spectrum"):
@@ -409,7 +409,7 @@ def _splits(pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
         return NO_PLACES, np.empty(0)
     around = space.mean_around(residual, fit.places)
     offsets, gain = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * pursuit.threshold)
-    return offsets, np.where(are_near(fit.places, pursuit.unsplit, TABOO_CELLS), 0, gain)
+    return offsets, np.where(are_near(fit.places, pursuit.unsplit, FAILED_SPLIT_CELLS), 0, gain)
 
 
 def atoms_as_cloud(observation: Observation, atom_map: AtomMap, fit: AtomFit, unit: float) -> PointCloud:

@@ -12,7 +12,7 @@ the scatterers, or to centroids of a few, wherever noise allows to tell.
    (`isacbench.dsp.sparse_bayes.first_atoms`): Doppler spectra, the static layer,
    moving echoes with Doppler as a coordinate, angular sectors.
 3. All atoms settle together off the grid under a falling ridge, and those that
-   are weak beside others nearby are dropped (`ridge_steps`).
+   are weak compared with others nearby are dropped (`ridge_steps`).
 4. The residual is learned in the same way without a taper along range: objects
    whose echoes are in phase have their energy at the edge of the band, which a
    taper removes.
@@ -48,11 +48,11 @@ from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scaling import in_unit
+from isacbench.dsp.scaling import scale_to_unit
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
 from isacbench.dsp.sparse_bayes.places import Reach
-from isacbench.dsp.sparse_bayes.range_blocks import Atoms, relearn
-from isacbench.dsp.sparse_bayes.ridge_steps import settle, without_misfit
+from isacbench.dsp.sparse_bayes.range_blocks import Atoms, learn_blocks
+from isacbench.dsp.sparse_bayes.ridge_steps import drop_model_error, refine_on_map
 from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid
 from isacbench.errors import require
 from isacbench.instrument.remarks import remark
@@ -161,18 +161,18 @@ class Sbl4d:
             found = self._strongest(found, np.concatenate([np.abs(fit.amplitude), strength[is_new]]))
         with stage("refinement"):
             loaded = fit_atoms(atom_map, found, FIRST_RIDGE)
-            atoms = relearn(Atoms.of(atom_map, found, loaded.amplitude), scene.reach, scene.noise)
+            atoms = learn_blocks(Atoms.of(atom_map, found, loaded.amplitude), scene.reach, scene.noise)
         settled = self._settled(scene, self._strongest(atoms.places, np.abs(atoms.amplitude)))
         if settled is None:
             return None
         with stage("refinement"):
-            return without_misfit(settled, atom_map, scene.reach)
+            return drop_model_error(settled, atom_map, scene.reach)
 
     def _settled(self, scene: _Scene, places: Floats) -> AtomFit | None:
         if not len(places):
             return None
         with stage("refinement"):
-            return settle(scene.atom_map, scene.reach, places, scene.noise)
+            return refine_on_map(scene.atom_map, scene.reach, places, scene.noise)
 
     def _strongest(self, places: Floats, strength: Floats) -> Floats:
         """Places of as many atoms as may settle together, the strongest ones."""
@@ -198,7 +198,7 @@ class Sbl4d:
 def _read(observation: Observation) -> _Scene:
     """Read the range-Doppler map, measure its noise, and sample the directions of the region."""
     with stage("rdm"):
-        cells, unit = in_unit(observation.cells)
+        cells, unit = scale_to_unit(observation.cells)
         gated = GatedMap.of(observation, cells)
         atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
     with stage("detection"):

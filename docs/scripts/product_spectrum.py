@@ -27,7 +27,7 @@ def main() -> None:
     observation = observe(scenario, SNR_DB)
     estimator = Music2d(pairing="product")
     rdm = chain.read_map(observation, estimator)
-    cells = chain.read_cells(rdm, chain.detect(rdm, estimator), estimator.readings()[0])
+    cells = chain.read_cells(rdm, chain.detect(rdm, estimator), estimator.snapshot_rules()[0])
     waves = estimator.plane_waves(observation, cells)
     k = int(waves.found.sum(axis=1).argmax())
     echo = echo_parameters(scenario)

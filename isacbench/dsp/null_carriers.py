@@ -111,7 +111,7 @@ def interpolate_nulls(used: Mask, limits: Interval) -> NullCarriers:
 
     Echoes between two limits of range change slowly from one subcarrier to the
     next. So the linear estimate of least mean square error tells what a null
-    carrier, such as that at DC, would have held; a long run of them is told less.
+    carrier, such as that at DC, would have held. In a long run of them it tells less.
     The estimate depends on how strong the transmitter's own signal at range 0,
     echoes from beyond the region, and noise are expected to be. Of some
     choices that tell echoes from the region well enough, or about as well as

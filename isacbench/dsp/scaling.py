@@ -14,7 +14,7 @@ LIMIT = 2.0**510
 """Amplitudes from here on, 3e153, have powers that overflow; powers that underflow are 0."""
 
 
-def in_unit(cells: Complex) -> tuple[Complex, float]:
+def scale_to_unit(cells: Complex) -> tuple[Complex, float]:
     """Convert cells to a unit near their largest amplitude, exactly.
 
     Parameters

@@ -17,7 +17,7 @@ from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.stable_order import rounded
+from isacbench.dsp.stable_order import round_mantissa
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin, reach, taper
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
@@ -146,7 +146,7 @@ class ScatterersInCells:
             amplitudes=self.amplitudes[keep],
         )
 
-    def at_home(self, range_excess: float, doppler_excess: float) -> ScatterersInCells:
+    def in_own_cell(self, range_excess: float, doppler_excess: float) -> ScatterersInCells:
         """Select the scatterers that pass the own-cell test.
 
         Parameters
@@ -160,11 +160,11 @@ class ScatterersInCells:
         slower, _, faster = self.along_doppler.T
         # An echo halfway between two cells passes in both; without margin, rounding could drop it in both.
         level = (1 + 10.0**-TIE_DIGITS) * own
-        home = np.maximum(farther, nearer) <= range_excess * level
-        home &= np.maximum(faster, slower) <= doppler_excess * level
-        return self.select(home)
+        own = np.maximum(farther, nearer) <= range_excess * level
+        own &= np.maximum(faster, slower) <= doppler_excess * level
+        return self.select(own)
 
-    def clear_of_sidelobes(self, excess: float, least_left: float, system: System) -> ScatterersInCells:
+    def above_sidelobes(self, excess: float, least_left: float, system: System) -> ScatterersInCells:
         """Select the scatterers that the echoes of stronger ones, found in other cells, do not explain.
 
         An echo shows in all cells and directions, by the tapered kernels of
@@ -351,7 +351,9 @@ def _thinned(pairs: Integers, n: int) -> Mask:
 
 def _strongest_first(scatterers: LocatedScatterers) -> Integers:
     """Order of scatterers by power, those of a family together."""
-    power, family_power = (-rounded(p, TIE_DIGITS) for p in (scatterers.power, _family_power(scatterers)))
+    power, family_power = (
+        -round_mantissa(p, TIE_DIGITS) for p in (scatterers.power, _family_power(scatterers))
+    )
     return np.lexsort([power, scatterers.family, family_power])
 
 

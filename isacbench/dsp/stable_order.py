@@ -15,7 +15,7 @@ STEP_BITS = 8
 """Binary digits kept below the square of a step."""
 
 
-def rounded(values: Floats, digits: int) -> Floats:
+def round_mantissa(values: Floats, digits: int) -> Floats:
     """Round values to decimal digits of their binary mantissa.
 
     Returns
@@ -24,7 +24,7 @@ def rounded(values: Floats, digits: int) -> Floats:
 
     Examples
     --------
-    >>> first, second = rounded(np.array([0.1 + 0.2, 0.3]), 9)
+    >>> first, second = round_mantissa(np.array([0.1 + 0.2, 0.3]), 9)
     >>> bool(first == second)
     True
     """
@@ -32,7 +32,7 @@ def rounded(values: Floats, digits: int) -> Floats:
     return np.ldexp(np.round(mantissa, digits), exponent)
 
 
-def stepped(places: Floats, steps: Floats) -> Floats:
+def round_step(places: Floats, steps: Floats) -> Floats:
     """Round places after a step to the digits that the step determines.
 
     A Newton step of length s ends about s² from its aim, in units in which the
@@ -54,9 +54,9 @@ def stepped(places: Floats, steps: Floats) -> Floats:
 
     Examples
     --------
-    >>> stepped(np.array([0.123456789, 0.5]), np.array([0.1, 0.0]))
+    >>> round_step(np.array([0.123456789, 0.5]), np.array([0.1, 0.0]))
     array([0.12347412, 0.5       ])
-    >>> stepped(np.array([0.123456789]), np.array([1e-8]))
+    >>> round_step(np.array([0.123456789]), np.array([1e-8]))
     array([0.12345679])
     """
     longest = np.abs(steps).max(axis=-1, keepdims=True, initial=0)

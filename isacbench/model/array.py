@@ -63,7 +63,7 @@ class VirtualArray:
         its element (0, 0): "-u" or "+u", and "-w" or "+w". Frames are written
         and read in this order; observations always ascend towards -u and -w.
     mimo : {"ideal", "comb", "tdm"}
-        How the transmitters are told apart. "ideal": every one has all resource
+        How the transmitters are separated. "ideal": every one has all resource
         elements to itself. "comb" and "tdm": they take turns on successive
         subcarriers, and on successive symbols.
     leakage_db : float or None

@@ -35,7 +35,7 @@ from isacbench.model.scenes.raw_uniforms import raw_uniforms
 FEW_SPEEDS = 4
 """Echoes a speed from which it pays to sum those of each speed first."""
 
-DUST = 16.0
+NEGLIGIBLE_ROUNDINGS = 16.0
 """Roundings of the largest value that echoes could have together, up to which their sum counts as zero."""
 
 MOST_PRODUCTS = 2**24
@@ -119,7 +119,7 @@ def clean_echo(scenario: Scenario, gate: Gate) -> Complex:
             _superposed(along_range * echo.gain, along_doppler.conj(), directions[:, own], echo.doppler_bin)
         )
     cells = _joined(array, parts)
-    if is_dust(cells, echo, np.sqrt(system.processing_gain)):
+    if is_negligible(cells, echo, np.sqrt(system.processing_gain)):
         cells[:] = 0
     return cells.reshape(*gate.shape, *array.shape)
 
@@ -154,7 +154,7 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     delay = np.exp(-2j * np.pi * n * echo.range_bin / system.n_subcarriers)
     doppler = np.exp(2j * np.pi * m * echo.doppler_bin / system.n_symbols)
     grid = _superposed(delay * echo.gain, doppler, directions, echo.doppler_bin)
-    if is_dust(grid, echo, 1.0):
+    if is_negligible(grid, echo, 1.0):
         grid[:] = 0
     if array.n_turns > 1:
         transmitter = array.transmitters.reshape(array.shape)[tuple(np.transpose(elements))]
@@ -163,7 +163,7 @@ def resource_grid(scenario: Scenario, elements: ArrayLike, subcarriers: slice = 
     return grid
 
 
-def is_dust(values: Complex, echo: EchoParameters, largest: float) -> bool:
+def is_negligible(values: Complex, echo: EchoParameters, largest: float) -> bool:
     """Tell if superposed echoes are nothing but the rounding of echoes that cancel.
 
     Without noise an estimator sees nothing else, and would image it.
@@ -174,7 +174,7 @@ def is_dust(values: Complex, echo: EchoParameters, largest: float) -> bool:
     largest : float
         Largest value of a unit echo.
     """
-    rounding = DUST * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
+    rounding = NEGLIGIBLE_ROUNDINGS * np.finfo(np.float64).eps * largest * float(np.abs(echo.gain).sum())
     # Mostly the first element tells, at little cost.
     parts = (values[:, :, :1], values)
     return all(float(np.abs(part).max(initial=0)) <= rounding for part in parts)

@@ -117,33 +117,14 @@ class PaperFrame(Frame):
     half_space = "below the base station (z <= z of the base station)"
 
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute the direction cosines; straight down, where θ is free, θ = 0 is taken.
-
-        Parameters
-        ----------
-        offset_m : array_like, shape (n, 3)
-
-        Returns
-        -------
-        u, w : ndarray of float64, shape (n,)
-        """
+        """Compute the direction cosines; straight down, where θ is free, θ = 0 is taken."""
         offset = checked_array("offset_m", offset_m)
         cos_phi = -offset[:, 2] / np.linalg.norm(offset, axis=1)
         theta = np.arctan2(-offset[:, 1], offset[:, 0])
         return cos_phi * np.cos(theta), cos_phi * np.sin(theta)
 
     def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Compute the offsets; u = w = 0, the horizon, is singular and taken at θ = 0.
-
-        Parameters
-        ----------
-        range_m, u, w : array_like, shape (n,)
-
-        Returns
-        -------
-        ndarray of float64, shape (n, 3)
-            In metres; NaN outside the visible region.
-        """
+        """Compute the offsets; u = w = 0, the horizon, is singular and taken at θ = 0."""
         u, w = checked_array("u", u), checked_array("w", w)
         sin_phi = _normal_cosine(u, w)
         theta = np.arctan2(w + 0.0, u + 0.0)  # + 0 turns -0, whose angle is π, into 0
@@ -153,17 +134,7 @@ class PaperFrame(Frame):
         return checked_array("range_m", range_m)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Compute the derivatives; NaN straight down (u² + w² = 1) and at the horizon (u = w = 0).
-
-        Parameters
-        ----------
-        range_m, u, w : array_like, shape (n,)
-
-        Returns
-        -------
-        ndarray of float64, shape (n, 3, 3)
-            Rows are x, y and z, columns R, u and w.
-        """
+        """Compute the derivatives; NaN straight down (u² + w² = 1) and at the horizon (u = w = 0)."""
         u, w = checked_array("u", u), checked_array("w", w)
         h, s = _nonzero(np.hypot(u, w)), _nonzero(_normal_cosine(u, w))
         cos_theta, sin_theta = u / h, w / h
@@ -187,16 +158,7 @@ class PaperFrame(Frame):
         )
 
     def in_half_space(self, offset_m: ArrayLike) -> Mask:
-        """Tell which offsets lie below the base station.
-
-        Parameters
-        ----------
-        offset_m : array_like, shape (n, 3)
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-        """
+        """Tell which offsets lie below the base station."""
         return checked_array("offset_m", offset_m)[:, 2] <= 0
 
 
@@ -232,50 +194,21 @@ class PanelFrame(Frame):
         return axes
 
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute the direction cosines of offsets.
-
-        Parameters
-        ----------
-        offset_m : array_like, shape (n, 3)
-
-        Returns
-        -------
-        u, w : ndarray of float64, shape (n,)
-        """
+        """Compute the direction cosines of offsets."""
         offset = checked_array("offset_m", offset_m)
         direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
         u, w = self.axes[:2] @ direction.T
         return u, w
 
     def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Compute the offsets in the half-space that the panel faces.
-
-        Parameters
-        ----------
-        range_m, u, w : array_like, shape (n,)
-
-        Returns
-        -------
-        ndarray of float64, shape (n, 3)
-            In metres; NaN outside the visible region.
-        """
+        """Compute the offsets in the half-space that the panel faces."""
         u, w = checked_array("u", u), checked_array("w", w)
         local = np.stack([u, w, _normal_cosine(u, w)], axis=-1)
         direction: Floats = local @ self.axes
         return checked_array("range_m", range_m)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
-        """Compute the derivatives; NaN in the plane of the panel.
-
-        Parameters
-        ----------
-        range_m, u, w : array_like, shape (n,)
-
-        Returns
-        -------
-        ndarray of float64, shape (n, 3, 3)
-            Rows are x, y and z, columns R, u and w.
-        """
+        """Compute the derivatives; NaN in the plane of the panel."""
         u, w = checked_array("u", u), checked_array("w", w)
         normal = _nonzero(_normal_cosine(u, w))
         one, zero = np.ones_like(normal), np.zeros_like(normal)
@@ -287,16 +220,7 @@ class PanelFrame(Frame):
         )
 
     def in_half_space(self, offset_m: ArrayLike) -> Mask:
-        """Tell which offsets lie in front of the panel.
-
-        Parameters
-        ----------
-        offset_m : array_like, shape (n, 3)
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-        """
+        """Tell which offsets lie in front of the panel."""
         return checked_array("offset_m", offset_m) @ self.axes[2] >= 0
 
 

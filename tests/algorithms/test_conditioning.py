@@ -90,7 +90,7 @@ def test_an_element_that_answers_alone_has_no_direction_and_says_so(method):
     levels = Levels(1e-30, 1e-3, 1e-12)
     one = method(max_order=1, subarray_fraction=1.0) if method is Music2d else method(max_sources=1)
     with Remarks() as remarks:
-        cells = CellSnapshots(one.readings()[-1], None, None, snapshots, levels)
+        cells = CellSnapshots(one.snapshot_rules()[-1], None, None, snapshots, levels)
         waves = one.plane_waves(observe([FIRST], (8, 8)), cells)
     assert not waves.found.any()
     assert remarks.counts["unseparated"].n == remarks.counts["unseparated"].of > 0

@@ -27,9 +27,9 @@ from tests.dsp.plane_wave_data import noise
 BOTH = pytest.mark.parametrize("estimator", [Esprit2d, Music2dJoint])
 
 RAYLEIGH = 2 / 16
-RESOLVED, CROWD, SINGLE = Esprit2d().readings()
+RESOLVED, CROWD, SINGLE = Esprit2d().snapshot_rules()
 # A cell is resolved only where it stands 18 dB above the noise of an element, 42 dB after 256 of them.
-READINGS = pytest.mark.parametrize(("reading", "gain_db"), [(RESOLVED, 45.0), (CROWD, 40.0), (SINGLE, 40.0)])
+READINGS = pytest.mark.parametrize(("rule", "gain_db"), [(RESOLVED, 45.0), (CROWD, 40.0), (SINGLE, 40.0)])
 
 
 @cache
@@ -41,13 +41,13 @@ def everywhere(n_p=16, n_q=16):
     return replace(empty, cells=empty.cells / scale)
 
 
-def waves_in(estimator, reading, snapshots, levels):
-    """Waves found in snapshots (n, s, P, Q), as one reading takes them."""
-    cells = CellSnapshots(reading, None, None, snapshots, levels)
+def waves_in(estimator, rule, snapshots, levels):
+    """Waves found in snapshots (n, s, P, Q), as one rule takes them."""
+    cells = CellSnapshots(rule, None, None, snapshots, levels)
     return estimator.plane_waves(everywhere(*snapshots.shape[2:]), cells)
 
 
-def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), seed=0, reading=RESOLVED):
+def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), seed=0, rule=RESOLVED):
     """Waves found in n snapshots of equal ones: phases at the middle, gain after all elements."""
     n_p, n_q = shape
     u, w = np.array(u), np.array(w)
@@ -58,10 +58,10 @@ def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), 
     # Strongest cells 28 dB above the floor, as a detector has it.
     floor = max(1.0, np.mean(np.abs(clean) ** 2) * 10**-2.8)
     min_power = -np.log(estimator.angle_pfa) * floor / (n_p * n_q)
-    snapshots = (clean + noise(n * reading.range_cells, n_p, n_q, seed=seed)).reshape(
-        n, reading.range_cells, n_p, n_q
+    snapshots = (clean + noise(n * rule.range_cells, n_p, n_q, seed=seed)).reshape(
+        n, rule.range_cells, n_p, n_q
     )
-    return waves_in(estimator, reading, snapshots, Levels(1.0, floor, min_power))
+    return waves_in(estimator, rule, snapshots, Levels(1.0, floor, min_power))
 
 
 def misses(waves, u, w, tolerance):
@@ -108,19 +108,19 @@ def test_coherent_sources_are_found_without_ghosts(estimator, u, w, opposite):
 
 
 @BOTH
-@pytest.mark.parametrize("reading", [RESOLVED, CROWD, SINGLE])
+@pytest.mark.parametrize("rule", [RESOLVED, CROWD, SINGLE])
 @pytest.mark.parametrize("model_order", ["noise", "mdl", "aic"])
-def test_every_order_finds_strong_separate_sources(estimator, model_order, reading):
+def test_every_order_finds_strong_separate_sources(estimator, model_order, rule):
     u, w = [-0.5, 0.0, 0.5], [0.3, -0.4, 0.1]
-    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], n=10, reading=reading)
+    waves = plane_waves(estimator(model_order=model_order), u, w, [0, 1, 2], n=10, rule=rule)
     assert misses(waves, u, w, 0.01) == 0
 
 
 @BOTH
 @READINGS
-def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, reading, gain_db):
+def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, rule, gain_db):
     waves = plane_waves(
-        estimator(model_order="eigenvalue_cfar"), [0.3], [-0.2], gain_db=gain_db, n=10, reading=reading
+        estimator(model_order="eigenvalue_cfar"), [0.3], [-0.2], gain_db=gain_db, n=10, rule=rule
     )
     assert misses(waves, [0.3], [-0.2], 0.01) == 0
 
@@ -155,19 +155,19 @@ def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator,
 @pytest.mark.parametrize("polish", [0, 10])
 def test_no_cells_and_one_cell(estimator, polish):
     method = estimator(polish=polish)
-    for reading in method.readings():
-        none = np.empty((0, reading.range_cells, 16, 16), dtype=complex)
-        assert len(waves_in(method, reading, none, Levels(1.0, 1.0, 0.1)).found) == 0
-        waves = plane_waves(method, [0.3], [-0.2], reading=reading)
+    for rule in method.snapshot_rules():
+        none = np.empty((0, rule.range_cells, 16, 16), dtype=complex)
+        assert len(waves_in(method, rule, none, Levels(1.0, 1.0, 0.1)).found) == 0
+        waves = plane_waves(method, [0.3], [-0.2], rule=rule)
         assert misses(waves, [0.3], [-0.2], 0.01) == 0
 
 
 @BOTH
 def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
     method = estimator()
-    for reading in method.readings():
-        snapshots = noise(100 * reading.range_cells, 16, 16).reshape(100, reading.range_cells, 16, 16)
-        waves = waves_in(method, reading, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
+    for rule in method.snapshot_rules():
+        snapshots = noise(100 * rule.range_cells, 16, 16).reshape(100, rule.range_cells, 16, 16)
+        waves = waves_in(method, rule, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
         assert waves.found.sum() <= 3
 
 

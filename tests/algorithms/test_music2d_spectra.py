@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from isacbench_algorithms.chain import CellSnapshots, Levels, Reading
+from isacbench_algorithms.chain import CellSnapshots, Levels, SnapshotRule
 from isacbench_algorithms.music2d import Music2d
 from scipy.optimize import minimize_scalar
 
@@ -115,7 +115,7 @@ def distance_deg(some, others):
 def spectra_of(observation, snapshot, noise):
     """Spectra of one cell along u and along w."""
     cells = CellSnapshots(
-        Reading("rect", "soft"), None, None, snapshot[None, None], Levels(noise, noise, 0.0)
+        SnapshotRule("rect", "soft"), None, None, snapshot[None, None], Levels(noise, noise, 0.0)
     )
     return Music2d().spectra(observation, cells)
 
@@ -218,7 +218,11 @@ def test_product_pairing_takes_the_local_maxima_of_the_plane_that_pass_a_cell_av
     white_noise = np.sqrt(noise) * white(ELEMENTS, ELEMENTS, seed=4)
     snapshot = steering(ELEMENTS, u).T @ steering(ELEMENTS, w) + white_noise
     cells = CellSnapshots(
-        Reading("rect", "soft"), None, None, np.stack([snapshot] * 70)[:, None], Levels(noise, noise, 0.0)
+        SnapshotRule("rect", "soft"),
+        None,
+        None,
+        np.stack([snapshot] * 70)[:, None],
+        Levels(noise, noise, 0.0),
     )
     paper = Music2d(pairing="product", product_pfa=pfa, max_sources=9)
     waves = paper.plane_waves(street, cells)

@@ -25,12 +25,12 @@ def test_angles_of_detected_cells_are_those_of_all_cells_selected(estimator):
     detector = method.cell_detector()
     detected = detect_cells(gated.tapered("hann", "hann"), detector, "noncoherent", DYNAMIC_RANGE_DB)
     levels = Levels(detected.floor, detected.floor, 0.0)
-    # The first reading takes single cells.
-    reading = method.readings()[0]
-    tapered = gated.tapered(reading.range_window, reading.doppler_window)
+    # The first rule takes single cells.
+    rule = method.snapshot_rules()[0]
+    tapered = gated.tapered(rule.range_window, rule.doppler_window)
 
     def waves_of(snapshots):
-        return method.plane_waves(observation, CellSnapshots(reading, None, None, snapshots[:, None], levels))
+        return method.plane_waves(observation, CellSnapshots(rule, None, None, snapshots[:, None], levels))
 
     rows, columns = tapered.index(detected.bins)
     alone = waves_of(tapered.cells[rows, columns])

@@ -35,7 +35,7 @@ def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dyna
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered("rect", window)
     found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", window), dynamic_range_db)
-    return found.at_home(*excess).scatterers
+    return found.in_own_cell(*excess).scatterers
 
 
 def scatterers(*rows):
@@ -122,7 +122,7 @@ def clear(gated, cells, u, w, excess=1.1, least_left=0.33):
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered("rect", "soft")
     found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", "soft"), 60.0)
-    return np.sort(found.clear_of_sidelobes(excess, least_left, SYSTEM).scatterers.range_bin)
+    return np.sort(found.above_sidelobes(excess, least_left, SYSTEM).scatterers.range_bin)
 
 
 @given(range_bin=st.floats(33.0, 36.0), doppler_bin=st.floats(-1.0, 1.0), w=st.floats(0.1, 0.2))
@@ -174,7 +174,7 @@ def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
     bins = np.array([33]), np.array([0])
     waves = PlaneWaves(u, w, np.ones((1, 2), dtype=bool))
     found = locate_waves(waves, gated.tapered("rect", "soft"), bins, ("rect", "soft"), 60.0)
-    assert len(found.clear_of_sidelobes(1.1, 0.33, SYSTEM)) == 2
+    assert len(found.above_sidelobes(1.1, 0.33, SYSTEM)) == 2
 
 
 def test_of_a_close_pair_that_two_cells_resolve_one_cell_keeps_both():
@@ -188,7 +188,7 @@ def test_of_a_close_pair_that_two_cells_resolve_one_cell_keeps_both():
     # The same pair seen twice: by power alone, the order of its halves would be left to rounding.
     for power in ([4.0, 3.0, 3.9, 3.1], [4.0, 3.1, 3.9, 3.0], [3.9, 3.1, 4.0, 3.0]):
         seen = replace(found, scatterers=replace(found.scatterers, power=np.array(power)))
-        kept = seen.clear_of_sidelobes(1.1, 0.33, SYSTEM)
+        kept = seen.above_sidelobes(1.1, 0.33, SYSTEM)
         assert len({*kept.scatterers.family.tolist()}) == 1
         assert np.sort(kept.scatterers.u) == pytest.approx(u)
 

@@ -35,7 +35,7 @@ import pandas as pd
 
 import neighbour
 from neighbour import helped
-from isacbench.dsp.stable_order import stepped
+from isacbench.dsp.stable_order import round_step
 
 GAIN = 2.5
 WORDS = {"deep": [1, {"er": (2, 3)}], "other": {"a", "b", "c"}}
@@ -153,7 +153,7 @@ class Plugged(Base):
         self.unused = WEIGHTS, TABLE, PLACE, MODE.SLOW, ORDER, POINT, SETUP.level, Tool(), rounded
         self.more = PATTERN, NEAR, FAR, TURNED, WRAPPED, called, Slotted, WithMeta, np.random.normal
         self.most = WOUND, LOOK, TEXT
-        return TWICE, HALF, SQUARE, helped, neighbour.CONSTANT, stepped
+        return TWICE, HALF, SQUARE, helped, neighbour.CONSTANT, round_step
 
 @dataclass(frozen=True)
 class Frozen(Plugged):

@@ -217,7 +217,7 @@ def stochastic_bound(
     ------
     InputError
         If the elements that are used do not determine all four parameters of a scatterer alone, the
-        covariance is none or has a power of 0, or numbers are not finite or not as many.
+        matrix is no covariance or has a power of 0, or numbers are not finite or not as many.
 
     References
     ----------

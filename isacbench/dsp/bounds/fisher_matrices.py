@@ -170,7 +170,7 @@ class Bound:
     ----------
     covariance : ndarray of float64, shape (..., 4, 4)
         Of (R, v, u, w) of each scatterer, in m, m/s and 1. A scatterer that
-        cannot be told from others has infinite variances, and NaN elsewhere.
+        cannot be resolved from others has infinite variances, and NaN elsewhere.
     """
 
     covariance: Floats
@@ -244,7 +244,7 @@ class KnownPart:
     vector : ndarray of float64 or complex128, shape (n_unknowns, K, r)
         Their eigenvectors.
     merged : ndarray of bool, shape (K,)
-        True for a scatterer that cannot be told from others.
+        True for a scatterer that cannot be resolved from others.
     """
 
     eigenvalue: Floats
@@ -269,7 +269,7 @@ class KnownPart:
         floor = size * np.finfo(np.float64).eps * max(eigenvalue[-1], 1.0)
         null = eigenvalue < floor
         vector = vector.reshape(n_unknowns, n, size)
-        # A scatterer with a share in a null vector, even by its amplitude alone, cannot be told from others.
+        # A scatterer with a share in a null vector, even by its amplitude alone, cannot be resolved.
         shares = np.abs(vector) ** 2
         lost = shares[:, :, null].sum(axis=2) / floor
         rest = (shares[:, :, ~null] / eigenvalue[~null]).sum(axis=2)
@@ -277,7 +277,7 @@ class KnownPart:
 
 
 def inverse_where_known(known: KnownPart, n_nuisance: int = 0) -> Floats:
-    """Invert a Fisher matrix, with infinite variances for scatterers that cannot be told apart.
+    """Invert a Fisher matrix, with infinite variances for scatterers that cannot be resolved.
 
     Parameters
     ----------

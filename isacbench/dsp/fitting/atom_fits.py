@@ -10,7 +10,7 @@ for echoes in quadrature. Rounding leaves places known from about 0.01 cells in
 phase and 0.001 in quadrature (`AtomFit.blurred`).
 
 Only the right side of a step needs all digits, not its matrix. So a fit is
-settled on its misfit to the map, cell by cell (`settle_atoms`): differences are
+settled on its misfit to the map, cell by cell (`polish_atoms`): differences are
 taken before anything is squared, and rounding is magnified by the condition of
 the atoms and slopes, not by its square.
 
@@ -31,7 +31,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, Correlations, LineProducts, product_matrix
-from isacbench.dsp.stable_order import stepped
+from isacbench.dsp.stable_order import round_step
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Error of the product of two unit atoms, which is one of four products along the coordinates."""
@@ -286,7 +286,7 @@ def refine_atoms(
 ) -> AtomFit:
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
 
-    Places keep the digits that a step determines (`isacbench.dsp.stable_order.stepped`).
+    Places keep the digits that a step determines (`isacbench.dsp.stable_order.round_step`).
     In a crowd steps never end, and each would magnify the last digits of the one before.
 
     Parameters
@@ -309,7 +309,7 @@ def refine_atoms(
     best = fit_atoms(atom_map, places)
     for _ in range(n_steps):
         step = _step(best, damping)
-        tried = fit_atoms(atom_map, np.clip(stepped(best.places + step, step), *limits))
+        tried = fit_atoms(atom_map, np.clip(round_step(best.places + step, step), *limits))
         # At the optimum rounding decides which of two explains more; it must not decide about a step.
         if tried.energy >= (1 - NOT_LESS) * best.energy and tried.own.min() > LEAST_OWN:
             best, damping = tried, max(damping / 10, LEAST_DAMPING)
@@ -327,7 +327,7 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
 
 
-def settle_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
+def polish_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
     """Finish a fit on its misfit to the map, for atoms so close that products have lost their digits.
 
     Each step first subtracts all echoes from the map, and correlates the rest.

@@ -65,7 +65,7 @@ class PlaceGrid(NamedTuple):
     zoom: int
 
 
-class Pursued(NamedTuple):
+class PursuitResult(NamedTuple):
     """Atoms of a pursuit, in the order in which they were chosen.
 
     Attributes
@@ -82,7 +82,7 @@ class Pursued(NamedTuple):
 
 def pursue_on_grid(
     atom_map: AtomMap, grid: PlaceGrid, least_energy: float, dynamic_range_db: float, n_most: int
-) -> Pursued:
+) -> PursuitResult:
     """Choose atoms one by one, each time the one that explains most of the residual by itself.
 
     After each choice all amplitudes are the least-squares fit: the residual is
@@ -110,7 +110,7 @@ def pursue_on_grid(
         if len(members) == 1:
             least_energy = max(least_energy, members.first_energy * 10 ** (-dynamic_range_db / 10))
         search.subtract(members)
-    return Pursued(members.places, members.amplitude)
+    return PursuitResult(members.places, members.amplitude)
 
 
 class _Members:

@@ -10,7 +10,7 @@ multiplied.
 
 Lobes next to each other differ by less than the sidelobes of other echoes.
 A scatterer taken alone is easily put at a wrong one. Together scatterers are
-told apart, because the echoes of all others are subtracted for each.
+resolved, because the echoes of all others are subtracted for each.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
-from isacbench.dsp.fitting.atom_fits import AtomFit, refine_atoms, settle_atoms
+from isacbench.dsp.fitting.atom_fits import AtomFit, polish_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.fitting.pursuit import redundant
+from isacbench.dsp.fitting.pursuit import redundant_pairs
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.gate import Gate
@@ -60,13 +60,13 @@ MAX_ROUNDS = 8
 EXPLAINING_STEPS = 3
 """Newton steps of a fit in four coordinates, before and after scatterers have left it."""
 
-SETTLING_STEPS = 3
+POLISHING_STEPS = 3
 """Steps on the misfit of an explained map: each brings six digits or more."""
 
 MOST_UNEXPLAINED = 2.0
 """Largest misfit around a scatterer of an explained map, in noise powers; means of 21 cells vary by 0.2."""
 
-HOPELESS = 20.0
+MOST_UNEXPLAINED_POWER = 20.0
 """Misfit after the first steps above which further steps do not help, in noise powers."""
 
 LEAST_RESOLVED = 0.5
@@ -257,10 +257,10 @@ def explain_map(
     atom_map = AtomMap.from_map(gated, system)
     start = np.stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w], axis=1)
     fit = refine_atoms(atom_map, start / atom_map.cell_size, EXPLAINING_STEPS)
-    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > HOPELESS * noise:
+    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > MOST_UNEXPLAINED_POWER * noise:
         return None
     while True:
-        drop, places = redundant(fit, noise)
+        drop, places = redundant_pairs(fit, noise)
         scatterers = scatterers.select(~drop)
         if not len(scatterers):
             return scatterers
@@ -269,7 +269,7 @@ def explain_map(
             break
     if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > MOST_UNEXPLAINED * noise:
         return None
-    return _placed(scatterers, settle_atoms(atom_map, fit, SETTLING_STEPS), atom_map)
+    return _placed(scatterers, polish_atoms(atom_map, fit, POLISHING_STEPS), atom_map)
 
 
 def _placed(scatterers: LocatedScatterers, fit: AtomFit, atom_map: AtomMap) -> LocatedScatterers:

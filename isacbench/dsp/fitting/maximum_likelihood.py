@@ -1,4 +1,4 @@
-"""Maximum likelihood of a cell's plane waves: directions refined together on all elements, and told apart.
+"""Maximum likelihood of a cell's plane waves: directions refined together on all elements, and resolved.
 
 In white noise the likeliest directions leave the least power unexplained, each
 plane wave with its best amplitude. The amplitudes are linear and drop out in
@@ -44,7 +44,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.angles.peaks import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.stable_order import stepped
+from isacbench.dsp.stable_order import round_step
 
 GRAM_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""
@@ -330,7 +330,7 @@ def refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finis
         length = np.abs(step * half_cells).max(axis=1)
         step /= np.maximum(1, length / LARGEST_STEP)[:, None]
         places = np.concatenate([old.u, old.w], axis=1) + step
-        u, w = np.split(stepped(places * half_cells, step * half_cells) / half_cells, 2, axis=1)
+        u, w = np.split(round_step(places * half_cells, step * half_cells) / half_cells, 2, axis=1)
         new = fit_waves(snapshots[moving], u, w, found[moving])
         # A step that loses no more than rounding is taken: rounding must not decide.
         better = new.unexplained <= old.unexplained + np.maximum(old.rounding, new.rounding)

@@ -1,4 +1,4 @@
-"""Residual of a matching pursuit in four dimensions, the moves of a round, and redundant atoms.
+"""Residual of a matching pursuit in four dimensions, the moves of a round, and redundant pairs.
 
 The residual is seen through beams towards the directions of the region. Beams
 of the map are formed once; those of atoms are products of four kernels, so that
@@ -24,7 +24,7 @@ from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
-from isacbench.dsp.stable_order import rounded
+from isacbench.dsp.stable_order import round_mantissa
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
 
@@ -47,7 +47,7 @@ SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 SPLIT_STANDOUT = 25.0
 """Gain of a split over the mean residual around it."""
 
-SPLIT_CALM = 0.1
+SPLIT_RESIDUAL = 0.1
 """Residual around an atom, relative to it, above which a crowd is there and not a second echo."""
 
 LEAST_FREE = 1e-6
@@ -56,7 +56,7 @@ LEAST_FREE = 1e-6
 FIXED_POINT_STEPS = 40
 """Each halves the error of a level, or better."""
 
-TOLD_APART = 16.0
+RESOLVED_VARIANCES = 16.0
 """Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
 
 TIE_DIGITS = 9
@@ -259,7 +259,7 @@ def descending(energy: Floats) -> Integers:
     ndarray of int64, shape (n,)
         Indices.
     """
-    return np.argsort(-rounded(energy, TIE_DIGITS), kind="stable")
+    return np.argsort(-round_mantissa(energy, TIE_DIGITS), kind="stable")
 
 
 def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
@@ -441,13 +441,13 @@ def split_gains(
         separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
     axis, atom = gain.argmax(axis=1), np.arange(n)
     best = gain[atom, axis]
-    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_CALM * fit.power)
+    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_RESIDUAL * fit.power)
     offsets = np.zeros((n, N_COORDINATES))
     offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
     return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
-def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
+def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """Atoms that noise or rounding leaves without a place of their own, by the joint Cramér-Rao bound.
 
     Parameters
@@ -486,10 +486,10 @@ def redundant(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     along = np.einsum("pi,pij,pj->p", apart, joint, apart)
     blurred = fit.blurred
     # Variance of the distance along the line between the two.
-    told = (length**2 >= TOLD_APART * along) & ~(blurred[first] & blurred[second])
+    is_resolved = (length**2 >= RESOLVED_VARIANCES * along) & ~(blurred[first] & blurred[second])
     for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
         pair = np.array([first[k], second[k]])
-        if told[k] or drop[pair].any():
+        if is_resolved[k] or drop[pair].any():
             continue
         stronger, weaker = pair[descending(power[pair])]
         drop[weaker] = True
@@ -519,7 +519,7 @@ def reachable_places(places: Floats, gate: Gate) -> Mask:
     return inside
 
 
-def clear_of_sidelobes(
+def above_sidelobes(
     places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
     """Keep the candidates that are not sidelobes of peaks which no move explains.
@@ -543,7 +543,7 @@ def clear_of_sidelobes(
     return candidates[gain[candidates] >= shown]
 
 
-def without_images(
+def drop_lobe_images(
     places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
     """Drop the peaks that are grating lobes of the best candidates.
@@ -585,7 +585,7 @@ def are_near(places: Floats, others: Floats, distance: float) -> Mask:
     return np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
 
 
-def became_pairs(centres: Floats, places: Floats) -> Mask:
+def are_split(centres: Floats, places: Floats) -> Mask:
     """Tell which split atoms have become two: at least two atoms lie around their place.
 
     Parameters

@@ -23,7 +23,7 @@ from scipy.ndimage import binary_dilation, label, maximum_filter
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.learning import DopplerSpectra, learn_doppler_spectra
-from isacbench.dsp.sparse_bayes.places import Reach, gather
+from isacbench.dsp.sparse_bayes.places import Reach, merge_neighbours
 from isacbench.dsp.sparse_bayes.tiles import (
     BinTaper,
     DirectionGrid,
@@ -183,7 +183,7 @@ def first_atoms(
     found = [*_static_atoms(rows), *_moving_atoms(rows)]
     places = np.concatenate([np.empty((0, 4)), *(each for each, _ in found)])
     strength = np.concatenate([np.empty(0), *(each for _, each in found)])
-    return gather(places, strength, SAME_PLACE)
+    return merge_neighbours(places, strength, SAME_PLACE)
 
 
 def _tapered(
@@ -250,7 +250,7 @@ def _in_core(along: Floats, start: float, end: float) -> Mask:
 
 def _moving_atoms(rows: _Rows) -> Iterator[tuple[Floats, Floats]]:
     """Atoms of moving echoes, tile by tile of each connected group of lines."""
-    movers = _Movers.of(rows)
+    movers = _MovingAtoms.of(rows)
     active = movers.active_lines()
     nearby = binary_dilation(active, np.ones(LINE_GROWTH, dtype=np.bool_))
     groups, n_groups = label(nearby)
@@ -287,7 +287,7 @@ def _line_cores(lines: Floats) -> Iterator[tuple[float, float]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Movers:
+class _MovingAtoms:
     """Rows without their static line, tapered along Doppler.
 
     Attributes
@@ -305,7 +305,7 @@ class _Movers:
     doppler_bins: Floats
 
     @classmethod
-    def of(cls, rows: _Rows) -> _Movers:
+    def of(cls, rows: _Rows) -> _MovingAtoms:
         atom_map = rows.atom_map
         line = atom_map.line(np.zeros(1), 1).value[0]
         others = np.eye(line.size) - np.multiply.outer(line, line) / (line @ line)

@@ -342,8 +342,8 @@ def learn_atoms(
         amplitude = root * (solution @ np.array([1, 1j]))
         inverse, _ = lapack.dpotri(cholesky, lower=1, overwrite_c=1)
         # Of the noise's 1 the data leave the inverse: the rest is what they tell of the atom, g s.
-        told = np.maximum(1 - inverse.diagonal(), LEAST_SEEN)
-        power = np.abs(amplitude) * np.sqrt(power / told)
+        data_share = np.maximum(1 - inverse.diagonal(), LEAST_SEEN)
+        power = np.abs(amplitude) * np.sqrt(power / data_share)
         size = np.abs(amplitude)
         stays = size > size.max() * 10 ** (-PRUNED_DB / 20)
         if FIRST_PRUNED_STEP <= step < n_steps - 1 and not stays.all():

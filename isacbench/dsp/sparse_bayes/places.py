@@ -88,7 +88,7 @@ class Reach:
         return self.observation.region.contains(xyz, tolerance_m)
 
 
-def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Floats, Floats]:
+def merge_neighbours(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Floats, Floats]:
     """Unite neighbouring atoms: one off the grid is spread over several on it.
 
     The strongest atom gathers all within a box around it, then the strongest of
@@ -113,7 +113,7 @@ def gather(places: Floats, amplitude: Complex | Floats, box: Floats) -> tuple[Fl
     Examples
     --------
     >>> places = np.array([[1.0, 0, 0, 0], [1.1, 0, 0, 0], [2, 0, 0, 0]])
-    >>> gathered, strength = gather(places, np.array([3.0, 1, 2]), np.full(4, 0.2))
+    >>> gathered, strength = merge_neighbours(places, np.array([3.0, 1, 2]), np.full(4, 0.2))
     >>> gathered[:, 0].round(3), strength
     (array([1.025, 2.   ]), array([4., 2.]))
     """

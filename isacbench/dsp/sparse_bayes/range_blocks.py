@@ -20,7 +20,7 @@ from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.sparse_bayes.learning import learn_atoms
-from isacbench.dsp.sparse_bayes.places import Reach, gather, strongest_near
+from isacbench.dsp.sparse_bayes.places import Reach, merge_neighbours, strongest_near
 
 BLOCK_BINS = 8
 """Range bins of a block."""
@@ -49,7 +49,7 @@ MISFIT_DB = 35.0
 LEAST_SHARE = 1e-6
 """Least first power over the largest."""
 
-GATHER_BOX = np.array([0.15, 0.15, 0.175, 0.175])
+NEIGHBOUR_BOX = np.array([0.15, 0.15, 0.175, 0.175])
 """Half widths in Rayleigh cells of what one scatterer is spread over."""
 
 DYNAMIC_RANGE_DB = 25.0
@@ -100,7 +100,7 @@ class _Block:
     rows: slice
 
 
-def relearn(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
+def learn_blocks(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
     """Learn all atoms anew, block by block.
 
     Parameters
@@ -114,7 +114,7 @@ def relearn(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
     """
     first = float(np.floor(atoms.places[:, 0].min()))
     for start in _by_residual(atoms, first):
-        atoms = _relearn_block(atoms, reach, noise, start)
+        atoms = _learn_block(atoms, reach, noise, start)
     return atoms
 
 
@@ -139,7 +139,7 @@ def _block(atoms: Atoms, start: float) -> _Block:
     return _Block(np.flatnonzero(is_own), np.flatnonzero(is_beside), rows)
 
 
-def _relearn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> Atoms:
+def _learn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> Atoms:
     """Replace a block's atoms by those that learning leaves of its candidates."""
     block = _block(atoms, start)
     if not block.own.size:
@@ -155,7 +155,7 @@ def _relearn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> At
     floor = max(noise, strongest * 10 ** (-MISFIT_DB / 10))
     index, learned = learn_atoms(gram, window.correlate(lines).value, power, floor, STEPS)
     is_own = index < n_own
-    found, strength = gather(candidates[index[is_own]], learned[is_own], GATHER_BOX)
+    found, strength = merge_neighbours(candidates[index[is_own]], learned[is_own], NEIGHBOUR_BOX)
     found = found[strength > strongest_near(found, strength, NEAR_BINS) * 10 ** (-DYNAMIC_RANGE_DB / 20)]
     others = np.setdiff1d(np.arange(atoms.amplitude.size), members)
     places = np.concatenate([found, atoms.places[block.beside]])

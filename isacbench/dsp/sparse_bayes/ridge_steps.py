@@ -3,9 +3,9 @@
 Learned atoms are many, and near each other: least squares would let them cancel
 and drive them apart. A ridge keeps their amplitudes small, and makes the fit of
 the places well posed; as it falls the places become those of least squares.
-After each step atoms that are weak beside their neighbours, or beside the
-sidelobes of all others, are dropped. Those that stand for misfit are told apart
-once no step follows (`without_misfit`): earlier, echoes that are not all found
+After each step atoms that are weak compared with their neighbours, or with the
+sidelobes of all others, are dropped. Those that stand for misfit are recognised
+once no step follows (`drop_model_error`): earlier, echoes that are not all found
 look like it.
 
 References
@@ -24,7 +24,7 @@ from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, refit_
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
 from isacbench.dsp.sparse_bayes.places import Reach, strongest_near
-from isacbench.dsp.stable_order import stepped
+from isacbench.dsp.stable_order import round_step
 
 RIDGES = 1e-2, 1e-3, 1e-3, 1e-4, 1e-4
 """Ridge of each step."""
@@ -36,7 +36,7 @@ FIRST_DAMPING, LEAST_DAMPING = 0.1, 1e-4
 """Levenberg-Marquardt damping, relative to the information of lone atoms."""
 
 LONGEST_STEP_CELLS = 0.24
-"""Longest step along a coordinate; no power of two, at which rounding would decide what `stepped` keeps."""
+"""Longest step along a coordinate; no power of two, where rounding would decide what `round_step` keeps."""
 
 BOX_CELLS = 0.5
 """Largest distance from the first place along each coordinate."""
@@ -69,7 +69,7 @@ MOST_ROUNDS = 3
 """Rounds of dropping atoms at the end."""
 
 
-def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> AtomFit | None:
+def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> AtomFit | None:
     """Move atoms to where they explain the map best, and drop those that stand for its misfit.
 
     Parameters
@@ -87,7 +87,7 @@ def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> Ato
         None if no atom stands out.
     """
     fit, damping = fit_atoms(atom_map, places, RIDGES[0]), FIRST_DAMPING
-    keep = standing_out(fit, atom_map, reach, RIDGES[0])
+    keep = significant_atoms(fit, atom_map, reach, RIDGES[0])
     if not keep.any():
         return None
     fit = refit_atoms(atom_map, fit, keep, fit.places, RIDGES[0])
@@ -96,19 +96,19 @@ def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> Ato
         every = np.ones(len(fit), dtype=np.bool_)
         fit = refit_atoms(atom_map, fit, every, fit.places, ridge)
         step = damped_step(fit, damping)
-        moved = np.clip(stepped(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
+        moved = np.clip(round_step(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
         tried = fit_atoms(atom_map, moved, ridge)
         # As in `refine_atoms`: at the optimum rounding must not decide about a step.
         if tried.energy >= (1 - NOT_LESS) * fit.energy:
             fit, damping = tried, max(damping / 3, LEAST_DAMPING)
         else:
             damping *= 5
-        keep = standing_out(fit, atom_map, reach, ridge)
+        keep = significant_atoms(fit, atom_map, reach, ridge)
         if not keep.any():
             return None
         fit, origins = refit_atoms(atom_map, fit, keep, fit.places, ridge), origins[keep]
     for _ in range(MOST_ROUNDS):
-        keep = standing_out(fit, atom_map, reach, RIDGES[-1], LEAST_POWER * noise)
+        keep = significant_atoms(fit, atom_map, reach, RIDGES[-1], LEAST_POWER * noise)
         if keep.all():
             break
         if not keep.any():
@@ -117,7 +117,7 @@ def settle(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> Ato
     return fit
 
 
-def standing_out(
+def significant_atoms(
     fit: AtomFit, atom_map: AtomMap, reach: Reach, ridge: float, least_power: float = 0.0
 ) -> Mask:
     """Tell which atoms lie in the region and are no misfit of others.
@@ -141,8 +141,8 @@ def standing_out(
     return keep & (power > far * 10 ** (-FAR_RANGE_DB / 10))
 
 
-def without_misfit(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | None:
-    """Drop atoms that are weak beside both the sidelobes of other ranges and what is left around them.
+def drop_model_error(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | None:
+    """Drop atoms that are weak compared with both the sidelobes of other ranges and what is left around them.
 
     Either alone says little: weak echoes lie among strong ones, and are wanted
     where the map is explained; and a crowd's misfit lies among its echoes. The

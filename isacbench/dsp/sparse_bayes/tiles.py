@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched
-from isacbench.dsp.sparse_bayes.places import Reach, gather, strongest_near
+from isacbench.dsp.sparse_bayes.places import Reach, merge_neighbours, strongest_near
 
 HANN_SIDE = 0.25, 0.5
 """Weights of the neighbouring bins and of the middle one: a Hann window over the apertures of an `AtomMap`,
@@ -63,7 +63,7 @@ LEAST_ENERGY = 1e-3
 GRID_RANGE_DB = 40.0
 """Range below the strongest amplitude in which grid atoms are gathered."""
 
-MOST_GATHERED = 2000
+MOST_MERGED_ATOMS = 2000
 """Grid atoms that are gathered, the strongest first."""
 
 DYNAMIC_RANGE_DB = 25.0
@@ -72,7 +72,7 @@ DYNAMIC_RANGE_DB = 25.0
 NEAR_BINS = 2.0, np.inf
 """Range and Doppler bins that count as near within a tile."""
 
-GATHER_BOX = np.array([0.2, 0.2, 0.235, 0.235])
+NEIGHBOUR_BOX = np.array([0.2, 0.2, 0.235, 0.235])
 """Half widths in Rayleigh cells of what one scatterer is spread over."""
 
 CORE_BINS = 0.5
@@ -314,12 +314,12 @@ def learn_tile(
     amplitude = learn_grid(dictionaries, data, noise, first_power, GRID_STEPS)
     size = np.abs(amplitude)
     shown = np.flatnonzero(size > size.max() * 10 ** (-GRID_RANGE_DB / 20))
-    strongest = shown[np.argsort(-size.ravel()[shown], kind="stable")[:MOST_GATHERED]]
+    strongest = shown[np.argsort(-size.ravel()[shown], kind="stable")[:MOST_MERGED_ATOMS]]
     at = np.unravel_index(strongest, size.shape)
     places = np.stack(
         [range_bins[at[0]], tile.doppler_bins[at[1]], grid.u[at_u[at[2]]], grid.w[at_w[at[2]]]], axis=1
     )
-    return gather(places, amplitude[at], GATHER_BOX)
+    return merge_neighbours(places, amplitude[at], NEIGHBOUR_BOX)
 
 
 def _thinned(directions: Mask, most: int) -> Mask:

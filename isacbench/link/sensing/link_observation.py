@@ -22,7 +22,7 @@ from isacbench.cores import one_blas_thread
 from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft
 from isacbench.link.sensing.division import Signal, Weights, division_weights, symbol_moduli
 from isacbench.link.sensing.noise_colouring import coloured_noise
-from isacbench.model.echo import EchoParameters, Simulator, echo_responses, is_dust, random_stream
+from isacbench.model.echo import EchoParameters, Simulator, echo_responses, is_negligible, random_stream
 from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
 from isacbench.model.scene import Scenario
@@ -56,7 +56,7 @@ def weighted_echo(scenario: Scenario, gate: Gate, weight: Floats) -> Complex:
     n_cells, (n_dimensions, n_elements) = gate.shape[0] * gate.shape[1], basis.shape
     cells: Complex = at_dimensions.reshape(n_cells, n_dimensions) @ basis
     cells = cells.reshape(*gate.shape, n_elements)
-    if is_dust(cells, echo, float(weight.sum()) / np.sqrt(system.processing_gain)):
+    if is_negligible(cells, echo, float(weight.sum()) / np.sqrt(system.processing_gain)):
         cells[:] = 0
     return cells.reshape(*gate.shape, *scenario.array.shape)
 

@@ -1,6 +1,6 @@
 """Tables in csv files as pandas, R, NumPy, Excel and CloudCompare write them; two meanings are refused.
 
-pandas splits the rows. Their numbers are converted here, exactly: a fault is told with its row and column,
+pandas splits the rows. Their numbers are converted here, exactly: an error names row and column,
 ``1_0`` is no number, and commas may be decimal.
 """
 

@@ -1,4 +1,4 @@
-"""Point clouds in files: csv, npy, npz, mat and ply, told apart by their extension."""
+"""Point clouds in files: csv, npy, npz, mat and ply, recognised by their extension."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def read_point_table(path: str | Path) -> dict[str, Floats]:
     Parameters
     ----------
     path : str or Path
-        File in one of these formats, told apart by the extension:
+        File in one of these formats, recognised by the extension:
 
         - csv: header ``x,y,z,v,power`` in any order, v (or velocity) and power
           optional, other columns ignored; or no header and 3 to 5 columns in

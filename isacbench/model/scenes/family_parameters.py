@@ -28,7 +28,7 @@ class FamilyParameters(BaseModel):
     gain_error_db, phase_error_deg : float
         Standard deviations of the gain and phase errors of the virtual elements.
     mimo : {"ideal", "comb", "tdm"}
-        How the transmitters are told apart.
+        How the transmitters are separated.
     leakage_db : float or None
         Power of the direct path from the transmitters over that of all echoes.
     visible : {"all", "seen"}

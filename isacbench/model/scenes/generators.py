@@ -27,7 +27,7 @@ from isacbench.model.scenes.family_parameters import (
     WeakParameters,
 )
 from isacbench.model.scenes.objects import heading
-from isacbench.model.scenes.placement import MOST_TRIES, Draws, Ground
+from isacbench.model.scenes.placement import MOST_TRIES, FreeGround, Sampler
 
 Content = dict[str, Any]
 Place = tuple[float, float]
@@ -60,7 +60,7 @@ def draw_street(parameters: FamilyParameters, key: str) -> Content:
     directions, two pedestrians each walk in either direction, and a green belt
     and two lamp posts stand.
     """
-    draws, ground = Draws(key), _ground()
+    draws, ground = Sampler(key), _free_ground()
     along_deg = draws.between(-90.0, 90.0, 1)
     speed_mps = draws.between(5.0, FASTEST_MPS, 1)
     mirrored = draws.either()
@@ -85,14 +85,14 @@ def draw_street(parameters: FamilyParameters, key: str) -> Content:
 
 def draw_town(parameters: DensityParameters, key: str) -> Content:
     """Draw vehicles, pedestrians, posts, rails and hedges."""
-    draws = Draws(key)
-    return _content(parameters, _mixed(draws, _ground(), parameters.density))
+    draws = Sampler(key)
+    return _content(parameters, _mixed(draws, _free_ground(), parameters.density))
 
 
 def draw_weak(parameters: WeakParameters, key: str) -> Content:
     """Draw a town whose objects have amplitudes up to 1, uniform in dB over the dynamic range."""
-    draws = Draws(key)
-    objects = _mixed(draws, _ground(), parameters.density)
+    draws = Sampler(key)
+    objects = _mixed(draws, _free_ground(), parameters.density)
     for entry in objects:
         entry["amplitude"] = round(10 ** (-parameters.dynamic_range_db / 20 * draws.uniform()), 4)
     return _content(parameters, objects)
@@ -100,7 +100,7 @@ def draw_weak(parameters: WeakParameters, key: str) -> Content:
 
 def draw_facade(parameters: DensityParameters, key: str) -> Content:
     """Draw one or two house fronts, and vehicles and pedestrians between them and the base station."""
-    draws, ground = Draws(key), _ground()
+    draws, ground = Sampler(key), _free_ground()
     objects = []
     for _ in range(2 if parameters.density == "high" else 1):
         length_m, height_m = draws.between(10.0, 18.0, 1), draws.between(4.0, 8.0, 1)
@@ -123,7 +123,7 @@ def draw_facade(parameters: DensityParameters, key: str) -> Content:
 
 def draw_crowd(parameters: CrowdParameters, key: str) -> Content:
     """Draw pedestrians who walk in all directions."""
-    draws, ground = Draws(key), _ground()
+    draws, ground = Sampler(key), _free_ground()
     n = parameters.pedestrians or draws.whole(8, 16)
     anywhere = _anywhere(draws)
     return _content(parameters, [_pedestrian(draws, ground, anywhere) for _ in range(n)])
@@ -139,7 +139,7 @@ def draw_sparse(parameters: SparseParameters, key: str) -> Content:
     InputError
         If there is no room for so many.
     """
-    draws = Draws(key)
+    draws = Sampler(key)
     n = parameters.scatterers or draws.whole(1, 20)
     region = SQUARE["region"]
     objects: list[Content] = []
@@ -168,7 +168,7 @@ LANES = 4
 
 def draw_traffic(parameters: FamilyParameters, key: str) -> Content:
     """Draw a road of four lanes: lorries, vehicles and cyclists both ways, pedestrians beside them."""
-    draws, ground = Draws(key), _ground()
+    draws, ground = Sampler(key), _free_ground()
     # Traffic keeps right: seen along +x, the first two lanes go there.
     along_deg = draws.between(-25.0, 25.0, 1)
     centre = draws.between(15.0, 25.0), draws.between(12.0, 18.0)
@@ -207,7 +207,7 @@ def _along(centre: Place, along_deg: float, along_m: float, across_m: float) -> 
 
 def draw_crossing(parameters: FamilyParameters, key: str) -> Content:
     """Draw vehicles, of which every third one turns, cyclists and pedestrians with any heading."""
-    draws, ground = Draws(key), _ground()
+    draws, ground = Sampler(key), _free_ground()
     anywhere = _anywhere(draws)
     makers: list[tuple[Callable[..., Content], tuple[int, int]]] = [
         (_lorry, (0, 1)),
@@ -247,11 +247,11 @@ def _content(parameters: FamilyParameters, objects: list[Content]) -> Content:
     }
 
 
-def _ground() -> Ground:
-    return Ground(SQUARE["region"]["x_m"], SQUARE["region"]["y_m"])
+def _free_ground() -> FreeGround:
+    return FreeGround(SQUARE["region"]["x_m"], SQUARE["region"]["y_m"])
 
 
-def _anywhere(draws: Draws) -> Callable[[], Place]:
+def _anywhere(draws: Sampler) -> Callable[[], Place]:
     region = SQUARE["region"]
     return lambda: (draws.between(*region["x_m"]), draws.between(*region["y_m"]))
 
@@ -264,7 +264,7 @@ def _mirrored(pose: Pose, mirrored: bool) -> Pose:
 
 
 def _placed(
-    ground: Ground, entry: Content, footprint_m: tuple[float, float], pose: Callable[[], Pose]
+    ground: FreeGround, entry: Content, footprint_m: tuple[float, float], pose: Callable[[], Pose]
 ) -> Content:
     """Entry of an object with its place and its heading."""
     x, y, yaw_deg = ground.place(footprint_m, pose)
@@ -278,7 +278,7 @@ def _moving(entry: Content, speed_mps: float) -> Content:
     return {**entry, "velocity_mps": velocity.tolist()}
 
 
-def _mixed(draws: Draws, ground: Ground, density: str) -> list[Content]:
+def _mixed(draws: Sampler, ground: FreeGround, density: str) -> list[Content]:
     """Objects of a town; the largest find their places first."""
     ranges = RANGES[density]
     numbers = {kind: draws.whole(*ranges[kind]) for kind in ranges}
@@ -293,28 +293,28 @@ def _mixed(draws: Draws, ground: Ground, density: str) -> list[Content]:
     return [make(draws, ground, anywhere) for kind, make in makers.items() for _ in range(numbers[kind])]
 
 
-def _turned(draws: Draws, place: Callable[[], Place]) -> Callable[[], Pose]:
+def _turned(draws: Sampler, place: Callable[[], Place]) -> Callable[[], Pose]:
     """Draws of a place and any heading."""
     return lambda: (*place(), draws.between(-180.0, 180.0, 1))
 
 
-def _rail(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+def _rail(draws: Sampler, ground: FreeGround, place: Callable[[], Place]) -> Content:
     length_m = draws.between(5.0, 12.0, 1)
     return _placed(ground, {"kind": "rail", "length_m": length_m}, (0.2, length_m), _turned(draws, place))
 
 
-def _hedge(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+def _hedge(draws: Sampler, ground: FreeGround, place: Callable[[], Place]) -> Content:
     width_m, length_m = draws.between(0.8, 1.1, 1), draws.between(3.0, 8.0, 1)
     entry = {"kind": "box", "size_m": [width_m, length_m, draws.between(0.8, 1.1, 1)]}
     return _placed(ground, entry, (width_m, length_m), _turned(draws, place))
 
 
-def _pole(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+def _pole(draws: Sampler, ground: FreeGround, place: Callable[[], Place]) -> Content:
     entry = {"kind": "pole", "height_m": draws.between(3.0, 9.0, 1)}
     return _placed(ground, entry, (0.3, 0.3), _turned(draws, place))
 
 
-def _vehicle(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+def _vehicle(draws: Sampler, ground: FreeGround, place: Callable[[], Place]) -> Content:
     """Vehicle that drives, every third one through a bend."""
     entry = _body(draws)
     speed_mps = draws.between(2.0, FASTEST_MPS, 1)
@@ -323,13 +323,13 @@ def _vehicle(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Conten
     return _moving(_placed(ground, entry, _footprint(entry), _turned(draws, place)), speed_mps)
 
 
-def _car(draws: Draws, ground: Ground, pose: Callable[[], Pose]) -> Content:
+def _car(draws: Sampler, ground: FreeGround, pose: Callable[[], Pose]) -> Content:
     """Vehicle in a pose that drives straight on."""
     entry = _body(draws)
     return _moving(_placed(ground, entry, _footprint(entry), pose), draws.between(3.0, FASTEST_MPS, 1))
 
 
-def _body(draws: Draws) -> Content:
+def _body(draws: Sampler) -> Content:
     """Vehicle of any size."""
     # No height between: 0.7 m of a cabin cannot be divided into steps of 0.5 m ± 20 %.
     height_m = draws.between(1.4, 1.5, 1) if draws.either() else draws.between(1.7, 1.9, 1)
@@ -341,25 +341,25 @@ def _footprint(entry: Content) -> tuple[float, float]:
     return width_m, length_m
 
 
-def _lorry(draws: Draws, ground: Ground, pose: Callable[[], Pose]) -> Content:
+def _lorry(draws: Sampler, ground: FreeGround, pose: Callable[[], Pose]) -> Content:
     size_m = [draws.between(2.3, 2.6, 1), draws.between(7.0, 11.0, 1), draws.between(3.2, 4.0, 1)]
     entry = {"kind": "lorry", "size_m": size_m}
     return _moving(_placed(ground, entry, _footprint(entry), pose), draws.between(2.0, 10.0, 1))
 
 
-def _cyclist(draws: Draws, ground: Ground, pose: Callable[[], Pose]) -> Content:
+def _cyclist(draws: Sampler, ground: FreeGround, pose: Callable[[], Pose]) -> Content:
     entry = {"kind": "cyclist", "crank_phase_deg": draws.between(0.0, 359.0, 0)}
     return _moving(_placed(ground, entry, (0.6, 1.8), pose), draws.between(2.0, 8.0, 1))
 
 
-def _pedestrian(draws: Draws, ground: Ground, place: Callable[[], Place]) -> Content:
+def _pedestrian(draws: Sampler, ground: FreeGround, place: Callable[[], Place]) -> Content:
     """Pedestrian at some phase of the stride."""
     entry = _walker(draws)
     speed_mps = draws.between(0.5, 2.0, 1)
     return _moving(_placed(ground, entry, (0.6, 0.7), _turned(draws, place)), speed_mps)
 
 
-def _walker(draws: Draws) -> Content:
+def _walker(draws: Sampler) -> Content:
     return {
         "kind": "pedestrian",
         "height_m": draws.between(1.5, 1.9),

@@ -21,7 +21,7 @@ MOST_TRIES = 300
 AT_ONCE = 1024
 
 
-class Draws:
+class Sampler:
     """Decimal numbers from the uniforms of a key.
 
     Parameters
@@ -70,7 +70,7 @@ class Draws:
         return self.uniform() < 0.5
 
 
-class Ground:
+class FreeGround:
     """Footprints of objects: rectangles that do not intersect and lie within limits.
 
     Parameters

@@ -85,8 +85,8 @@ class FamilySpec:
         """Canonical spelling: the seed, then the parameters that differ from their defaults."""
         fields = type(self.parameters).model_fields
         values = self.parameters.model_dump()
-        told = {key: value for key, value in values.items() if value != fields[key].default}
-        return spell_spec(self.family.name, told)
+        changed = {key: value for key, value in values.items() if value != fields[key].default}
+        return spell_spec(self.family.name, changed)
 
     def table(self) -> dict[str, Any]:
         """Content of a scenario file.
@@ -255,8 +255,8 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
     seeds = range(int(ends[0]), int(ends[1]) + 1)
     n = seeds[-1] - seeds[0] + 1
     if n > MAX_VARIANTS:
-        told = f"seed={value}: {n} scenes; allowed are at most {MAX_VARIANTS}"
-        raise InputError(f"scenario {quoted(text)}: {told}")
+        allowed = f"allowed are at most {MAX_VARIANTS}"
+        raise InputError(f"scenario {quoted(text)}: seed={value}: {n} scenes; {allowed}")
     return seeds
 
 

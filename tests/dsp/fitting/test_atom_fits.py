@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bounds import joint_bound
-from isacbench.dsp.fitting.atom_fits import LEAST_OWN, fit_atoms, refine_atoms, refit_atoms, settle_atoms
+from isacbench.dsp.fitting.atom_fits import LEAST_OWN, fit_atoms, polish_atoms, refine_atoms, refit_atoms
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
 from tests.conftest import few
@@ -193,7 +193,7 @@ def test_settled_close_atoms_lose_digits_by_their_condition_and_not_by_its_squar
     places, amplitude = close_pair(apart, turn)
     atom_map = noisy(WHOLE, places, amplitude, 0.0)
     start = refine_atoms(atom_map, places + 1e-3 * apart * np.array([[1.0], [-1.0]]), 30)
-    fit = settle_atoms(atom_map, start, 3)
+    fit = polish_atoms(atom_map, start, 3)
     # Root of the variance in noise as small as the last digit of the strongest cell.
     error = np.sqrt(bound_by_qr(atom_map, places, amplitude).reshape(8, 8).diagonal().max())
     allowed = 100 * np.finfo(np.float64).eps * error
@@ -205,7 +205,7 @@ def test_settling_leaves_the_optimum_in_noise_where_it_is():
     places, amplitude = close_pair(0.3)
     atom_map = noisy(WHOLE, places, amplitude, 1e-3)
     fit = refine_atoms(atom_map, places, 60)
-    settled = settle_atoms(atom_map, fit, 3)
+    settled = polish_atoms(atom_map, fit, 3)
     np.testing.assert_allclose(settled.places, fit.places, atol=1e-9)
     np.testing.assert_allclose(settled.amplitude, fit.amplitude, atol=1e-8)
 
@@ -219,4 +219,4 @@ def test_settling_never_leaves_more(seed, n_steps):
         return atom_map.without(atom_map.lines(fit.places), fit.amplitude).energy
 
     fit = fit_atoms(atom_map, starts)
-    assert left(settle_atoms(atom_map, fit, n_steps)) <= left(fit) * (1 + 1e-10)
+    assert left(polish_atoms(atom_map, fit, n_steps)) <= left(fit) * (1 + 1e-10)

@@ -9,11 +9,11 @@ from isacbench.dsp.fitting import pursuit
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import (
-    TOLD_APART,
+    RESOLVED_VARIANCES,
     BeamSpace,
     descending,
     noise_maximum,
-    redundant,
+    redundant_pairs,
     sidelobe_energy,
     sidelobe_envelope,
     split_gains,
@@ -238,26 +238,26 @@ def test_a_pair_that_noise_does_not_tell_apart_becomes_one_in_its_middle(axis):
     distance_std = distance_variance(fit, axis) ** 0.5
     # Half as far apart as a standard deviation of 0.05 cells allows to tell.
     noise = (0.05 / distance_std) ** 2
-    drop, places = redundant(fit, noise)
+    drop, places = redundant_pairs(fit, noise)
     assert drop.tolist() == [False, True, False]
     weight = fit.power[1] / (fit.power[0] + fit.power[1])
     np.testing.assert_allclose(places[0], PLACE + weight * apart, atol=1e-9)
     np.testing.assert_array_equal(places[2], fit.places[2])
-    assert not redundant(fit, noise / 8)[0].any()
+    assert not redundant_pairs(fit, noise / 8)[0].any()
 
 
 def test_four_standard_deviations_of_the_distance_tell_a_pair_apart():
     apart = 0.5 * np.eye(N_COORDINATES)[0]
     _, fit = fitted([PLACE, PLACE + apart], [1.0, 1j], noise=0.0)
-    limit = 0.25 / distance_variance(fit, 0) / TOLD_APART
-    assert not redundant(fit, 0.99 * limit)[0].any()
-    assert redundant(fit, 1.01 * limit)[0].sum() == 1
+    limit = 0.25 / distance_variance(fit, 0) / RESOLVED_VARIANCES
+    assert not redundant_pairs(fit, 0.99 * limit)[0].any()
+    assert redundant_pairs(fit, 1.01 * limit)[0].sum() == 1
 
 
 def test_atoms_without_a_place_go_the_weaker_half_first():
     places = PLACE + np.array([[0, 0, 0, 0], [3, 0, 0, 0], [-3, 0, 0, 0], [0, 3, 0, 0]])
     _, fit = fitted(places, [1.0, 0.1, 0.11, 0.12], noise=0.0)
-    drop, _ = redundant(fit, 0.05)
+    drop, _ = redundant_pairs(fit, 0.05)
     # Of three with standard deviations above half a cell, one.
     assert drop.tolist() == [False, True, False, False]
 
@@ -266,7 +266,7 @@ def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stron
     half = SHAPE[0] / 2
     ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
     _, fit = fitted(ends, [1.0, 0.5])
-    drop, places = redundant(fit, NOISE)
+    drop, places = redundant_pairs(fit, NOISE)
     assert drop.sum() == 1
     (stays,) = np.flatnonzero(~drop)
     assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.sparse_bayes.places import gather, strongest_near
+from isacbench.dsp.sparse_bayes.places import merge_neighbours, strongest_near
 
 BOX = np.array([0.2, 0.3, 0.25, 0.2])
 
@@ -17,7 +17,7 @@ def atoms(seed, n):
 @given(st.integers(0, 10**6), st.integers(0, 40))
 def test_every_atom_is_gathered_once(seed, n):
     places, amplitude = atoms(seed, n)
-    centres, strength = gather(places, np.abs(amplitude), BOX)
+    centres, strength = merge_neighbours(places, np.abs(amplitude), BOX)
     assert len(centres) == len(strength) <= n
     np.testing.assert_allclose(strength.sum(), np.abs(amplitude).sum())
 
@@ -26,7 +26,10 @@ def test_every_atom_is_gathered_once(seed, n):
 def test_gathering_does_not_depend_on_the_order(seed, n):
     places, amplitude = atoms(seed, n)
     order = np.random.default_rng(seed).permutation(n)
-    one, other = gather(places, amplitude, BOX), gather(places[order], amplitude[order], BOX)
+    one, other = (
+        merge_neighbours(places, amplitude, BOX),
+        merge_neighbours(places[order], amplitude[order], BOX),
+    )
     for first, second in zip(one, other, strict=True):
         np.testing.assert_allclose(first, second, atol=1e-12)
 
@@ -38,15 +41,17 @@ def test_the_last_digits_of_amplitudes_move_no_centroid_of_atoms_with_few_binary
     places = np.full(4, (2 * numerator + 1) * 2.0**-11) + 0.15 * rng.permutation(np.eye(4))[:n]
     weight = rng.uniform(0.5, 1, n)
     other = weight * (1 + 1e-15 * rng.integers(-3, 4, n))
-    np.testing.assert_array_equal(gather(places, weight, BOX)[0], gather(places, other, BOX)[0])
+    np.testing.assert_array_equal(
+        merge_neighbours(places, weight, BOX)[0], merge_neighbours(places, other, BOX)[0]
+    )
 
 
 @given(st.integers(0, 10**6), st.integers(1, 40))
 def test_mirrored_atoms_are_gathered_into_mirrored_scatterers(seed, n):
     (places, amplitude), mirror = atoms(seed, n), [1, 1, -1, 1]
-    centres, strength = gather(places * mirror, amplitude, BOX)
-    np.testing.assert_array_equal(centres * mirror, gather(places, amplitude, BOX)[0])
-    np.testing.assert_array_equal(strength, gather(places, amplitude, BOX)[1])
+    centres, strength = merge_neighbours(places * mirror, amplitude, BOX)
+    np.testing.assert_array_equal(centres * mirror, merge_neighbours(places, amplitude, BOX)[0])
+    np.testing.assert_array_equal(strength, merge_neighbours(places, amplitude, BOX)[1])
 
 
 @given(st.integers(0, 10**6), st.integers(1, 40))
@@ -67,5 +72,5 @@ def test_the_strongest_nearby_is_found_as_by_a_plain_loop(seed, n):
 def test_amplitudes_that_cancel_leave_a_weak_atom():
     places = np.zeros((2, 4))
     places[1, 0] = 0.1
-    _, strength = gather(places, np.array([1.0, -1.0 + 0j]), BOX)
+    _, strength = merge_neighbours(places, np.array([1.0, -1.0 + 0j]), BOX)
     np.testing.assert_array_equal(strength, [0])

@@ -110,12 +110,12 @@ def test_most_of_a_street_has_its_own_speeds(name):
     truth = street.truth
     distance = np.linalg.norm(cloud.xyz[:, None] - truth.xyz, axis=2)
     nearest = distance.argmin(axis=1)
-    at_home = distance.min(axis=1) < 1
+    in_own_cell = distance.min(axis=1) < 1
     in_lobe = np.abs(cloud.velocity - truth.velocity[nearest]) > LOBE_MPS / 2
     assert len(cloud) > 25
-    assert at_home.mean() > 0.8
+    assert in_own_cell.mean() > 0.8
     # Of images there would be two and more a scatterer.
-    assert np.mean(in_lobe[at_home]) < 0.2
+    assert np.mean(in_lobe[in_own_cell]) < 0.2
 
 
 @pytest.mark.parametrize("snr_db", [-20.0, 0.0, 30.0])
