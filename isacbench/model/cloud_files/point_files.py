@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard, TypeVar
@@ -209,8 +208,8 @@ def _write_csv(points: Mapping[str, Floats], path: Path) -> None:
 
 def _read_arrays(path: Path) -> dict[str, Floats]:
     """Read a file of arrays: xyz, velocity and power, or the only table among them."""
-    with listed_arrays(path) as file, closing(file):
-        chosen = _chosen_arrays(path, file.arrays)
+    with listed_arrays(path) as (entries, _):
+        chosen = _chosen_arrays(path, entries)
         if sum(array.n_bytes for array in chosen.values()) > CLOUD_BYTES:
             raise InputError(
                 f"{path}: its arrays take more than the {binary_size(CLOUD_BYTES)} that are allowed"
@@ -220,7 +219,7 @@ def _read_arrays(path: Path) -> dict[str, Floats]:
         columns = POINT_COLUMNS[: values.shape[1]]
         if "xyz" in chosen:  # and no table has this name
             columns = [*"xyz", *(plain_name(name) for name in [*chosen][1:])]
-        rest = {name: array for name, array in file.arrays.items() if array not in chosen.values()}
+        rest = {name: array for name, array in entries.items() if array not in chosen.values()}
         beside = [name for name, array in rest.items() if _may_be_of_points(array, len(values))]
         require_no_other_names(path, columns, beside)
     values = values.astype(np.float64, copy=False)
