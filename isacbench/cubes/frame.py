@@ -25,7 +25,7 @@ from scipy.special import gammainccinv, gammaincinv
 from isacbench.checked_arrays import checked_array
 from isacbench.choices import Division, Sensing
 from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
-from isacbench.cubes.tiles import Cube, gate_cells, require_shape
+from isacbench.cubes.tiles import Cube, gate_cells, require_grid_of, require_shape
 from isacbench.dsp.null_carriers import NullCarriers, interpolate_nulls, used_band
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted
@@ -303,11 +303,7 @@ def _checked(
 ) -> NDArray[np.complex128]:
     """Transmitted grid without faults, and with zeros in null carriers alone, as complex128."""
     grid = checked_array(f"{cube.name}: the transmitted grid", given, np.complex128)
-    if grid.shape != cube.shape[:2]:
-        raise InputError(
-            f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
-            "subcarriers by symbols as in the cube"
-        )
+    require_grid_of(cube, grid)
     amplitude = np.abs(grid)
     is_zero = amplitude <= LEAST_SYMBOL * np.max(amplitude, where=sensed & np.isfinite(grid), initial=0)
     is_null = is_zero.all(axis=1) & ~is_zero.all() & (sensing == "all")

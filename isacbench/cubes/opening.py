@@ -12,11 +12,19 @@ from typing import Any
 import numpy as np
 
 from isacbench.checked_arrays import Complex
-from isacbench.cubes.tiles import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube, require_cube, require_grid
+from isacbench.cubes.tiles import (
+    CUBE_NAME,
+    GRID_NAME,
+    TILE_BYTES,
+    Cube,
+    require_cube,
+    require_grid,
+    require_grid_of,
+)
 from isacbench.errors import InputError, InputWarning
 from isacbench.files import arrays
 from isacbench.files.arrays import Entries, StoredArray
-from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
+from isacbench.files.checked_files import HELD_BYTES, binary_size, known_suffix, require_file
 
 READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
 """Formats that can be read in parts."""
@@ -124,11 +132,7 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
         if _named(entries, GRID_NAME):
             name, cube.transmitted = _only_grid(path, entries)
             used.add(name)
-            if cube.transmitted.shape != cube.shape[:2]:
-                raise InputError(
-                    f"{path}: {name} has shape {cube.transmitted.shape}; the cube needs a grid of "
-                    f"shape {cube.shape[:2]}: (subcarriers, symbols)"
-                )
+            require_grid_of(cube, cube.transmitted)
         cube.unused = _unused(path, entries, used, cube.shape[:2], "cube")
         cube.close = opened.pop_all().close
     return cube
@@ -256,9 +260,5 @@ def _called(path: Path, name: str) -> str:
 
 def _require_format(path: Path) -> None:
     """Refuse a path that is neither a file of a known format nor a folder of zarr."""
-    suffix = path.suffix.lower()
-    if suffix not in arrays.FORMATS:
-        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; allowed are {', '.join(arrays.FORMATS)}")
-    if suffix != ".zarr" or not path.is_dir():
+    if known_suffix(path, arrays.FORMATS, "allowed are") != ".zarr" or not path.is_dir():
         require_file(path)

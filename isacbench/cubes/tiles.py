@@ -212,6 +212,15 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
         )
 
 
+def require_grid_of(cube: Cube, grid: NDArray[Any]) -> None:
+    """Refuse a transmitted grid that does not fit a cube."""
+    if grid.shape != cube.shape[:2]:
+        raise InputError(
+            f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
+            "subcarriers by symbols as in the cube"
+        )
+
+
 def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     """Refuse a cube that does not fit the radio of a scenario, saying so when the axes look permuted."""
     wanted = (system.n_subcarriers, system.n_symbols, *array.shape)
@@ -272,9 +281,9 @@ def extents(
     The innermost axis of the nesting, which begins with the largest stride, changes fastest.
     """
     steps: tuple[list[Any], ...] = (
-        _sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
-        _sliced(lengths[SYMBOLS], box[SYMBOLS]),
-        [group[part] for group in groups for part in _sliced(len(group), box[ELEMENTS])],
+        sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
+        sliced(lengths[SYMBOLS], box[SYMBOLS]),
+        [group[part] for group in groups for part in sliced(len(group), box[ELEMENTS])],
     )
     for choice in product(*(steps[axis] for axis in nesting)):
         by_axis = dict(zip(nesting, choice, strict=True))
@@ -335,7 +344,7 @@ def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
     return as_strided(first, (*first.shape, len(elements)), (*first.strides, step), writeable=False)
 
 
-def _sliced(length: int, size: int) -> list[slice]:
+def sliced(length: int, size: int) -> list[slice]:
     """Cut an axis into slices of a size, the last one shorter."""
     return [slice(start, min(start + size, length)) for start in range(0, length, size)]
 

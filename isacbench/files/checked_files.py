@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from isacbench.errors import AccessError, InputError
@@ -27,6 +29,15 @@ MANIFEST_BYTES = 2**28
 """Largest manifest of a run: some hundred thousand scenes."""
 
 PICTURES = ".png", ".pdf", ".svg"
+
+
+def known_suffix(path: Path, allowed: Iterable[str], takes: str) -> str:
+    """Return the suffix of a path in small letters; refuse one that is not among those allowed."""
+    suffix = path.suffix.lower()
+    if suffix not in allowed:
+        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
+        raise InputError(f"{path}: has {found}; {takes} {', '.join(allowed)}")
+    return suffix
 
 
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
@@ -71,15 +82,22 @@ def require_picture(path: Path) -> None:
 
 def require_replaceable(path: Path) -> None:
     """Refuse a file that could not be written or replaced; call it before the work whose result it takes."""
-    try:
+    with write_errors(path):
         is_taken = path.exists() and not path.is_file()
         is_placed = path.parent.is_dir()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     if is_taken:
         raise InputError(f"{path}: cannot be written: is not a file")
     if not is_placed:
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+
+
+@contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Name the file in an error of the system while it is written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def require_new(path: Path) -> None:
@@ -126,10 +144,8 @@ def open_own(path: Path, flags: int) -> int:
 
 def make_own_folder(path: Path) -> None:
     """Make a folder if it does not exist."""
-    try:
+    with write_errors(path):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def binary_size(n_bytes: int) -> str:

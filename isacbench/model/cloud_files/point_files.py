@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard, TypeVar
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
-from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_replaceable
+from isacbench.files.checked_files import (
+    CLOUD_BYTES,
+    binary_size,
+    known_suffix,
+    require_file,
+    require_replaceable,
+    write_errors,
+)
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import (
     POINT_COLUMNS,
@@ -29,7 +36,7 @@ from isacbench.model.cloud_files.csv_tables import (
 )
 from isacbench.model.cloud_files.ply import read_ply, write_ply
 
-T = TypeVar("T")
+TAKES = "a cloud takes"
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
 _OBJECT = "object"
@@ -97,14 +104,14 @@ def read_point_table(path: str | Path) -> dict[str, Floats]:
     {'x': [1.0], 'y': [2.0], 'z': [3.0], 'v': [4.0]}
     """
     path = Path(path)
-    read = _by_extension(path, _READERS)
+    suffix = known_suffix(path, _READERS, TAKES)
     require_file(path, CLOUD_BYTES)
-    return read(path)
+    return _READERS[suffix](path)
 
 
 def require_writable(path: Path) -> None:
     """Refuse a file that `write_point_table` could not write; call it before the work."""
-    _by_extension(path, _WRITERS)
+    known_suffix(path, _WRITERS, TAKES)
     require_replaceable(path)
 
 
@@ -115,11 +122,9 @@ def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
     overwritten.
     """
     path = Path(path)
-    write = _by_extension(path, _WRITERS)
-    try:
+    write = _WRITERS[known_suffix(path, _WRITERS, TAKES)]
+    with write_errors(path):
         write(points, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def read_points_csv(path: str | Path) -> Points:
@@ -154,15 +159,6 @@ def read_points_csv(path: str | Path) -> Points:
         column = plain.index(_OBJECT)
         objects = tuple(table.fields(row)[column] for row in range(len(table.lines)))
     return Points(values[:, :3], values[:, 3], amplitude, objects)
-
-
-def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
-    """Pick what handles a path by its extension, upper or lower case."""
-    try:
-        return handlers[path.suffix.lower()]
-    except KeyError:
-        found = f"extension {path.suffix!r}" if path.suffix else "no extension"
-        raise InputError(f"{path}: has {found}; a cloud takes {', '.join(handlers)}") from None
 
 
 def _read_csv(path: Path) -> dict[str, Floats]:
