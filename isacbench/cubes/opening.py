@@ -116,9 +116,9 @@ def read_grid(path: str | Path) -> Complex:
     """
     path = Path(path)
     _require_format(path)
-    with arrays.listed_arrays(path) as (entries, _):
+    with arrays.open_arrays(path) as (entries, _):
         name, grid = _only_grid(path, entries)
-        unused = _unused(path, entries, {name, *_named(entries, CUBE_NAME)}, grid.shape, "grid")
+        unused = _unused_data(path, entries, {name, *_all_named(entries, CUBE_NAME)}, grid.shape, "grid")
     _warn(unused)
     return grid
 
@@ -126,14 +126,14 @@ def read_grid(path: str | Path) -> Complex:
 def _open_file(path: Path, tile_bytes: int) -> Cube:
     """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
-    with arrays.listed_arrays(path) as (entries, opened):
+    with arrays.open_arrays(path) as (entries, opened):
         name, stored = _only_array(path, entries, CUBE_NAME, 4)
-        cube, used = _cube_of(_called(path, name), stored, tile_bytes), {name}
-        if _named(entries, GRID_NAME):
+        cube, used = _cube_of(_place_in_file(path, name), stored, tile_bytes), {name}
+        if _all_named(entries, GRID_NAME):
             name, cube.transmitted = _only_grid(path, entries)
             used.add(name)
             require_grid_of(cube, cube.transmitted)
-        cube.unused = _unused(path, entries, used, cube.shape[:2], "cube")
+        cube.unused = _unused_data(path, entries, used, cube.shape[:2], "cube")
         cube.close = opened.pop_all().close
     return cube
 
@@ -143,11 +143,11 @@ def _warn(unused: str) -> None:
         warnings.warn(unused, InputWarning, stacklevel=3)
 
 
-def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
+def _unused_data(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
     """Say what may be data of the frame beside what is used, and refuse what may be the grid."""
     taken = [entries[name] for name in used if isinstance(entries[name], StoredArray)]
     others = {name: entry for name, entry in entries.items() if name not in used and entry not in taken}
-    has_grid = bool(_named(entries, GRID_NAME))
+    has_grid = bool(_all_named(entries, GRID_NAME))
     unclear = {
         name: entry
         for name, entry in others.items()
@@ -155,11 +155,11 @@ def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...]
     }
     if unclear:
         raise InputError(
-            f"{path}: holds {arrays.listed(unclear)} beside the {beside}, which may be the transmitted grid; "
-            f"allowed is one array named {GRID_NAME!r}"
+            f"{path}: holds {arrays.names_of(unclear)} beside the {beside}, which may be the transmitted "
+            f"grid; allowed is one array named {GRID_NAME!r}"
         )
     unused = {name: entry for name, entry in others.items() if _may_be_data(name, entry, shape)}
-    return f"{path}: does not use {arrays.listed(unused)}" if unused else ""
+    return f"{path}: does not use {arrays.names_of(unused)}" if unused else ""
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
@@ -179,7 +179,7 @@ def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
 def _only_grid(path: Path, entries: Entries) -> tuple[str, Complex]:
     """Read the transmitted grid in C order and native byte order; real numbers become complex128."""
     name, stored = _only_array(path, entries, GRID_NAME, 2)
-    require_grid(_called(path, name), stored.shape, stored.dtype)
+    require_grid(_place_in_file(path, name), stored.shape, stored.dtype)
     values = stored.whole()
     dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
     return name, np.ascontiguousarray(values, dtype=dtype)
@@ -191,18 +191,16 @@ def _only_array(path: Path, entries: Entries, wanted: str, n_axes: int) -> tuple
     stored = {name: entry for name, entry in inner.items() if isinstance(entry, StoredArray)}
     fitting = [name for name, array in stored.items() if not name or len(array.shape) == n_axes]
     at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
-    named = _named(entries, wanted)
+    named = _all_named(entries, wanted)
     names = named or at_root or fitting
     if names and names[0] in stored and len({id(entries[name]) for name in names}) == 1:
         return names[0], stored[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
-    held = {name: entries[name] for name in named} or inner
-    raise InputError(
-        f"{path}: needs an array named {wanted!r}{others}; it holds {arrays.listed(held) or 'no arrays'}"
-    )
+    found = arrays.names_of({name: entries[name] for name in named} or inner) or "no arrays"
+    raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {found}")
 
 
-def _named(entries: Entries, wanted: str) -> list[str]:
+def _all_named(entries: Entries, wanted: str) -> list[str]:
     """Names of all that is called the cube or the grid; what lies in a group of that name is the grid."""
     place = np.s_[-1:] if wanted == CUBE_NAME else np.s_[:]
     return [name for name in entries if wanted in _parts(name)[place]]
@@ -254,7 +252,7 @@ def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
     return bool((steps >= 0).all() or (steps <= 0).all())
 
 
-def _called(path: Path, name: str) -> str:
+def _place_in_file(path: Path, name: str) -> str:
     return f"{path}: {name}" if name else str(path)
 
 

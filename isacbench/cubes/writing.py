@@ -133,7 +133,7 @@ def _whole_chunks(
     n_chunk, n_left = chunk_lengths(shape, dtype.itemsize)[0], shape[0]
     waiting = np.empty((0, *shape[1:]), dtype)
     for block in blocks:
-        waiting = np.concatenate([waiting, values := _converted(block, path, shape, dtype)])
+        waiting = np.concatenate([waiting, values := _in_precision(block, path, shape, dtype)])
         n_left -= len(values)
         if n_left < 0:
             raise InputError(f"{path}: {shape[0] - n_left} subcarriers were given; the cube has {shape[0]}")
@@ -146,7 +146,7 @@ def _whole_chunks(
         raise InputError(f"{path}: only {shape[0] - n_left} of {shape[0]} subcarriers were given")
 
 
-def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
+def _in_precision(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
     """Convert a block to the precision of the cube."""
     given = unmasked_array(f"{path}: a block", block)
     if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
@@ -269,6 +269,6 @@ class FrameSimulator:
 
     def _each_block(self, work: Callable[[slice], Complex]) -> Iterator[Complex]:
         """Work on all blocks of subcarriers, side by side and in their order, few at a time."""
-        blocks, n_threads = tiles.sliced(self.shape[0], BLOCK_SUBCARRIERS), available_cores()
-        for _, made in tiles.in_order(one_blas_thread()(work), blocks, n_threads, n_threads):
-            yield made
+        blocks, n_threads = tiles.slices(self.shape[0], BLOCK_SUBCARRIERS), available_cores()
+        for _, block in tiles.in_order(one_blas_thread()(work), blocks, n_threads, n_threads):
+            yield block

@@ -116,7 +116,7 @@ a format without names. A kind in words, such as ``"cell"``, stands for what is 
 
 
 @contextmanager
-def listed_arrays(path: Path) -> Iterator[tuple[Entries, ExitStack]]:
+def open_arrays(path: Path) -> Iterator[tuple[Entries, ExitStack]]:
     """List the arrays of a file, and name the file in whatever its library raises meanwhile.
 
     The stack closes the file at the end of the ``with`` block, unless the block takes that over.
@@ -131,7 +131,7 @@ def listed_arrays(path: Path) -> Iterator[tuple[Entries, ExitStack]]:
         raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
 
 
-def listed(entries: Entries) -> str:
+def names_of(entries: Entries) -> str:
     """Name entries of a file with their types and shapes, in the length of a message."""
     return shortened(", ".join(f"{name} ({entry})".strip() for name, entry in entries.items()))
 
@@ -142,7 +142,7 @@ def hdf5_array(dataset: Any, name: str) -> StoredArray:
     A dataset without chunks counts as one of planes of its last two axes.
     """
     if "MATLAB_empty" in dataset.attrs:
-        return _held(np.broadcast_to(0.0, dataset[()].ravel().tolist()))
+        return _in_memory(np.broadcast_to(0.0, dataset[()].ravel().tolist()))
     is_reversed = "MATLAB_class" in dataset.attrs
     order = slice(None, None, -1 if is_reversed else 1)
     chunks = dataset.chunks or (*(1 for _ in dataset.shape[:-2]), *dataset.shape[-2:])
@@ -199,7 +199,7 @@ def _list_npy(path: Path, _opened: ExitStack) -> Entries:
         return np.lib.format.open_memmap(path, mode="r")[box]
 
     with path.open("rb") as file:
-        entry = _described(file, str(path), path.stat().st_size, read)
+        entry = _from_header(file, str(path), path.stat().st_size, read)
     return {"": entry if isinstance(entry, str) else replace(entry, strides=read(()).strides)}
 
 
@@ -216,11 +216,13 @@ def _list_npz(path: Path, _opened: ExitStack) -> Entries:
             entries[name] = "no array"
             if name != member.filename:
                 with archive.open(member) as file:
-                    entries[name] = _described(file, f"{path}: {name}", member.file_size, partial(read, name))
+                    entries[name] = _from_header(
+                        file, f"{path}: {name}", member.file_size, partial(read, name)
+                    )
     return entries
 
 
-def _described(
+def _from_header(
     file: IO[bytes], name: str, held_bytes: int, read: Callable[[Any], NDArray[Any]]
 ) -> StoredArray | str:
     """Describe the array whose npy header begins at the position of a file, before room is made for it."""
@@ -262,7 +264,7 @@ def _list_mat(path: Path, opened: ExitStack) -> Entries:
                 entries[name] = "object"
     for name, value in variables.items():
         if not name.startswith("__"):
-            entries.update(_variable(name, value))
+            entries.update(_matlab_entries(name, value))
     return entries
 
 
@@ -272,17 +274,17 @@ def _last_object(load: Callable[..., dict[str, Any]], n: int) -> str:
     return name
 
 
-def _variable(name: str, value: Any) -> Iterator[tuple[str, StoredArray | str]]:
+def _matlab_entries(name: str, value: Any) -> Iterator[tuple[str, StoredArray | str]]:
     """Entries of a variable that SciPy read; the fields of a structure are named after it."""
     if not isinstance(value, np.ndarray):
         yield name, "unreadable" if isinstance(value, str) else SPARSE
     elif type(value) is not np.ndarray:
         yield name, "object"
     elif value.dtype.kind in "biufc":
-        yield name, replace(_held(value), drops_ones=True)
+        yield name, replace(_in_memory(value), drops_ones=True)
     elif value.dtype.names and value.size == 1:
         for field in value.dtype.names:
-            yield from _variable(f"{name}/{field}", value.flat[0][field])
+            yield from _matlab_entries(f"{name}/{field}", value.flat[0][field])
     else:
         yield name, MATLAB_KINDS.get(value.dtype.kind, "object")
 
@@ -361,11 +363,11 @@ def _attributes(name: str, attributes: Any) -> Entries:
             except ValueError:  # a ragged list
                 values = np.array("")
             is_array = values.ndim > 0 and values.dtype.kind in "biufc"
-            entries[f"{name}@{key}"] = _held(values) if is_array else "attribute"
+            entries[f"{name}@{key}"] = _in_memory(values) if is_array else "attribute"
     return entries
 
 
-def _held(values: NDArray[Any]) -> StoredArray:
+def _in_memory(values: NDArray[Any]) -> StoredArray:
     return StoredArray(values.shape, values.dtype, values.__getitem__)
 
 
@@ -380,11 +382,11 @@ def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
 
 def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
     """Complex numbers of an array of two real fields; other arrays as they are."""
-    wanted = _complex_type(values.dtype)
-    if wanted == values.dtype:
+    wanted, names = _complex_type(values.dtype), values.dtype.names
+    if wanted == values.dtype or names is None:
         return values
     part = np.empty(0, wanted).real.dtype
-    return values.astype([(name, part) for name in values.dtype.names], copy=False).view(wanted)
+    return values.astype([(name, part) for name in names], copy=False).view(wanted)
 
 
 FORMATS: dict[str, tuple[str, Callable[[Path, ExitStack], Entries]]] = {

@@ -11,7 +11,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
-from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
+from isacbench.files.arrays import TEXTS, Entries, StoredArray, names_of, open_arrays
 from isacbench.files.checked_files import (
     CLOUD_BYTES,
     binary_size,
@@ -204,7 +204,7 @@ def _write_csv(points: Mapping[str, Floats], path: Path) -> None:
 
 def _read_arrays(path: Path) -> dict[str, Floats]:
     """Read a file of arrays: xyz, velocity and power, or the only table among them."""
-    with listed_arrays(path) as (entries, _):
+    with open_arrays(path) as (entries, _):
         chosen = _chosen_arrays(path, entries)
         if sum(array.n_bytes for array in chosen.values()) > CLOUD_BYTES:
             raise InputError(
@@ -241,7 +241,7 @@ def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
         return tables
     if "" in arrays:
         raise InputError(f"{path}: takes real numbers of shape (n, 3), (n, 4) or (n, 5), not {arrays['']}")
-    held = listed({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
+    held = names_of({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
     found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
     raise InputError(
         f"{path}: {_TAKES}, or exactly one array of shape (n, 4) or (n, 5), or else (n, 3); "
@@ -260,7 +260,7 @@ def _require_no_other_points(path: Path, arrays: Entries, table: tuple[str, Stor
     }
     if others:
         raise InputError(
-            f"{path}: {table[0]} may be the cloud, and so may {shortened(listed(others))}; allowed are the "
+            f"{path}: {table[0]} may be the cloud, and so may {shortened(names_of(others))}; allowed are the "
             "names xyz (n, 3), velocity (n) and power (n), or no other such array"
         )
 
