@@ -37,6 +37,10 @@ KINDS = {
 }
 """Extension, hostile files and readers."""
 
+OF_READER = {}
+for row in FAULTS:
+    OF_READER.setdefault(f"{row[0].__name__}{row[1][0]}", []).append(row)
+
 
 @pytest.mark.parametrize(("suffix", "files", "readers"), KINDS.values(), ids=KINDS)
 def test_every_hostile_file_is_refused(refused, tmp_path, monkeypatch, suffix, files, readers):
@@ -52,13 +56,14 @@ def test_every_hostile_file_is_refused(refused, tmp_path, monkeypatch, suffix, f
         assert not list(folder.rglob("UNPICKLED")), name
 
 
-@pytest.mark.parametrize(("reader", "file", "words"), [(row[0], row[1], row[2:]) for row in FAULTS])
-def test_a_faulty_file_is_refused_in_words(refused, tmp_path, reader, file, words):
-    path = tmp_path / f"file{file[0]}"
-    file[1](path)
-    message = refused(reader, path)
-    assert message.startswith(str(path))
-    assert all(part in message for part in words), message
+@pytest.mark.parametrize("rows", OF_READER.values(), ids=OF_READER)
+def test_faulty_files_are_refused_in_words(refused, tmp_path, rows):
+    for number, (reader, (suffix, write), *words) in enumerate(rows):
+        path = tmp_path / f"{number}{suffix}"
+        write(path)
+        message = refused(reader, path)
+        assert message.startswith(str(path))
+        assert all(part in message for part in words), (message, words)
 
 
 @pytest.mark.parametrize("reader", [open_cube, read_grid, PointCloud.read])
