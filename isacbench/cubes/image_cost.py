@@ -81,7 +81,7 @@ class Cost(NamedTuple):
     def rows(self) -> list[list[str]]:
         """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""
         simulated = [step._replace(name=f"{step.name} (simulated)") for step in self.simulation]
-        return [_cells(step) for step in (*self.steps, self.total, *simulated)]
+        return [_table_row(step) for step in (*self.steps, self.total, *simulated)]
 
     def to_json(self) -> dict[str, Any]:
         """Everything in terms of JSON."""
@@ -174,13 +174,13 @@ def _fft_operations(n: int) -> int:
     return round(5 * math.log2(max(n, 2)))
 
 
-def _cells(step: Step) -> list[str]:
+def _table_row(step: Step) -> list[str]:
     """Name, method, and amounts of work in three digits and a prefix, such as 1.23 k, each with its share."""
     from matplotlib.ticker import EngFormatter
 
-    cells = [step.name, step.method]
+    row = [step.name, step.method]
     for part, whole, unit in zip(step.computed, step.full, AMOUNTS.values(), strict=True):
         percent = 100 * part / whole if whole else math.nan
         share = f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
-        cells += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
-    return cells
+        row += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
+    return row

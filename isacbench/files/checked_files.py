@@ -50,7 +50,7 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: {missing}") from None
     except (OSError, ValueError) as error:
-        raise AccessError(f"{path}: cannot be accessed: {_reason(error)}") from error
+        raise AccessError(f"{path}: cannot be accessed: {getattr(error, 'strerror', error)}") from error
     if not stat.S_ISREG(found.st_mode):
         kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
         raise InputError(f"{path}: is {kind}, not a file")
@@ -129,7 +129,7 @@ def require_inside(path: Path, *folders: Path) -> None:
         target = path.resolve()
         inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
+        raise InputError(f"{path}: cannot be accessed: {getattr(error, 'strerror', error)}") from error
     if not inside:
         raise InputError(
             f"{path}: leads out of the folder {folders[0]}; allowed is a file in it or in a folder below it, "
@@ -160,7 +160,3 @@ def binary_size(n_bytes: int) -> str:
         if n_bytes >= size:
             return f"{n_bytes / size:.4g} {unit}"
     return f"{n_bytes} bytes"
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
