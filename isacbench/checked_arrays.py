@@ -116,21 +116,9 @@ def _are_places(labels: Any) -> bool:
 
 
 def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> None:
-    """Replace attributes of a frozen dataclass by read-only copies; called in its ``__post_init__``.
+    """Replace arrays of a frozen dataclass by read-only copies of a type, in its ``__post_init__``.
 
-    Parameters
-    ----------
-    owner : object
-        Instance of the dataclass.
-    *names : str
-        Attributes that hold arrays or what arrays are made of.
-    dtype : dtype
-        Type of the copies.
-
-    Raises
-    ------
-    InputError
-        If a conversion would lose something (`isacbench.checked_arrays`).
+    Raises `InputError` if a conversion would lose something.
     """
     for name in names:
         values = checked_array(name, getattr(owner, name), dtype).astype(dtype, order="K", copy=True)

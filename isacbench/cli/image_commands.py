@@ -165,7 +165,7 @@ def simulate_command(
     frame = FrameSimulator(isacbench.load_scenario(scenario), _one_snr(snr), trial, seed)
     start = time.perf_counter()
     with progress_shown(out.name, "subcarriers") as show:
-        write_cube(out, frame.shape, (block for _, block in frame.blocks()), dtype, show)
+        write_cube(out, frame.shape, frame.blocks(), dtype, show)
     size = " x ".join(map(str, frame.shape))
     n_bytes = math.prod(frame.shape) * dtype.itemsize
     say(f"{out}: {size}, {dtype}, {n_bytes / 1e6:.0f} MB in {time.perf_counter() - start:.1f} s")

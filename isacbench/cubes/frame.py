@@ -25,7 +25,7 @@ from scipy.special import gammainccinv, gammaincinv
 from isacbench.checked_arrays import checked_array
 from isacbench.choices import Division, Sensing
 from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
-from isacbench.cubes.tiles import Cube, gate_cells, require_shape
+from isacbench.cubes.tiles import Cube, gate_cells, require_grid_of, require_shape
 from isacbench.dsp.null_carriers import NullCarriers, interpolate_nulls, used_band
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted
@@ -81,11 +81,11 @@ LEAST_SHARE = 0.5
 """Share of the power below which the scenario is doubted."""
 
 MOST_LEAKED_DB = -25.0
-"""Level of false ranges that is told: estimators look nearly as far down."""
+"""Level of false ranges from which the summary names them: estimators look nearly as far down."""
 
 
 class CubeObservation(Observation):
-    """Range-Doppler cells of a recorded frame, transformed when they are first read, and then kept.
+    """Range-Doppler cells of a recorded frame, transformed when they are first read, and held from then on.
 
     `cells` reads the whole frame, `cross` one column and one row of the
     array. Built by `observe_cube`.
@@ -242,7 +242,7 @@ def observe_cube(
         if isinstance(grid, str | Path):
             grid = read_grid(grid)
         sensed = sensed_elements(scenario.system, sensing)
-        symbols = None if grid is None else _checked(grid, cube, sensed, sensing)
+        symbols = None if grid is None else _checked_grid(grid, cube, sensed, sensing)
         _require_known(cube, symbols, division, snr_db)
         factors = carriers = None
         if symbols is not None or not sensed.all():
@@ -255,7 +255,7 @@ def observe_cube(
                 known[used], sensed[used], signal.division, np.inf if snr_db is None else snr_db
             )
             carriers = None if used.all() else used
-        source = cube if cube.is_held else array_or_path
+        source = cube if cube.is_in_memory else array_or_path
     observation = CubeObservation(source, scenario, factors, workers, sensing, carriers)
     nulls = observation.nulls
     if nulls is not None and (nulls.missed > MOST_MISSED or nulls.missed_beyond > MOST_MISSED_BEYOND):
@@ -298,16 +298,12 @@ def _require_known(
         raise InputError(f"{cube.name}: snr_db needs division = 'wiener', not {division!r}")
 
 
-def _checked(
+def _checked_grid(
     given: ArrayLike, cube: Cube, sensed: NDArray[np.bool_], sensing: Sensing
 ) -> NDArray[np.complex128]:
     """Transmitted grid without faults, and with zeros in null carriers alone, as complex128."""
     grid = checked_array(f"{cube.name}: the transmitted grid", given, np.complex128)
-    if grid.shape != cube.shape[:2]:
-        raise InputError(
-            f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
-            "subcarriers by symbols as in the cube"
-        )
+    require_grid_of(cube, grid)
     amplitude = np.abs(grid)
     is_zero = amplitude <= LEAST_SYMBOL * np.max(amplitude, where=sensed & np.isfinite(grid), initial=0)
     is_null = is_zero.all(axis=1) & ~is_zero.all() & (sensing == "all")
@@ -369,21 +365,23 @@ class FrameSummary(NamedTuple):
         power = f"{self.share:.0%} of the power of the strongest echoes comes from the region"
         echoes = power if self.n_echoes else "no echo stands out of the noise"
         n_detected = "too few for a detector" if self.n_detected is None else f"{self.n_detected} detected"
-        told = [f"{place}, {where}; {counted(self.n_cells, 'cell')}, {n_detected}; {echoes}"]
+        sentences = [f"{place}, {where}; {counted(self.n_cells, 'cell')}, {n_detected}; {echoes}"]
         if self.changes:
             changes = " and ".join(self.changes)
-            told.append(
+            sentences.append(
                 f"with {changes}, {self.changed_share:.0%} would: look at the signs of the frame, "
                 "or for strong echoes from outside the region"
             )
         elif self.n_echoes and self.share < LEAST_SHARE:
-            told.append("the rest fits no other convention: look at the scenario's radio, place and region")
+            sentences.append(
+                "the rest fits no other convention: look at the scenario's radio, place and region"
+            )
         if self.leaked_db > MOST_LEAKED_DB:
-            told.append(
+            sentences.append(
                 "null carriers: echoes from beyond the region leave false ranges up to "
                 f"{self.leaked_db:.0f} dB of the strongest cell in the gate"
             )
-        return told
+        return sentences
 
 
 def summarise_frame(observation: Observation) -> FrameSummary:
@@ -459,8 +457,8 @@ def _leaked_db(observation: CubeObservation, power: NDArray[np.float64]) -> floa
 def _strongest_echoes(power: NDArray[np.float64], looks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the local maxima of a whole map, strongest first."""
     # Noise averaged over looks is gamma-distributed.
-    held = power[power > 0] if power.any() else power
-    least = np.median(held) * gammainccinv(looks, NOISE_ECHOES / power.size) / gammaincinv(looks, 0.5)
+    positive = power[power > 0] if power.any() else power
+    least = np.median(positive) * gammainccinv(looks, NOISE_ECHOES / power.size) / gammaincinv(looks, 0.5)
     rows, columns = np.nonzero((power >= maximum_filter(power, size=3, mode="wrap")) & (power > least))
     order = np.argsort(-power[rows, columns], kind="stable")[:MOST_ECHOES]
     return rows[order], columns[order]

@@ -81,7 +81,7 @@ class Cost(NamedTuple):
     def rows(self) -> list[list[str]]:
         """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""
         simulated = [step._replace(name=f"{step.name} (simulated)") for step in self.simulation]
-        return [_cells(step) for step in (*self.steps, self.total, *simulated)]
+        return [_table_row(step) for step in (*self.steps, self.total, *simulated)]
 
     def to_json(self) -> dict[str, Any]:
         """Everything in terms of JSON."""
@@ -110,7 +110,8 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     n, m, lengths = scenario.system.n_subcarriers, scenario.system.n_symbols, scenario.array.shape
     (r, d), size, n_all = gate.shape, np.dtype(dtype).itemsize, math.prod(lengths)
     e = {"plane": n_all, "cross": sum(lengths) - 1, "none": 0}[needs.elements]
-    frame, gated = n * m * n_all, r * d * e
+    frame, read, gated = n * m * n_all, n * m * e, r * d * e
+    moved = 2 * frame * size  # read and written once
 
     along_symbols, along_subcarriers = _fft_operations(m), _fft_operations(n)
     # Symbols are summed in blocks in the cache: only lines for an FFT are written.
@@ -118,7 +119,7 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     sums = n * len(rows) * e
     row_operations = 8 if np.iscomplexobj(rows) else 4
     doppler = n * d * e, 0 if is_partial else 2 * sums * size, row_operations * m * sums
-    along_range = sums * (8 * r if is_partial else along_subcarriers)
+    along_range = gated, 2 * gated * DOUBLE_BYTES, sums * (8 * r if is_partial else along_subcarriers)
 
     averaged = e if needs.integration == "noncoherent" else 1
     mapped = r * d if needs.integration is not None else 0
@@ -140,21 +141,11 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     detection = mapped, 16 * mapped * averaged, 4 * mapped * averaged
     angles = n_cells * n_points, 16 * n_cells * e, n_cells * operations
     all_angles = n * m * plane, size * n * m * (n_all + plane), n * m * plane * _fft_operations(plane)
-    how = f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins"
+    method = f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins"
     steps = (
-        Step("read", f"{e} of {n_all} elements", (n * m * e, n * m * e * size, 0), (frame, frame * size, 0)),
-        Step(
-            "Doppler",
-            f"partial DFT, {d} of {m} bins",
-            doppler,
-            (frame, 2 * frame * size, frame * along_symbols),
-        ),
-        Step(
-            "range",
-            how,
-            (gated, 2 * gated * DOUBLE_BYTES, along_range),
-            (frame, 2 * frame * size, frame * along_subcarriers),
-        ),
+        Step("read", f"{e} of {n_all} elements", (read, read * size, 0), (frame, frame * size, 0)),
+        Step("Doppler", f"partial DFT, {d} of {m} bins", doppler, (frame, moved, frame * along_symbols)),
+        Step("range", method, along_range, (frame, moved, frame * along_subcarriers)),
         Step("detection", power, detection, (n * m, size * frame, 4 * frame)),
         Step("angles", cells, angles, all_angles),
     )
@@ -174,9 +165,8 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
         "dtype": str(np.dtype(dtype)),
     }
     name = "cells of the gate"
-    return Cost(
-        description, steps, (Step("echo", name, echo, full_echo), Step("noise", name, noise, full_noise))
-    )
+    simulation = Step("echo", name, echo, full_echo), Step("noise", name, noise, full_noise)
+    return Cost(description, steps, simulation)
 
 
 def _fft_operations(n: int) -> int:
@@ -184,13 +174,13 @@ def _fft_operations(n: int) -> int:
     return round(5 * math.log2(max(n, 2)))
 
 
-def _cells(step: Step) -> list[str]:
+def _table_row(step: Step) -> list[str]:
     """Name, method, and amounts of work in three digits and a prefix, such as 1.23 k, each with its share."""
     from matplotlib.ticker import EngFormatter
 
-    cells = [step.name, step.method]
+    row = [step.name, step.method]
     for part, whole, unit in zip(step.computed, step.full, AMOUNTS.values(), strict=True):
         percent = 100 * part / whole if whole else math.nan
         share = f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
-        cells += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
-    return cells
+        row += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
+    return row

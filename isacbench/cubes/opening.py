@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import re
-import sys
 import warnings
 from collections import Counter
-from contextlib import closing
-from dataclasses import replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -15,12 +12,19 @@ from typing import Any
 import numpy as np
 
 from isacbench.checked_arrays import Complex
-from isacbench.cubes import tiles
-from isacbench.cubes.tiles import CUBE_NAME, GRID_NAME, TILE_BYTES, Cube
+from isacbench.cubes.tiles import (
+    CUBE_NAME,
+    GRID_NAME,
+    TILE_BYTES,
+    Cube,
+    require_cube,
+    require_grid,
+    require_grid_of,
+)
 from isacbench.errors import InputError, InputWarning
 from isacbench.files import arrays
 from isacbench.files.arrays import Entries, StoredArray
-from isacbench.files.checked_files import HELD_BYTES, binary_size, require_file
+from isacbench.files.checked_files import HELD_BYTES, binary_size, known_suffix, require_file
 
 READ_IN_PARTS = ".npy, .h5, .hdf5, .zarr and MATLAB's -v7.3"
 """Formats that can be read in parts."""
@@ -62,8 +66,7 @@ def open_cube(source: Any, *, tile_bytes: int = TILE_BYTES) -> Cube:
     ((8, 4, 2, 2), 'complex64')
     """
     cube = reopen_cube(source, tile_bytes)
-    if cube.unused:
-        warnings.warn(cube.unused, InputWarning, stacklevel=2)
+    _warn(cube.unused)
     return cube
 
 
@@ -75,15 +78,15 @@ def reopen_cube(source: Any, tile_bytes: int = TILE_BYTES) -> Cube:
         return source
     if isinstance(source, np.ndarray):
         return Cube("array", source, tile_bytes)
-    if _is_a(source, "h5py", "Dataset"):
-        name = f"{source.file.filename}: {source.name}"
-        return _cube_of(name, arrays.hdf5_array(source, name), tile_bytes)
-    if _is_a(source, "zarr", "Array"):
-        name = str(source.store_path)
-        return _cube_of(name, arrays.zarr_array(source, name), tile_bytes)
-    raise InputError(
-        f"a cube is a NumPy array, an h5py dataset, a zarr array or a path, not {type(source).__name__}"
-    )
+    kind = type(source)
+    match kind.__module__.partition(".")[0], kind.__name__:  # libraries that may not be installed
+        case "h5py", "Dataset":
+            name = f"{source.file.filename}: {source.name}"
+            return _cube_of(name, arrays.hdf5_array(source, name), tile_bytes)
+        case "zarr", "Array":
+            name = str(source.store_path)
+            return _cube_of(name, arrays.zarr_array(source, name), tile_bytes)
+    raise InputError(f"a cube is a NumPy array, an h5py dataset, a zarr array or a path, not {kind.__name__}")
 
 
 def read_grid(path: str | Path) -> Complex:
@@ -113,41 +116,38 @@ def read_grid(path: str | Path) -> Complex:
     """
     path = Path(path)
     _require_format(path)
-    with arrays.listed_arrays(path) as file, closing(file):
-        name, stored = _only_array(path, file.arrays, GRID_NAME, _named_grid(file.arrays), 2)
-        grid = _read_grid(path, name, stored)
-        unused = _unused(path, file.arrays, {name, *_named_cube(file.arrays)}, grid.shape, "grid")
-    if unused:
-        warnings.warn(unused, InputWarning, stacklevel=2)
+    with arrays.open_arrays(path) as (entries, _):
+        name, grid = _only_grid(path, entries)
+        unused = _unused_data(path, entries, {name, *_all_named(entries, CUBE_NAME)}, grid.shape, "grid")
+    _warn(unused)
     return grid
 
 
 def _open_file(path: Path, tile_bytes: int) -> Cube:
     """Open the cube of a file, with its transmitted grid."""
     _require_format(path)
-    with arrays.listed_arrays(path) as file:
-        name, stored = _only_array(path, file.arrays, CUBE_NAME, _named_cube(file.arrays), 4)
-        cube = _cube_of(_called(path, name), stored, tile_bytes)
-        cube.close = file.close
-        used = {name}
-        if named_grid := _named_grid(file.arrays):
-            name, grid = _only_array(path, file.arrays, GRID_NAME, named_grid, 2)
-            cube.transmitted = _read_grid(path, name, grid)
+    with arrays.open_arrays(path) as (entries, opened):
+        name, stored = _only_array(path, entries, CUBE_NAME, 4)
+        cube, used = _cube_of(_place_in_file(path, name), stored, tile_bytes), {name}
+        if _all_named(entries, GRID_NAME):
+            name, cube.transmitted = _only_grid(path, entries)
             used.add(name)
-            if grid.shape != cube.shape[:2]:
-                raise InputError(
-                    f"{path}: {name} has shape {grid.shape}; the cube needs a grid of "
-                    f"shape {cube.shape[:2]}: (subcarriers, symbols)"
-                )
-        cube.unused = _unused(path, file.arrays, used, cube.shape[:2], "cube")
+            require_grid_of(cube, cube.transmitted)
+        cube.unused = _unused_data(path, entries, used, cube.shape[:2], "cube")
+        cube.close = opened.pop_all().close
     return cube
 
 
-def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
+def _warn(unused: str) -> None:
+    if unused:
+        warnings.warn(unused, InputWarning, stacklevel=3)
+
+
+def _unused_data(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
     """Say what may be data of the frame beside what is used, and refuse what may be the grid."""
     taken = [entries[name] for name in used if isinstance(entries[name], StoredArray)]
     others = {name: entry for name, entry in entries.items() if name not in used and entry not in taken}
-    has_grid = bool(_named_grid(entries))
+    has_grid = bool(_all_named(entries, GRID_NAME))
     unclear = {
         name: entry
         for name, entry in others.items()
@@ -155,64 +155,55 @@ def _unused(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...]
     }
     if unclear:
         raise InputError(
-            f"{path}: holds {arrays.listed(unclear)} beside the {beside}, which may be the transmitted grid; "
-            f"allowed is one array named {GRID_NAME!r}"
+            f"{path}: holds {arrays.names_of(unclear)} beside the {beside}, which may be the transmitted "
+            f"grid; allowed is one array named {GRID_NAME!r}"
         )
     unused = {name: entry for name, entry in others.items() if _may_be_data(name, entry, shape)}
-    return f"{path}: does not use {arrays.listed(unused)}" if unused else ""
+    return f"{path}: does not use {arrays.names_of(unused)}" if unused else ""
 
 
 def _cube_of(name: str, stored: StoredArray, tile_bytes: int) -> Cube:
     """Make a cube of a stored array: read in parts where its format allows it, or else as a whole."""
-    n_axes, read = len(stored.shape), stored.read
-    ones = (1,) * (4 - n_axes) if stored.drops_ones else ()  # that the program dropped at the end
-    shape = tiles.require_cube(name, stored.shape + ones, stored.dtype)
-    if stored.chunks and ones:
-        chunks, added = stored.chunks + ones, (..., *(None for _ in ones))
-        stored = replace(stored, shape=shape, chunks=chunks, read=lambda box: read(box[:n_axes])[added])
+    stored = stored.with_dropped_ones(4)
     if stored.chunks or stored.strides:
         return Cube(name, stored, tile_bytes)
+    require_cube(name, stored.shape, stored.dtype)
     if stored.n_bytes > HELD_BYTES:
         raise InputError(
             f"{name}: {stored} takes {binary_size(stored.n_bytes)}; allowed are at most "
             f"{binary_size(HELD_BYTES)} in a file that is read as a whole, and any size in {READ_IN_PARTS}"
         )
-    return Cube(name, stored.whole().reshape(shape), tile_bytes)
+    return Cube(name, stored.whole(), tile_bytes)
 
 
-def _read_grid(path: Path, name: str, stored: StoredArray) -> Complex:
-    """Read a transmitted grid in C order and native byte order; real numbers become complex128."""
-    tiles.require_grid(_called(path, name), stored.shape, stored.dtype)
+def _only_grid(path: Path, entries: Entries) -> tuple[str, Complex]:
+    """Read the transmitted grid in C order and native byte order; real numbers become complex128."""
+    name, stored = _only_array(path, entries, GRID_NAME, 2)
+    require_grid(_place_in_file(path, name), stored.shape, stored.dtype)
     values = stored.whole()
     dtype = values.dtype.newbyteorder("=") if values.dtype.kind == "c" else np.dtype(np.complex128)
-    return np.ascontiguousarray(values, dtype=dtype)
+    return name, np.ascontiguousarray(values, dtype=dtype)
 
 
-def _only_array(
-    path: Path, entries: Entries, wanted: str, named: list[str], n_axes: int
-) -> tuple[str, StoredArray]:
+def _only_array(path: Path, entries: Entries, wanted: str, n_axes: int) -> tuple[str, StoredArray]:
     """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
     inner = {name: entry for name, entry in entries.items() if "@" not in name}
     stored = {name: entry for name, entry in inner.items() if isinstance(entry, StoredArray)}
     fitting = [name for name, array in stored.items() if not name or len(array.shape) == n_axes]
     at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
+    named = _all_named(entries, wanted)
     names = named or at_root or fitting
     if names and names[0] in stored and len({id(entries[name]) for name in names}) == 1:
         return names[0], stored[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
-    held = {name: entries[name] for name in named} or inner
-    raise InputError(
-        f"{path}: needs an array named {wanted!r}{others}; it holds {arrays.listed(held) or 'no arrays'}"
-    )
+    found = arrays.names_of({name: entries[name] for name in named} or inner) or "no arrays"
+    raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {found}")
 
 
-def _named_cube(entries: Entries) -> list[str]:
-    return [name for name in entries if _parts(name)[-1] == CUBE_NAME]
-
-
-def _named_grid(entries: Entries) -> list[str]:
-    """Names of all that is called the transmitted grid, or lies in a group that is."""
-    return [name for name in entries if GRID_NAME in _parts(name)]
+def _all_named(entries: Entries, wanted: str) -> list[str]:
+    """Names of all that is called the cube or the grid; what lies in a group of that name is the grid."""
+    place = np.s_[-1:] if wanted == CUBE_NAME else np.s_[:]
+    return [name for name in entries if wanted in _parts(name)[place]]
 
 
 def _parts(name: str) -> list[str]:
@@ -261,21 +252,11 @@ def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
     return bool((steps >= 0).all() or (steps <= 0).all())
 
 
-def _called(path: Path, name: str) -> str:
+def _place_in_file(path: Path, name: str) -> str:
     return f"{path}: {name}" if name else str(path)
 
 
 def _require_format(path: Path) -> None:
     """Refuse a path that is neither a file of a known format nor a folder of zarr."""
-    suffix = path.suffix.lower()
-    if suffix not in arrays.FORMATS:
-        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; allowed are {', '.join(arrays.FORMATS)}")
-    if suffix != ".zarr" or not path.is_dir():
+    if known_suffix(path, arrays.FORMATS, "allowed are") != ".zarr" or not path.is_dir():
         require_file(path)
-
-
-def _is_a(source: object, module: str, name: str) -> bool:
-    """Tell if an object is an instance of a library's class, without importing that library."""
-    library = sys.modules.get(module)
-    return library is not None and isinstance(source, getattr(library, name))

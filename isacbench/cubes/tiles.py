@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from isacbench.checked_arrays import Complex, unmasked_array
+from isacbench.checked_arrays import Complex, Mask, unmasked_array
 from isacbench.cores import available_cores, one_blas_thread
 from isacbench.dsp import partial_dft
 from isacbench.dsp.null_carriers import NullCarriers
@@ -36,7 +36,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 TILE_BYTES = 32 * 2**20
-"""Memory that a tile touches, unless told otherwise: 64 subcarriers at the paper's size in complex64."""
+"""Memory that a tile touches by default: 64 subcarriers at the paper's size in complex64."""
 
 CUBE_NAME, GRID_NAME = "cube", "transmitted"
 """Names of a cube and of a transmitted grid in files of several arrays."""
@@ -93,7 +93,7 @@ class Cube:
         Transmitted grid that the same file holds.
     unused : str
         What the file holds besides that may be data, in a sentence.
-    is_held : bool
+    is_in_memory : bool
         True if the whole cube is in memory.
     close : callable
         Closes the file; no tile may be loaded after.
@@ -120,7 +120,7 @@ class Cube:
     """
 
     def __init__(self, name: str, array: NDArray[Any] | StoredArray, tile_bytes: int = TILE_BYTES) -> None:
-        self.is_held = isinstance(array, np.ndarray)
+        self.is_in_memory = isinstance(array, np.ndarray)
         self._array = unmasked_array(name, array) if isinstance(array, np.ndarray) else array
         self.name = name
         self.shape = require_cube(name, array.shape, array.dtype)
@@ -212,6 +212,15 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
         )
 
 
+def require_grid_of(cube: Cube, grid: NDArray[Any]) -> None:
+    """Refuse a transmitted grid that does not fit a cube."""
+    if grid.shape != cube.shape[:2]:
+        raise InputError(
+            f"{cube.name}: the transmitted grid has shape {grid.shape}; allowed is {cube.shape[:2]}, "
+            "subcarriers by symbols as in the cube"
+        )
+
+
 def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     """Refuse a cube that does not fit the radio of a scenario, saying so when the axes look permuted."""
     wanted = (system.n_subcarriers, system.n_symbols, *array.shape)
@@ -272,9 +281,9 @@ def extents(
     The innermost axis of the nesting, which begins with the largest stride, changes fastest.
     """
     steps: tuple[list[Any], ...] = (
-        _sliced(lengths[SUBCARRIERS], box[SUBCARRIERS]),
-        _sliced(lengths[SYMBOLS], box[SYMBOLS]),
-        [group[part] for group in groups for part in _sliced(len(group), box[ELEMENTS])],
+        slices(lengths[SUBCARRIERS], box[SUBCARRIERS]),
+        slices(lengths[SYMBOLS], box[SYMBOLS]),
+        [group[part] for group in groups for part in slices(len(group), box[ELEMENTS])],
     )
     for choice in product(*(steps[axis] for axis in nesting)):
         by_axis = dict(zip(nesting, choice, strict=True))
@@ -335,7 +344,7 @@ def pick(block: NDArray[Any], elements: Indices) -> NDArray[Any]:
     return as_strided(first, (*first.shape, len(elements)), (*first.strides, step), writeable=False)
 
 
-def _sliced(length: int, size: int) -> list[slice]:
+def slices(length: int, size: int) -> list[slice]:
     """Cut an axis into slices of a size, the last one shorter."""
     return [slice(start, min(start + size, length)) for start in range(0, length, size)]
 
@@ -371,33 +380,33 @@ def gate_cells(
     with np.errstate(all="ignore"):  # numbers that are not finite are looked for once, at the end
         weights = None if factors is None else factors.astype(cube.dtype)
 
-    def transform(tile: Tile) -> tuple[NDArray[np.bool_], bool, Complex]:
+    def transform(tile: Tile) -> tuple[Mask, bool, Complex]:
         """Mask of what an element of a tile holds, whether the tile's share is lines, and the share."""
         block, rows = partial_dft.with_few_elements_outermost(tile.load()), along_doppler[:, tile.symbols]
-        held = block[:, :, 0] != 0
+        not_zero = block[:, :, 0] != 0
         with np.errstate(all="ignore"):  # a thread has its own
             if weights is not None:
                 block = block * weights[tile.subcarriers, tile.symbols, None]
-            if nulls is not None:  # whatever they held, NaN as well
+            if nulls is not None:  # whatever they hold, NaN as well
                 block = np.where(nulls.used[tile.subcarriers, None, None], block, 0)
             if has_fast_lines and len(block) == n_subcarriers and partial_dft.is_element_major(block):
-                return held, False, partial_dft.transform_lines(block, rows, bins)
+                return not_zero, False, partial_dft.transform_lines(block, rows, bins)
             if along_range is None:
-                return held, True, partial_dft.transform_block(block, rows)
-            return held, False, partial_dft.transform_block(block, rows, along_range[:, tile.subcarriers])
+                return not_zero, True, partial_dft.transform_block(block, rows)
+            return not_zero, False, partial_dft.transform_block(block, rows, along_range[:, tile.subcarriers])
 
     shape = len(along_doppler), len(elements)
     sums = np.zeros((bins.size, *shape), dtype=np.complex128)
     lines = np.zeros((n_lines, *shape), dtype=cube.dtype)  # of which one FFT gives the range bins in the end
-    is_held, has_lines = np.zeros(cube.shape[:2], dtype=np.bool_), False
+    has_signal, has_lines = np.zeros(cube.shape[:2], dtype=np.bool_), False
     with np.errstate(all="ignore"):
         done = in_order(transform, cube.tiles(elements), n_workers, n_workers + TILES_AHEAD)
-        for tile, (held, is_lines, share) in done:
-            is_held[tile.subcarriers, tile.symbols] |= held
+        for tile, (not_zero, is_lines, share) in done:
+            has_signal[tile.subcarriers, tile.symbols] |= not_zero
             has_lines |= is_lines
             summed: Complex = lines[tile.subcarriers] if is_lines else sums
             summed[:, :, _consecutive(tile.elements)] += share
-        _warn_of_zeros(cube.name, is_held, np.True_ if weights is None else weights != 0)
+        _warn_of_zeros(cube.name, has_signal, np.True_ if weights is None else weights != 0)
         if has_lines:
             sums += partial_dft.range_bins_by_fft(lines, bins, n_workers)
         cells = doppler.bins(sums).astype(np.complex128, copy=False)
@@ -427,21 +436,16 @@ def in_order(
             yield first, future.result()
 
 
-def _warn_of_zeros(name: str, is_held: NDArray[np.bool_], is_sensed: NDArray[np.bool_] | np.bool_) -> None:
+def _warn_of_zeros(name: str, has_signal: Mask, is_sensed: Mask | np.bool_) -> None:
     """Tell of subcarriers and symbols that hold nothing, but are transformed as if something was received."""
-    is_empty = ~is_held & is_sensed
-    empty = {
-        "subcarrier": is_empty.any(axis=1) & ~is_held.any(axis=1),
-        "symbol": is_empty.any(axis=0) & ~is_held.any(axis=0),
-    }
-    told = [
-        f"{counted(int(where.sum()), what)} from {where.argmax()} on"
-        for what, where in empty.items()
-        if where.any()
-    ]
-    if told and is_held.any():
+    is_empty, found = ~has_signal & is_sensed, []
+    for noun, axis in (("subcarrier", 1), ("symbol", 0)):
+        where = is_empty.any(axis) & ~has_signal.any(axis)
+        if where.any():
+            found.append(f"{counted(int(where.sum()), noun)} from {where.argmax()} on")
+    if found and has_signal.any():
         warnings.warn(
-            f"{name}: {' and '.join(told)} hold zeros alone, which give false ranges or velocities; a "
+            f"{name}: {' and '.join(found)} hold zeros alone, which give false ranges or velocities; a "
             "transmitted grid that is 0 in null carriers leaves them out, symbols have to be cut off",
             InputWarning,
             stacklevel=2,

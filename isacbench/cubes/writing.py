@@ -13,7 +13,7 @@ import math
 import secrets
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -25,15 +25,12 @@ from isacbench.cores import available_cores, one_blas_thread
 from isacbench.cubes import tiles
 from isacbench.dsp.partial_dft import doppler_rows, range_rows, transform_block
 from isacbench.errors import InputError, import_extra
-from isacbench.files.checked_files import require_new
+from isacbench.files.checked_files import known_suffix, require_new, write_errors
 from isacbench.model.echo import Simulator, random_stream, resource_grid, transmitted_noise, white_gaussian
 from isacbench.model.scene import Scenario
 
 Shape: TypeAlias = tuple[int, int, int, int]
-Write: TypeAlias = Callable[[int, Complex], object]
-"""Writes a block, already of the right type, from a subcarrier on."""
-
-FORMATS = ".npy", ".zarr"
+Progress: TypeAlias = Callable[[int, int], None]
 
 CHUNK_BYTES = 2**19
 CHUNK_ELEMENTS = 2
@@ -52,7 +49,7 @@ def write_cube(
     shape: tuple[int, ...],
     blocks: Iterable[ArrayLike],
     dtype: DTypeLike = np.complex64,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write a cube to a new file, block by block.
 
@@ -97,10 +94,7 @@ def write_cube(
     (8, 4, 2, 2)
     """
     path, dtype = Path(path), np.dtype(dtype).newbyteorder("=")
-    if (suffix := path.suffix.lower()) not in FORMATS:
-        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise InputError(f"{path}: has {found}; a cube is written as {', '.join(FORMATS)}")
-    zarr = import_extra("zarr", "cubes", str(path)) if suffix == ".zarr" else None
+    write = WRITERS[known_suffix(path, WRITERS, "a cube is written as")]
     checked_shape = tiles.require_cube(str(path), shape, dtype)
     require_new(path)
     wanted = math.prod(checked_shape) * dtype.itemsize + SPARE_BYTES
@@ -109,17 +103,10 @@ def write_cube(
         raise InputError(f"{path}: takes {wanted / 1e9:.2f} GB, its disk has {free / 1e9:.2f} GB left")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with _created(part, zarr, checked_shape, dtype) as write:
-            first = 0
-            for block in _whole_chunks(blocks, path, checked_shape, dtype):
-                write(first, block)
-                first += len(block)
-                if progress is not None:
-                    progress(first, shape[0])
-        require_new(path)
-        part.rename(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        with write_errors(path):
+            write(part, checked_shape, dtype, _whole_chunks(blocks, path, checked_shape, dtype, progress))
+            require_new(path)
+            part.rename(path)
     finally:
         with suppress(OSError):  # a name that is too long
             shutil.rmtree(part) if part.is_dir() else part.unlink()
@@ -140,26 +127,26 @@ def chunk_lengths(shape: Shape, itemsize: int) -> Shape:
 
 
 def _whole_chunks(
-    blocks: Iterable[ArrayLike], path: Path, shape: Shape, dtype: np.dtype[Any]
+    blocks: Iterable[ArrayLike], path: Path, shape: Shape, dtype: np.dtype[Any], progress: Progress | None
 ) -> Iterator[Complex]:
     """Blocks of whole chunks: parts of them would be read and written again and again."""
-    waiting: list[Complex] = []
-    n_chunk, n_given = chunk_lengths(shape, dtype.itemsize)[0], 0
+    n_chunk, n_left = chunk_lengths(shape, dtype.itemsize)[0], shape[0]
+    waiting = np.empty((0, *shape[1:]), dtype)
     for block in blocks:
-        waiting.append(_converted(block, path, shape, dtype))
-        n_given += len(waiting[-1])
-        if n_given > shape[0]:
-            raise InputError(f"{path}: {n_given} subcarriers were given; the cube has {shape[0]}")
-        if (n_waiting := sum(map(len, waiting))) >= n_chunk or n_given == shape[0]:
-            held = np.concatenate(waiting)
-            n_whole = n_waiting if n_given == shape[0] else n_waiting - n_waiting % n_chunk
-            yield held[:n_whole]
-            waiting = [held[n_whole:]]
-    if n_given < shape[0]:
-        raise InputError(f"{path}: only {n_given} of {shape[0]} subcarriers were given")
+        waiting = np.concatenate([waiting, values := _in_precision(block, path, shape, dtype)])
+        n_left -= len(values)
+        if n_left < 0:
+            raise InputError(f"{path}: {shape[0] - n_left} subcarriers were given; the cube has {shape[0]}")
+        if n_whole := len(waiting) - (len(waiting) % n_chunk if n_left else 0):
+            yield waiting[:n_whole]
+            waiting = waiting[n_whole:]
+            if progress is not None:
+                progress(shape[0] - n_left - len(waiting), shape[0])
+    if n_left:
+        raise InputError(f"{path}: only {shape[0] - n_left} of {shape[0]} subcarriers were given")
 
 
-def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
+def _in_precision(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
     """Convert a block to the precision of the cube."""
     given = unmasked_array(f"{path}: a block", block)
     if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
@@ -177,15 +164,16 @@ def _converted(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any])
     return values
 
 
-@contextmanager
-def _created(path: Path, zarr: Any, shape: Shape, dtype: np.dtype[Any]) -> Iterator[Write]:
-    """Make a file, or with zarr a folder, and give what writes blocks into it one after the other."""
-    if zarr is None:
-        header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-        with path.open("wb") as file:
-            np.lib.format.write_array_header_1_0(file, header)
-            yield lambda _, block: file.write(block.data)
-        return
+def _write_npy(path: Path, shape: Shape, dtype: np.dtype[Any], blocks: Iterable[Complex]) -> None:
+    header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, header)
+        for block in blocks:
+            file.write(block.data)
+
+
+def _write_zarr(path: Path, shape: Shape, dtype: np.dtype[Any], blocks: Iterable[Complex]) -> None:
+    zarr: Any = import_extra("zarr", "cubes", "a cube in .zarr")
     array = zarr.open_group(path, mode="w").create_array(
         tiles.CUBE_NAME,
         shape=shape,
@@ -195,7 +183,13 @@ def _created(path: Path, zarr: Any, shape: Shape, dtype: np.dtype[Any]) -> Itera
         # A chunk of zeros would otherwise look like one that was not written.
         config={"write_empty_chunks": True},
     )
-    yield lambda first, block: array.set_basic_selection(slice(first, first + len(block)), block)
+    first = 0
+    for block in blocks:
+        array[first : first + len(block)] = block
+        first += len(block)
+
+
+WRITERS = {".npy": _write_npy, ".zarr": _write_zarr}
 
 
 class FrameSimulator:
@@ -222,23 +216,18 @@ class FrameSimulator:
         elif self._noise_amplitude:
             self._wanted = simulator.unit_noise(trial, seed)
         system, gate = scenario.system, simulator.gate
+        self.shape = system.n_subcarriers, system.n_symbols, *scenario.array.shape
         self._along_range = range_rows(gate.range_bins, system.n_subcarriers)
         self._along_doppler = doppler_rows(gate.doppler_bins, system.n_symbols)
 
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Subcarriers, symbols, P and Q."""
-        system, (n_p, n_q) = self._scenario.system, self._scenario.array.shape
-        return system.n_subcarriers, system.n_symbols, n_p, n_q
-
-    def blocks(self) -> Iterator[tuple[int, Complex]]:
-        """Blocks of consecutive subcarriers."""
+    def blocks(self) -> Iterator[Complex]:
+        """Blocks (n, n_symbols, P, Q) of consecutive subcarriers."""
         correction, array = self._correction(), self._scenario.array
         # The places of its elements in the frame are those of the frame's elements in the array.
         in_frame = np.ravel_multi_index(tuple(array.in_frame(array.positions).T), array.shape)
 
         def block(subcarriers: slice) -> Complex:
-            grid = resource_grid(self._scenario, self._scenario.array.positions, subcarriers)
+            grid = resource_grid(self._scenario, array.positions, subcarriers)
             if correction is not None:
                 noise = self._white_block(subcarriers)
                 noise += self._spread(correction, subcarriers)
@@ -248,8 +237,7 @@ class FrameSimulator:
                 grid *= 1 + self._carried[subcarriers, :, None]
             return grid[:, :, in_frame].reshape(len(grid), *self.shape[1:])
 
-        for subcarriers, made in self._each_block(block):
-            yield subcarriers.start, made
+        return self._each_block(block)
 
     def _correction(self) -> Complex | None:
         """Canonical noise of the gate less what the white frame has there; None without noise."""
@@ -262,7 +250,7 @@ class FrameSimulator:
             along_range = self._along_range[:, subcarriers]
             return transform_block(self._white_block(subcarriers), self._along_doppler, along_range)
 
-        for _, cells in self._each_block(share):
+        for cells in self._each_block(share):
             correction -= cells
         return correction
 
@@ -276,15 +264,11 @@ class FrameSimulator:
     def _white_block(self, subcarriers: slice) -> Complex:
         """Unit noise (n, n_symbols, e) of a block; the same whenever it is asked for."""
         stream = random_stream(self._scenario.name, self._trial, self._seed, "frame", str(subcarriers.start))
-        n_elements = len(self._scenario.array.positions)
-        shape = subcarriers.stop - subcarriers.start, self._scenario.system.n_symbols, n_elements
-        return white_gaussian(stream, shape)
+        _, n_symbols, n_p, n_q = self.shape
+        return white_gaussian(stream, (subcarriers.stop - subcarriers.start, n_symbols, n_p * n_q))
 
-    def _each_block(self, work: Callable[[slice], Complex]) -> Iterator[tuple[slice, Complex]]:
-        """Work on all blocks, side by side and in their order, few at a time."""
-        n_subcarriers, n_threads = self.shape[0], available_cores()
-        blocks = (
-            slice(first, min(first + BLOCK_SUBCARRIERS, n_subcarriers))
-            for first in range(0, n_subcarriers, BLOCK_SUBCARRIERS)
-        )
-        return tiles.in_order(one_blas_thread()(work), blocks, n_threads, n_threads)
+    def _each_block(self, work: Callable[[slice], Complex]) -> Iterator[Complex]:
+        """Work on all blocks of subcarriers, side by side and in their order, few at a time."""
+        blocks, n_threads = tiles.slices(self.shape[0], BLOCK_SUBCARRIERS), available_cores()
+        for _, block in tiles.in_order(one_blas_thread()(work), blocks, n_threads, n_threads):
+            yield block

@@ -12,13 +12,13 @@ import re
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from math import prod
 from operator import itemgetter
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +92,17 @@ class StoredArray:
         self.require_filled()
         return self.read(())
 
+    def with_dropped_ones(self, n_axes: int) -> StoredArray:
+        """Give it back the trailing axes of length one that its program drops."""
+        n_held, n_ones = len(self.shape), n_axes - len(self.shape)
+        if not self.drops_ones or n_ones < 1:
+            return self
+        ones, added = (1,) * n_ones, (..., *[None] * n_ones)
+        chunks = self.chunks and self.chunks + ones
+        return replace(
+            self, shape=self.shape + ones, chunks=chunks, read=lambda box: self.read(box[:n_held])[added]
+        )
+
     def __getitem__(self, box: Box) -> NDArray[Any]:
         return self.read(box)
 
@@ -104,34 +115,23 @@ Entries = dict[str, StoredArray | str]
 a format without names. A kind in words, such as ``"cell"``, stands for what is no array of numbers."""
 
 
-class ArrayFile(NamedTuple):
-    """Open file of arrays, and what closes it."""
-
-    arrays: Entries
-    close: Callable[[], None] = lambda: None
-
-
 @contextmanager
-def listed_arrays(path: Path) -> Iterator[ArrayFile]:
+def open_arrays(path: Path) -> Iterator[tuple[Entries, ExitStack]]:
     """List the arrays of a file, and name the file in whatever its library raises meanwhile.
 
-    The file is closed if the ``with`` block raises, and open otherwise.
+    The stack closes the file at the end of the ``with`` block, unless the block takes that over.
     """
     kind, list_arrays = FORMATS[path.suffix.lower()]
     try:
-        file = list_arrays(path)
-        try:
-            yield file
-        except BaseException:
-            file.close()
-            raise
+        with ExitStack() as opened:
+            yield list_arrays(path, opened), opened
     except InputError:
         raise
     except Exception as error:  # Damaged files surface as anything that a parser can raise.
         raise InputError(f"{path}: cannot be read as {kind}: {shortened(str(error))}") from error
 
 
-def listed(entries: Entries) -> str:
+def names_of(entries: Entries) -> str:
     """Name entries of a file with their types and shapes, in the length of a message."""
     return shortened(", ".join(f"{name} ({entry})".strip() for name, entry in entries.items()))
 
@@ -142,8 +142,7 @@ def hdf5_array(dataset: Any, name: str) -> StoredArray:
     A dataset without chunks counts as one of planes of its last two axes.
     """
     if "MATLAB_empty" in dataset.attrs:
-        shape = tuple(dataset[()].ravel().tolist())
-        return StoredArray(shape, np.dtype(np.float64), lambda box: np.zeros(shape)[box])
+        return _in_memory(np.broadcast_to(0.0, dataset[()].ravel().tolist()))
     is_reversed = "MATLAB_class" in dataset.attrs
     order = slice(None, None, -1 if is_reversed else 1)
     chunks = dataset.chunks or (*(1 for _ in dataset.shape[:-2]), *dataset.shape[-2:])
@@ -155,7 +154,8 @@ def hdf5_array(dataset: Any, name: str) -> StoredArray:
             )
         present, wanted = int(dataset.id.get_storage_size() > 0), int(dataset.size > 0)
         if dataset.chunks is not None:
-            present, wanted = dataset.id.get_num_chunks(), _n_chunks(dataset.shape, dataset.chunks)
+            present = dataset.id.get_num_chunks()
+            wanted = prod(-(-n // part) for n, part in zip(dataset.shape, dataset.chunks, strict=True))
         if present < wanted:
             raise InputError(f"{name}: is not complete: {present} of {wanted} chunks were written")
 
@@ -193,19 +193,17 @@ def zarr_array(array: Any, name: str) -> StoredArray:
     )
 
 
-def _list_npy(path: Path) -> ArrayFile:
+def _list_npy(path: Path, _opened: ExitStack) -> Entries:
     def read(box: Box) -> NDArray[Any]:
         # Mapped anew: the pages that a box touches are released with it.
         return np.lib.format.open_memmap(path, mode="r")[box]
 
     with path.open("rb") as file:
-        entry = _described(file, str(path), path.stat().st_size, read)
-    if isinstance(entry, StoredArray):
-        entry = StoredArray(entry.shape, entry.dtype, read, strides=read(()).strides)
-    return ArrayFile({"": entry})
+        entry = _from_header(file, str(path), path.stat().st_size, read)
+    return {"": entry if isinstance(entry, str) else replace(entry, strides=read(()).strides)}
 
 
-def _list_npz(path: Path) -> ArrayFile:
+def _list_npz(path: Path, _opened: ExitStack) -> Entries:
     def read(name: str, box: Box) -> NDArray[Any]:
         with np.load(path, allow_pickle=False) as archive:
             values: NDArray[Any] = archive[name][box]
@@ -215,16 +213,16 @@ def _list_npz(path: Path) -> ArrayFile:
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
             name = member.filename.removesuffix(".npy")
-            if name in entries:
-                raise InputError(f"{path}: holds {name} twice")
             entries[name] = "no array"
             if name != member.filename:
                 with archive.open(member) as file:
-                    entries[name] = _described(file, f"{path}: {name}", member.file_size, partial(read, name))
-    return ArrayFile(entries)
+                    entries[name] = _from_header(
+                        file, f"{path}: {name}", member.file_size, partial(read, name)
+                    )
+    return entries
 
 
-def _described(
+def _from_header(
     file: IO[bytes], name: str, held_bytes: int, read: Callable[[Any], NDArray[Any]]
 ) -> StoredArray | str:
     """Describe the array whose npy header begins at the position of a file, before room is made for it."""
@@ -245,7 +243,7 @@ def _described(
     return array
 
 
-def _list_mat(path: Path) -> ArrayFile:
+def _list_mat(path: Path, opened: ExitStack) -> Entries:
     """List a file of MATLAB; those of versions before 7.3 are read at once."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque
@@ -253,23 +251,21 @@ def _list_mat(path: Path) -> ArrayFile:
     with path.open("rb") as file:
         head = file.read(USER_BLOCK + len(HDF5_SIGNATURE))
     if HDF5_SIGNATURE in (head[: len(HDF5_SIGNATURE)], head[USER_BLOCK:]):
-        return _list_hdf5(path)
+        return _list_hdf5(path, opened)
     require_file(path, HELD_BYTES)
     load = partial(loadmat, path, appendmat=False)
+    entries: Entries = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        # SciPy gives the last of several variables of one name. All objects have the name None to it.
-        warnings.filterwarnings("error", 'Duplicate variable name "(?!None")')
         variables = load()
-        entries: Entries = {}
         if isinstance(variables.get("None"), MatlabOpaque):
             del variables["None"]
             while (name := _last_object(load, 1 + len(entries))) not in entries:
                 entries[name] = "object"
     for name, value in variables.items():
         if not name.startswith("__"):
-            entries.update(_variable(name, value))
-    return ArrayFile(entries)
+            entries.update(_matlab_entries(name, value))
+    return entries
 
 
 def _last_object(load: Callable[..., dict[str, Any]], n: int) -> str:
@@ -278,23 +274,25 @@ def _last_object(load: Callable[..., dict[str, Any]], n: int) -> str:
     return name
 
 
-def _variable(name: str, value: Any) -> Iterator[tuple[str, StoredArray | str]]:
+def _matlab_entries(name: str, value: Any) -> Iterator[tuple[str, StoredArray | str]]:
     """Entries of a variable that SciPy read; the fields of a structure are named after it."""
     if not isinstance(value, np.ndarray):
         yield name, "unreadable" if isinstance(value, str) else SPARSE
-    elif type(value) is np.ndarray and value.dtype.kind in "biufc":
-        yield name, _held(value, drops_ones=True)
-    elif type(value) is np.ndarray and value.dtype.names and value.size == 1:
+    elif type(value) is not np.ndarray:
+        yield name, "object"
+    elif value.dtype.kind in "biufc":
+        yield name, replace(_in_memory(value), drops_ones=True)
+    elif value.dtype.names and value.size == 1:
         for field in value.dtype.names:
-            yield from _variable(f"{name}/{field}", value.flat[0][field])
+            yield from _matlab_entries(f"{name}/{field}", value.flat[0][field])
     else:
-        yield name, MATLAB_KINDS.get(value.dtype.kind, "object") if type(value) is np.ndarray else "object"
+        yield name, MATLAB_KINDS.get(value.dtype.kind, "object")
 
 
-def _list_hdf5(path: Path) -> ArrayFile:
+def _list_hdf5(path: Path, opened: ExitStack) -> Entries:
     """List everything in an HDF5 file with each of its names; soft and external links are not followed."""
     h5py: Any = import_extra("h5py", "cubes", str(path))
-    file = h5py.File(path, "r")
+    file = opened.enter_context(h5py.File(path, "r"))
     entries = _attributes("", file.attrs)
     first_names = {file["/"].id: ""}
 
@@ -317,12 +315,8 @@ def _list_hdf5(path: Path) -> ArrayFile:
         elif not has_members or kind not in (None, "struct") or first != name:
             entries[name] = kind or type(item).__name__.lower()
 
-    try:
-        file.visititems_links(add)
-    except BaseException:
-        file.close()
-        raise
-    return ArrayFile(entries, file.close)
+    file.visititems_links(add)
+    return entries
 
 
 def _matlab_class(attributes: Any) -> str | None:
@@ -334,31 +328,29 @@ def _matlab_class(attributes: Any) -> str | None:
     return None if value is None else shortened(text)
 
 
-def _list_zarr(path: Path) -> ArrayFile:
+def _list_zarr(path: Path, opened: ExitStack) -> Entries:
     """List everything in a zarr store of version 2 or 3, in a folder or a zip file."""
     zarr: Any = import_extra("zarr", "cubes", str(path))
-    storage = zarr.storage
-    store = storage.LocalStore(path, read_only=True) if path.is_dir() else storage.ZipStore(path, mode="r")
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            # Consolidated metadata lack what was added later.
-            root = zarr.open(store, mode="r", use_consolidated=False)
-            members = [("", root), *(root.members(max_depth=None) if isinstance(root, zarr.Group) else ())]
-        text = "\n".join(str(warning.message) for warning in caught)
-        skipped = re.findall(r"Object at (.+) is not recognized", text)
-        entries: Entries = dict.fromkeys(skipped, "no zarr array")
-        for name, member in sorted(members, key=itemgetter(0)):
-            entries.update(_attributes(name, member.attrs))
-            if isinstance(member, zarr.Array):
-                entries[name] = zarr_array(member, f"{path}: {name}" if name else str(path))
-            elif name and not member.nmembers():
-                entries[name] = "empty group"
-    except BaseException:
-        with suppress(AttributeError):  # of a zip file that could not be opened
-            store.close()
-        raise
-    return ArrayFile(entries, store.close)
+    if path.is_dir():
+        store = zarr.storage.LocalStore(path, read_only=True)
+    else:
+        zipfile.ZipFile(path).close()  # The store cannot be closed if this fails.
+        store = zarr.storage.ZipStore(path, mode="r")
+        opened.callback(store.close)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        # Consolidated metadata lack what was added later.
+        root = zarr.open(store, mode="r", use_consolidated=False)
+        members = [("", root), *(root.members(max_depth=None) if isinstance(root, zarr.Group) else ())]
+    text = "\n".join(str(warning.message) for warning in caught)
+    entries: Entries = dict.fromkeys(re.findall(r"Object at (.+) is not recognized", text), "no zarr array")
+    for name, member in sorted(members, key=itemgetter(0)):
+        entries.update(_attributes(name, member.attrs))
+        if isinstance(member, zarr.Array):
+            entries[name] = zarr_array(member, f"{path}: {name}" if name else str(path))
+        elif name and not member.nmembers():
+            entries[name] = "empty group"
+    return entries
 
 
 def _attributes(name: str, attributes: Any) -> Entries:
@@ -371,16 +363,12 @@ def _attributes(name: str, attributes: Any) -> Entries:
             except ValueError:  # a ragged list
                 values = np.array("")
             is_array = values.ndim > 0 and values.dtype.kind in "biufc"
-            entries[f"{name}@{key}"] = _held(values) if is_array else "attribute"
+            entries[f"{name}@{key}"] = _in_memory(values) if is_array else "attribute"
     return entries
 
 
-def _held(values: NDArray[Any], drops_ones: bool = False) -> StoredArray:
-    return StoredArray(values.shape, values.dtype, lambda box: values[box], drops_ones=drops_ones)
-
-
-def _n_chunks(shape: Lengths, chunks: Lengths) -> int:
-    return prod(-(-length // part) for length, part in zip(shape, chunks, strict=True))
+def _in_memory(values: NDArray[Any]) -> StoredArray:
+    return StoredArray(values.shape, values.dtype, values.__getitem__)
 
 
 def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
@@ -394,14 +382,14 @@ def _complex_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
 
 def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
     """Complex numbers of an array of two real fields; other arrays as they are."""
-    wanted = _complex_type(values.dtype)
-    if values.dtype.names is None or wanted.kind != "c":
+    wanted, names = _complex_type(values.dtype), values.dtype.names
+    if wanted == values.dtype or names is None:
         return values
     part = np.empty(0, wanted).real.dtype
-    return values.astype(np.dtype([(name, part) for name in values.dtype.names]), copy=False).view(wanted)
+    return values.astype([(name, part) for name in names], copy=False).view(wanted)
 
 
-FORMATS: dict[str, tuple[str, Callable[[Path], ArrayFile]]] = {
+FORMATS: dict[str, tuple[str, Callable[[Path, ExitStack], Entries]]] = {
     ".npy": ("npy", _list_npy),
     ".npz": ("npz", _list_npz),
     ".mat": ("mat", _list_mat),

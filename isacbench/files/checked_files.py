@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from isacbench.errors import AccessError, InputError
@@ -29,6 +31,15 @@ MANIFEST_BYTES = 2**28
 PICTURES = ".png", ".pdf", ".svg"
 
 
+def known_suffix(path: Path, allowed: Iterable[str], takes: str) -> str:
+    """Return the suffix of a path in small letters; refuse one that is not among those allowed."""
+    suffix = path.suffix.lower()
+    if suffix not in allowed:
+        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
+        raise InputError(f"{path}: has {found}; {takes} {', '.join(allowed)}")
+    return suffix
+
+
 def require_file(path: Path, limit_bytes: int | None = None, missing: str = "does not exist") -> int:
     """Refuse a path that is not a regular file of at most the largest size; return its size.
 
@@ -39,7 +50,7 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: {missing}") from None
     except (OSError, ValueError) as error:
-        raise AccessError(f"{path}: cannot be accessed: {_reason(error)}") from error
+        raise AccessError(f"{path}: cannot be accessed: {getattr(error, 'strerror', error)}") from error
     if not stat.S_ISREG(found.st_mode):
         kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
         raise InputError(f"{path}: is {kind}, not a file")
@@ -71,15 +82,22 @@ def require_picture(path: Path) -> None:
 
 def require_replaceable(path: Path) -> None:
     """Refuse a file that could not be written or replaced; call it before the work whose result it takes."""
-    try:
+    with write_errors(path):
         is_taken = path.exists() and not path.is_file()
         is_placed = path.parent.is_dir()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     if is_taken:
         raise InputError(f"{path}: cannot be written: is not a file")
     if not is_placed:
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+
+
+@contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Name the file in an error of the system while it is written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def require_new(path: Path) -> None:
@@ -111,7 +129,7 @@ def require_inside(path: Path, *folders: Path) -> None:
         target = path.resolve()
         inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be accessed: {_reason(error)}") from error
+        raise InputError(f"{path}: cannot be accessed: {getattr(error, 'strerror', error)}") from error
     if not inside:
         raise InputError(
             f"{path}: leads out of the folder {folders[0]}; allowed is a file in it or in a folder below it, "
@@ -126,10 +144,8 @@ def open_own(path: Path, flags: int) -> int:
 
 def make_own_folder(path: Path) -> None:
     """Make a folder if it does not exist."""
-    try:
+    with write_errors(path):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def binary_size(n_bytes: int) -> str:
@@ -144,7 +160,3 @@ def binary_size(n_bytes: int) -> str:
         if n_bytes >= size:
             return f"{n_bytes / size:.4g} {unit}"
     return f"{n_bytes} bytes"
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
 
 from isacbench.errors import InputError, did_you_mean, unknown_name
 from isacbench.files.checked_files import TOML_BYTES, read_text, require_file
@@ -63,31 +62,29 @@ def describe_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     missing is often there, but misspelt.
     """
     mistake = min(error.errors(include_url=False), key=lambda mistake: mistake["type"] != "extra_forbidden")
-    kind, location = mistake["type"], mistake["loc"]
+    kind, location, context = mistake["type"], mistake["loc"], mistake.get("ctx", {})
     key = _dotted(location)
-    if kind == "extra_forbidden":
-        known = list(_schema_at(model, location[:-1])["properties"])
-        return f"unknown key {key}: {did_you_mean(str(location[-1]), known)}"
-    if kind == "missing":
-        return f"missing {'item' if isinstance(location[-1], int) else 'key'} {key}"
-    if kind == "union_tag_not_found":
-        return f"missing key {key}.{_tag_key(mistake)}"
-    if kind == "union_tag_invalid":
-        tag, allowed = mistake["ctx"]["tag"], _schema_at(model, location)["discriminator"]["mapping"]
-        return f"{key}.{_tag_key(mistake)} = {quoted(tag)}: {did_you_mean(tag, allowed)}"
-    message = _message(mistake)
+    tag_key = f"{key}.{context.get('discriminator')}".replace("'", "")  # of a union
+    match kind:
+        case "extra_forbidden":
+            known = list(_schema_at(model, location[:-1])["properties"])
+            return f"unknown key {key}: {did_you_mean(str(location[-1]), known)}"
+        case "missing":
+            return f"missing {'item' if isinstance(location[-1], int) else 'key'} {key}"
+        case "union_tag_not_found":
+            return f"missing key {tag_key}"
+        case "union_tag_invalid":
+            tag, allowed = context["tag"], _schema_at(model, location)["discriminator"]["mapping"]
+            return f"{tag_key} = {quoted(tag)}: {did_you_mean(tag, allowed)}"
+        case "too_short":  # lists in the words of TOML, which has no tuples
+            message = f"allowed is a list of {context['min_length']} or more"
+        case "too_long":
+            message = f"allowed is a list of {context['max_length']} or fewer"
+        case "tuple_type" | "list_type":
+            message = "allowed is a list"
+        case _:
+            message = mistake["msg"].removeprefix("Value error, ")
     return f"{key} = {quoted(mistake['input'])}: {message[0].lower()}{message[1:]}"
-
-
-def _message(mistake: ErrorDetails) -> str:
-    """Mistake in one value; lists in the words of TOML, which has no tuples."""
-    if mistake["type"] == "too_short":
-        return f"allowed is a list of {mistake['ctx']['min_length']} or more"
-    if mistake["type"] == "too_long":
-        return f"allowed is a list of {mistake['ctx']['max_length']} or fewer"
-    if mistake["type"] in ("tuple_type", "list_type"):
-        return "allowed is a list"
-    return mistake["msg"].removeprefix("Value error, ")
 
 
 def _builtin_folder(folder: str) -> Path:
@@ -103,11 +100,6 @@ def _dotted(location: Location) -> str:
         elif not (0 < index < len(location) - 1 and isinstance(location[index - 1], int)):
             text += f".{part}" if text else part
     return text
-
-
-def _tag_key(mistake: ErrorDetails) -> str:
-    """Key that tells the members of a union apart."""
-    return str(mistake["ctx"]["discriminator"]).strip("'")
 
 
 def _schema_at(model: type[BaseModel], location: Location) -> dict[str, Any]:

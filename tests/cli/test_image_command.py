@@ -32,7 +32,7 @@ def test_the_image_is_that_of_the_observation_through_the_same_signal(image, tin
 
 def test_a_cloud_that_could_not_be_written_is_refused_before_the_image(image):
     for name, message in (
-        ("cloud.xyz", "has extension '.xyz'"),
+        ("cloud.xyz", "has suffix '.xyz'"),
         ("none/cloud.csv", "there is no folder none"),
     ):
         result = image("-e", "an_estimator_that_is_looked_for_later", "-o", name)

@@ -1,6 +1,8 @@
-"""Cubes of a few numbers, the files they are kept in, and what a cube must give back."""
+"""Cubes of a few numbers, files of arrays in every format, and what a cube must give back."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import h5py
 import numpy as np
@@ -69,22 +71,24 @@ def write_mat(path, *, compressed=False, **arrays):
     savemat(path, arrays, do_compression=compressed)
 
 
-def write_mat73(path, *, compressed=False, **arrays):
+def write_mat73(path, *, change=None, compressed=False, **arrays):
     """Write as MATLAB does: its header before the file, axes in reverse, classes, records of two fields."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, array in arrays.items():
             put_mat73(file, name, np.asarray(array), compressed)
         put_mat73(file, "#refs#/a", np.zeros((1, 1, 1, 1), np.complex64))
+        if change is not None:
+            change(file)
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     with path.open("r+b") as file:
         file.write(header)
 
 
-def put_mat73(group, name, array, compressed=False):
+def put_mat73(group, name, array, compressed=False, kind=None):
     """Put an array of numbers, a text or an array without elements where MATLAB's variables are."""
     classes = {"U": "char", "f4": "single", "f8": "double", "c8": "single", "c16": "double"}
-    kind = "U" if array.dtype.kind == "U" else array.dtype.str[1:]
-    if kind == "U":
+    code = "U" if array.dtype.kind == "U" else array.dtype.str[1:]
+    if code == "U":
         array = np.array([[*map(ord, array.item())]], np.uint16)
     values = np.ascontiguousarray(np.atleast_2d(array.T))
     if array.dtype.kind == "c":
@@ -94,15 +98,17 @@ def put_mat73(group, name, array, compressed=False):
         values = np.array(array.shape, np.uint64)
     options = {"chunks": True, "compression": "gzip"} if compressed else {}
     attributes = group.create_dataset(name, data=values, **options).attrs
-    attributes["MATLAB_class"] = np.bytes_(classes.get(kind, array.dtype.name))
+    attributes["MATLAB_class"] = np.bytes_(kind or classes.get(code, array.dtype.name))
     if not array.size:
         attributes["MATLAB_empty"] = np.uint8(1)
 
 
-def write_h5(path, *, compressed=False, **arrays):
+def write_h5(path, *, change=None, compressed=False, **arrays):
     with h5py.File(path, "w") as file:
         for name, array in arrays.items():
             file.create_dataset(name, data=array, compression="gzip" if compressed else None)
+        if change is not None:
+            change(file)
 
 
 def write_chunked_h5(path, *, cube, compressed=False):
@@ -160,3 +166,26 @@ FORMATS = {
 
 OF_SEVERAL = ("npz", "mat", "mat 7.3", "h5", "zarr", "zipped zarr")
 """Formats of which a file can hold several arrays."""
+
+
+# Files by their suffix and what writes them
+
+
+def npz(**arrays):
+    return ".npz", partial(write_npz, **arrays)
+
+
+def mat(**arrays):
+    return ".mat", partial(write_mat, **arrays)
+
+
+def mat73(change=None, **arrays):
+    return ".mat", partial(write_mat73, change=change, **arrays)
+
+
+def h5(change=None, **arrays):
+    return ".h5", partial(write_h5, change=change, **arrays)
+
+
+def zarr_of(**arrays):
+    return ".zarr", partial(write_zarr, **arrays)

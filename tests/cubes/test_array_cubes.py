@@ -49,6 +49,7 @@ def test_whatever_the_strides_and_the_list_of_elements_the_tiles_add_up(case, ax
     cube = open_cube(array, tile_bytes=tile_bytes)
     # Repeated elements are separate entries of the list.
     assert np.array_equal(sum_of_tiles(cube, elements), of_elements(array, elements))
+    assert all(tile.load().nbytes <= max(tile_bytes, array.itemsize) for tile in cube.tiles(elements))
 
 
 @given(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 
@@ -11,7 +13,10 @@ import pytest
 import zarr
 
 from isacbench.cubes import open_cube, read_grid
+from isacbench.cubes.tiles import require_shape
 from isacbench.errors import InputError, InputWarning
+from isacbench.model.array import VirtualArray
+from isacbench.model.numerology import System
 
 from .samples import (
     FORMATS,
@@ -20,8 +25,6 @@ from .samples import (
     SMALL_TILE_BYTES,
     all_elements,
     assert_gives,
-    cross_elements,
-    of_elements,
     random_cube,
     sum_of_tiles,
     write_chunked_h5,
@@ -37,23 +40,21 @@ GRID = random_cube((*SHAPE[:2], 1, 1), seed=1)[:, :, 0, 0]
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-@pytest.mark.parametrize(
-    ("dtype", "order", "compressed"), [(np.complex64, "C", True), (np.complex128, "F", False)]
-)
-def test_a_file_gives_its_array_back(tmp_path, kind, dtype, order, compressed):
+def test_a_file_gives_its_array_back(tmp_path, kind):
     write, filename = FORMATS[kind]
-    array = random_cube(dtype=dtype, order=order)
-    write(tmp_path / filename, cube=array, compressed=compressed)
-    for tile_bytes in (SMALL_TILE_BYTES, 2**20):
-        with open_cube(tmp_path / filename, tile_bytes=tile_bytes) as cube:
-            assert_gives(cube, array)
-            assert cube.transmitted is None
-            assert str(tmp_path / filename) in cube.name
+    for dtype, order, compressed in ((np.complex64, "C", True), (np.complex128, "F", False)):
+        array, path = random_cube(dtype=dtype, order=order), tmp_path / f"{order}-{filename}"
+        write(path, cube=array, compressed=compressed)
+        for tile_bytes in (SMALL_TILE_BYTES, 2**20):
+            with open_cube(path, tile_bytes=tile_bytes) as cube:
+                assert_gives(cube, array)
+                assert cube.transmitted is None
+                assert str(path) in cube.name
 
 
 @pytest.mark.parametrize(("write", "name"), [(write_npy, "c.npy"), (write_npz, "c.npz"), (write_h5, "c.h5")])
-def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, order, write, name):
-    array = random_cube(dtype=dtype.newbyteorder(">"), order=order)
+def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, write, name):
+    array = random_cube(dtype=dtype.newbyteorder(">"), order="F")
     write(tmp_path / name, cube=array)
     with open_cube(str(tmp_path / name), tile_bytes=SMALL_TILE_BYTES) as cube:
         assert_gives(cube, array)
@@ -126,30 +127,21 @@ def test_datasets_zarr_arrays_and_maps_are_cubes_and_stay_open(tmp_path, order):
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_tiles_can_be_loaded_by_several_threads_in_any_order_and_again(tmp_path, kind):
-    write, filename = FORMATS[kind]
-    array, elements = random_cube(), cross_elements()
-    write(tmp_path / filename, cube=array, compressed=True)
-    with open_cube(tmp_path / filename, tile_bytes=SMALL_TILE_BYTES) as cube, ThreadPoolExecutor(4) as pool:
-        tiles = list(cube.tiles(elements))
-        order = np.random.default_rng(0).permutation([*range(len(tiles))] * 3)
-        loaded = list(pool.map(lambda tile: tile.load(), [tiles[k] for k in order]))
-        expected = {k: tile.load() for k, tile in enumerate(tiles)}
-        assert all(np.array_equal(values, expected[k]) for k, values in zip(order, loaded, strict=True))
-        assert np.array_equal(sum_of_tiles(cube, elements, tiles), of_elements(array, elements))
-
-
-@pytest.mark.parametrize("kind", FORMATS)
-def test_tiles_partition_the_cube_keep_to_their_memory_and_are_none_without_elements(tmp_path, kind):
+def test_tiles_partition_the_cube_keep_to_their_memory_and_load_in_any_thread_order_and_again(tmp_path, kind):
     write, filename = FORMATS[kind]
     write(tmp_path / filename, cube=random_cube())
     budget = {"zarr": 2**20, "zipped zarr": 2**20, "lone zarr": 2688}.get(kind, SMALL_TILE_BYTES)
-    with open_cube(tmp_path / filename, tile_bytes=budget) as cube:
-        covered = np.zeros((*SHAPE[:2], 12), int)
-        for tile in cube.tiles(all_elements()):
-            covered[tile.subcarriers, tile.symbols, tile.elements] += 1
-            assert tile.load().nbytes <= budget
+    with open_cube(tmp_path / filename, tile_bytes=budget) as cube, ThreadPoolExecutor(4) as pool:
+        tiles = list(cube.tiles(all_elements()))
+        order = np.random.default_rng(0).permutation([*range(len(tiles))] * 3)
+        loaded = list(pool.map(lambda tile: tile.load(), [tiles[k] for k in order]))
+        expected = [tile.load() for tile in tiles]
         assert list(cube.tiles(np.empty((0, 2), np.intp))) == []
+    assert all(np.array_equal(values, expected[k]) for k, values in zip(order, loaded, strict=True))
+    assert max(values.nbytes for values in expected) <= budget
+    covered = np.zeros((*SHAPE[:2], 12), int)
+    for tile in tiles:
+        covered[tile.subcarriers, tile.symbols, tile.elements] += 1
     assert (covered == 1).all()
 
 
@@ -196,11 +188,95 @@ def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
         assert np.array_equal(grid, GRID)
 
 
-@pytest.mark.parametrize("kind", OF_SEVERAL)
-def test_a_grid_that_does_not_fit_the_cube_beside_it_is_refused(tmp_path, kind):
+# What is refused when it is opened is in the table of tests/hostile.
+
+
+def test_other_things_than_arrays_and_paths_are_refused():
+    with pytest.raises(InputError, match=r"^a cube is a NumPy array, .* or a path, not list$"):
+        open_cube([[1j]])
+    with pytest.raises(InputError, match=r"^array: holds float32; a cube takes complex64 or complex128"):
+        open_cube(random_cube().real)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_an_element_outside_the_array_and_a_file_that_ends_early_are_refused(tmp_path, kind):
     write, filename = FORMATS[kind]
-    write(tmp_path / filename, cube=random_cube(), transmitted=GRID[:, :-1])
-    with pytest.raises(
-        InputError, match=r"transmitted has shape \(24, 9\); the cube needs a grid of shape \(24, 10\)"
-    ):
-        open_cube(tmp_path / filename)
+    path = tmp_path / filename
+    for compressed in (False, True):
+        write(path, cube=random_cube(), compressed=compressed)
+        with open_cube(path) as cube:
+            for element in ((3, 0), (0, 4), (-1, 0)):
+                with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
+                    next(cube.tiles(np.array([(0, 0), element])))
+        whole = path.read_bytes() if path.is_file() else b""
+        for size in (1, 130, 200, len(whole) - 1) if whole else ():
+            path.write_bytes(whole[:size])
+            with pytest.raises(InputError, match=r"truncated|cannot be read as|wanted is"):
+                open_cube(path)
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
+    write_h5(tmp_path / "c.h5", cube=random_cube(), compressed=True)
+    with h5py.File(tmp_path / "c.h5") as file:
+        chunk = file["cube"].id.get_chunk_info(0)
+    with (tmp_path / "c.h5").open("r+b") as raw:
+        raw.seek(chunk.byte_offset + chunk.size // 2)
+        raw.write(bytes(100))
+    write_zarr2(tmp_path / "c.zarr", cube=random_cube())
+    with (tmp_path / "c.zarr" / "cube" / "1.0.1.3").open("r+b") as raw:
+        raw.truncate(100)
+    for name in ("c.h5", "c.zarr"):
+        words = f"^{re.escape(str(tmp_path / name))}: cube: is damaged: "
+        with open_cube(tmp_path / name) as cube, pytest.raises(InputError, match=words):
+            sum_of_tiles(cube, all_elements())
+
+
+def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr("isacbench.cubes.opening.HELD_BYTES", random_cube().nbytes - 1)
+    write_npz(tmp_path / "c.npz", cube=random_cube())
+    with pytest.raises(InputError, match=r"allowed are at most 22.5 KiB .* any size in \.npy, \.h5"):
+        open_cube(tmp_path / "c.npz")
+
+
+def test_open_arrays_that_are_not_complete_are_refused(tmp_path):
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        cube = file.create_dataset("cube", SHAPE, np.complex64, chunks=(12, 10, 3, 2))
+        with pytest.raises(InputError, match="is not complete: 0 of 4 chunks"):
+            open_cube(cube)
+    write_zarr2(tmp_path / "c.zarr", cube=random_cube())
+    (tmp_path / "c.zarr" / "cube" / "1.0.1.3").unlink()
+    with pytest.raises(InputError, match="lacks 1 of 24 chunks"):
+        open_cube(zarr.open(tmp_path / "c.zarr", mode="r")["cube"])
+
+
+def test_a_refused_file_is_closed_again(tmp_path):
+    """An open HDF5 file cannot be opened for writing; other open files warn, which is an error here."""
+    write_chunked_h5(tmp_path / "c.h5", cube=random_cube().real)
+    write_mat73(tmp_path / "c.mat", cube=random_cube(), transmitted=np.ones((2, 2)))
+    for name in ("c.h5", "c.mat"):
+        with pytest.raises(InputError):
+            open_cube(tmp_path / name)
+        h5py.File(tmp_path / name, "a").close()
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ((3, 2, 1, 0), ". The axes look permuted: numpy.transpose with axes (3, 2, 1, 0) would fit"),
+        ((1, 0, 2, 3), ". The axes look permuted: numpy.transpose with axes (1, 0, 2, 3) would fit"),
+        ((2, 0, 3, 1), ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"),
+        (None, ""),
+    ],
+)
+def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named(axes, words):
+    system = System(n_subcarriers=24, n_symbols=10)
+    array = VirtualArray(tx_shape=(1, 2), rx_shape=(3, 2), tx_spacing=2)
+    require_shape(open_cube(random_cube()), system, array)
+    found = random_cube()[1:] if axes is None else random_cube().transpose(axes)
+    with pytest.raises(InputError) as refused:
+        require_shape(open_cube(found), system, array)
+    assert str(refused.value) == (
+        f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
+        f"(subcarriers, symbols, P, Q){words}"
+    )

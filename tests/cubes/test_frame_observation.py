@@ -174,18 +174,9 @@ def test_numbers_whose_sums_overflow_single_precision_are_told(small_street, noi
         _ = observe_cube(cube, small_street).cells
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda cube: cube[:511], "511"),
-        (lambda cube: cube[..., 0], "shape"),
-        (lambda cube: cube.real, "complex"),
-        (lambda cube: cube.transpose(1, 0, 2, 3), "subcarriers"),
-    ],
-)
-def test_a_wrong_cube_is_refused_at_once(small_street, noisy_cube, change, message):
-    with pytest.raises(InputError, match=message):
-        observe_cube(change(noisy_cube), small_street)
+def test_a_wrong_cube_is_refused_at_once(small_street, noisy_cube):
+    with pytest.raises(InputError, match=r"has shape \(511, 56, 8, 6\); the scenario takes"):
+        observe_cube(noisy_cube[:511], small_street)
 
 
 def test_a_region_that_spans_the_whole_map_is_imaged_too(small_street, noisy_cube):

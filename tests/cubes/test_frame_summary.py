@@ -23,7 +23,7 @@ SCENARIO = replace(
     region=Region((15.0, 35.0), (10.0, 30.0), (-6.0, 2.0), (2.0, 40.0)),
     scatterers=Scatterers(PLACES, np.array([7.3, 12.0, 30.0]), np.ones(3)),
 )
-FRAME = np.concatenate([block for _, block in FrameSimulator(SCENARIO, 0.0).blocks()])
+FRAME = np.concatenate([*FrameSimulator(SCENARIO, 0.0).blocks()])
 CONJUGATED, DESCENDING, BACKWARDS, EXCHANGED, U_REVERSED, W_REVERSED = CHANGES
 MISTAKES = {
     (): lambda cube: cube,
@@ -67,7 +67,7 @@ def test_exchanged_in_phase_and_quadrature_samples_are_conjugated_ones():
 
 def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
     alone = replace(SCENARIO, scatterers=Scatterers(PLACES[:1], np.array([7.3]), np.ones(1)))
-    frame = np.concatenate([block for _, block in FrameSimulator(alone, 20.0).blocks()])
+    frame = np.concatenate([*FrameSimulator(alone, 20.0).blocks()])
     summary = summary_of(frame)
     assert summary.range_m == pytest.approx(alone.range_m[0], abs=alone.system.range_bin_m / 2)
     assert summary.velocity_mps == pytest.approx(7.3, abs=alone.system.velocity_bin_mps / 2)
@@ -93,7 +93,7 @@ def test_a_region_within_a_range_bin_is_not_doubted(place):
         region=Region((-2.0, 2.0), (53.0, 55.0), (8.0, 10.0), (-10.0, 10.0)),
         scatterers=Scatterers(np.array([place]), np.zeros(1), np.ones(1)),
     )
-    frame = np.concatenate([block for _, block in FrameSimulator(near, 20.0).blocks()])
+    frame = np.concatenate([*FrameSimulator(near, 20.0).blocks()])
     assert len(summary_of(frame, near).sentences()) == 1
 
 

@@ -38,7 +38,7 @@ def frame(request, street, tmp_path_factory):
     """Path of the street's frame at 10 dB, complex64."""
     path = tmp_path_factory.mktemp("frame") / f"frame{request.param}"
     simulator = FrameSimulator(street, 10.0)
-    write_cube(path, simulator.shape, (block for _, block in simulator.blocks()))
+    write_cube(path, simulator.shape, simulator.blocks())
     return path
 
 

@@ -66,7 +66,7 @@ def test_a_frame_of_path_lengths_is_imaged_where_its_scatterer_is(ascending, yaw
 @pytest.mark.parametrize("ascending", ORDERS)
 def test_a_simulated_frame_is_written_in_the_order_in_which_it_is_read(ascending):
     scenario = replace(scenario_of(ascending), gain_error_db=1.0)
-    written = np.concatenate([block for _, block in FrameSimulator(scenario, 10.0).blocks()])
+    written = np.concatenate([*FrameSimulator(scenario, 10.0).blocks()])
     wanted, seen = Simulator(scenario).observe(10.0), observe_cube(written, scenario)
     np.testing.assert_allclose(seen.cells, wanted.cells, atol=1e-10)
     np.testing.assert_allclose(observe_cube(written, scenario).cross, wanted.cross, atol=1e-10)

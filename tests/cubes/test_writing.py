@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections import namedtuple
+from unittest.mock import Mock, call
 
 import numpy as np
 import pytest
@@ -25,15 +26,16 @@ def steps(array, step):
 
 
 @pytest.mark.parametrize("filename", FILES)
-@pytest.mark.parametrize("step", [1, 7, 24])
-def test_what_is_written_is_read_and_stands_in_its_place_when_it_is_complete(tmp_path, dtype, filename, step):
+def test_what_is_written_is_read_and_stands_in_its_place_when_it_is_complete(tmp_path, dtype, filename):
     array = random_cube(dtype=dtype)
-    seen = []
-    write_cube(tmp_path / filename, SHAPE, steps(array, step), dtype, lambda *done: seen.append(done))
-    assert seen[-1] == (SHAPE[0], SHAPE[0])
-    assert [path.name for path in tmp_path.iterdir()] == [filename]
-    with open_cube(tmp_path / filename) as cube:
-        assert_gives(cube, array)
+    for step in (1, 7, 24):
+        folder, progress = tmp_path / str(step), Mock()
+        folder.mkdir()
+        write_cube(folder / filename, SHAPE, steps(array, step), dtype, progress)
+        assert progress.call_args == call(SHAPE[0], SHAPE[0])
+        assert [path.name for path in folder.iterdir()] == [filename]
+        with open_cube(folder / filename) as cube:
+            assert_gives(cube, array)
 
 
 def test_blocks_that_end_within_chunks_are_written_chunk_by_chunk(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 from isacbench.bench.suites import suite
 from isacbench.bench.suites.suite_kinds import load_suite
-from isacbench.cubes import read_grid, tiles
+from isacbench.cubes import open_cube, read_grid, tiles
 from isacbench.files import arrays, checked_files
 from isacbench.files.checked_files import binary_size
 from isacbench.model.cloud import PointCloud
@@ -21,6 +21,7 @@ from isacbench.model.scenes import scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.discovery import PluginFile
 
+from .faults import FAULTS
 from .files import ANY, CLOUDS, CSV, CUBES, LIMIT_MIB, TABLE, TOML, load_cube
 
 AS_PLUGIN = ["a pipe", "a device", "a folder", "a link to nothing", "a link to itself", "a terabyte"]
@@ -36,6 +37,10 @@ KINDS = {
 }
 """Extension, hostile files and readers."""
 
+OF_READER = {}
+for row in FAULTS:
+    OF_READER.setdefault(f"{row[0].__name__}{row[1][0]}", []).append(row)
+
 
 @pytest.mark.parametrize(("suffix", "files", "readers"), KINDS.values(), ids=KINDS)
 def test_every_hostile_file_is_refused(refused, tmp_path, monkeypatch, suffix, files, readers):
@@ -49,6 +54,27 @@ def test_every_hostile_file_is_refused(refused, tmp_path, monkeypatch, suffix, f
         for reader in readers:
             refused(reader, folder / f"file{suffix}")
         assert not list(folder.rglob("UNPICKLED")), name
+
+
+@pytest.mark.parametrize("rows", OF_READER.values(), ids=OF_READER)
+def test_faulty_files_are_refused_in_words(refused, tmp_path, rows):
+    for number, (reader, (suffix, write), *words) in enumerate(rows):
+        path = tmp_path / f"{number}{suffix}"
+        write(path)
+        message = refused(reader, path)
+        assert message.startswith(str(path))
+        assert all(part in message for part in words), (message, words)
+
+
+@pytest.mark.parametrize("reader", [open_cube, read_grid, PointCloud.read])
+def test_paths_of_no_file_of_a_known_format_are_refused(refused, tmp_path, reader):
+    allowed = ".csv, .npy, .npz, .mat, .ply" if reader == PointCloud.read else ", ".join(arrays.FORMATS)
+    for name in ("file.txt", "file"):
+        found = "suffix '.txt'" if "." in name else "no suffix"
+        message = refused(reader, tmp_path / name)
+        assert message.startswith(f"{tmp_path / name}: has {found}; ")
+        assert message.endswith(allowed)
+    assert refused(reader, tmp_path / "file.npy") == f"{tmp_path / 'file.npy'}: does not exist"
 
 
 def test_names_that_no_file_can_have_are_refused(refused, tmp_path):

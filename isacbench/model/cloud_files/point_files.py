@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard, TypeVar
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
-from isacbench.files.arrays import TEXTS, Entries, StoredArray, listed, listed_arrays
-from isacbench.files.checked_files import CLOUD_BYTES, binary_size, require_file, require_replaceable
+from isacbench.files.arrays import TEXTS, Entries, StoredArray, names_of, open_arrays
+from isacbench.files.checked_files import (
+    CLOUD_BYTES,
+    binary_size,
+    known_suffix,
+    require_file,
+    require_replaceable,
+    write_errors,
+)
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import (
     POINT_COLUMNS,
@@ -30,7 +36,7 @@ from isacbench.model.cloud_files.csv_tables import (
 )
 from isacbench.model.cloud_files.ply import read_ply, write_ply
 
-T = TypeVar("T")
+TAKES = "a cloud takes"
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
 _OBJECT = "object"
@@ -98,14 +104,14 @@ def read_point_table(path: str | Path) -> dict[str, Floats]:
     {'x': [1.0], 'y': [2.0], 'z': [3.0], 'v': [4.0]}
     """
     path = Path(path)
-    read = _by_extension(path, _READERS)
+    suffix = known_suffix(path, _READERS, TAKES)
     require_file(path, CLOUD_BYTES)
-    return read(path)
+    return _READERS[suffix](path)
 
 
 def require_writable(path: Path) -> None:
     """Refuse a file that `write_point_table` could not write; call it before the work."""
-    _by_extension(path, _WRITERS)
+    known_suffix(path, _WRITERS, TAKES)
     require_replaceable(path)
 
 
@@ -116,11 +122,9 @@ def write_point_table(points: Mapping[str, Floats], path: str | Path) -> None:
     overwritten.
     """
     path = Path(path)
-    write = _by_extension(path, _WRITERS)
-    try:
+    write = _WRITERS[known_suffix(path, _WRITERS, TAKES)]
+    with write_errors(path):
         write(points, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def read_points_csv(path: str | Path) -> Points:
@@ -155,15 +159,6 @@ def read_points_csv(path: str | Path) -> Points:
         column = plain.index(_OBJECT)
         objects = tuple(table.fields(row)[column] for row in range(len(table.lines)))
     return Points(values[:, :3], values[:, 3], amplitude, objects)
-
-
-def _by_extension(path: Path, handlers: Mapping[str, T]) -> T:
-    """Pick what handles a path by its extension, upper or lower case."""
-    try:
-        return handlers[path.suffix.lower()]
-    except KeyError:
-        found = f"extension {path.suffix!r}" if path.suffix else "no extension"
-        raise InputError(f"{path}: has {found}; a cloud takes {', '.join(handlers)}") from None
 
 
 def _read_csv(path: Path) -> dict[str, Floats]:
@@ -209,8 +204,8 @@ def _write_csv(points: Mapping[str, Floats], path: Path) -> None:
 
 def _read_arrays(path: Path) -> dict[str, Floats]:
     """Read a file of arrays: xyz, velocity and power, or the only table among them."""
-    with listed_arrays(path) as file, closing(file):
-        chosen = _chosen_arrays(path, file.arrays)
+    with open_arrays(path) as (entries, _):
+        chosen = _chosen_arrays(path, entries)
         if sum(array.n_bytes for array in chosen.values()) > CLOUD_BYTES:
             raise InputError(
                 f"{path}: its arrays take more than the {binary_size(CLOUD_BYTES)} that are allowed"
@@ -220,7 +215,7 @@ def _read_arrays(path: Path) -> dict[str, Floats]:
         columns = POINT_COLUMNS[: values.shape[1]]
         if "xyz" in chosen:  # and no table has this name
             columns = [*"xyz", *(plain_name(name) for name in [*chosen][1:])]
-        rest = {name: array for name, array in file.arrays.items() if array not in chosen.values()}
+        rest = {name: array for name, array in entries.items() if array not in chosen.values()}
         beside = [name for name, array in rest.items() if _may_be_of_points(array, len(values))]
         require_no_other_names(path, columns, beside)
     values = values.astype(np.float64, copy=False)
@@ -246,7 +241,7 @@ def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
         return tables
     if "" in arrays:
         raise InputError(f"{path}: takes real numbers of shape (n, 3), (n, 4) or (n, 5), not {arrays['']}")
-    held = listed({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
+    held = names_of({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
     found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
     raise InputError(
         f"{path}: {_TAKES}, or exactly one array of shape (n, 4) or (n, 5), or else (n, 3); "
@@ -265,7 +260,7 @@ def _require_no_other_points(path: Path, arrays: Entries, table: tuple[str, Stor
     }
     if others:
         raise InputError(
-            f"{path}: {table[0]} may be the cloud, and so may {shortened(listed(others))}; allowed are the "
+            f"{path}: {table[0]} may be the cloud, and so may {shortened(names_of(others))}; allowed are the "
             "names xyz (n, 3), velocity (n) and power (n), or no other such array"
         )
 

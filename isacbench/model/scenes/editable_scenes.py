@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from isacbench.errors import InputError
-from isacbench.files.checked_files import TOML_BYTES, read_text, require_new, require_utf8
+from isacbench.files.checked_files import TOML_BYTES, read_text, require_new, require_utf8, write_errors
 from isacbench.files.escaping import visible
 from isacbench.model.scenes.scenario import MAX_NAME, load_scenario
 from isacbench.model.scenes.scene_families import family_specs, is_family_spec, scenario_file
@@ -69,11 +69,8 @@ def write_scene(name_or_path: str, out: Path) -> None:
     content = _content(name_or_path)
     _require_same_folder(content, name_or_path, out)
     text = _toml_of({**content, "name": out.stem}, name_or_path)
-    try:
-        with out.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+    with write_errors(out), out.open("x", encoding="utf-8") as file:
+        file.write(text)
 
 
 def _content(name_or_path: str) -> dict[str, Any]:
