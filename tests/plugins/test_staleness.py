@@ -14,9 +14,9 @@ import pytest
 from isacbench_algorithms.omp4d import Omp4d
 
 import isacbench
-from isacbench.bench.store.provenance import ROW_MAKERS, plugin_version
+from isacbench.bench.store.provenance import ROW_MAKERS
 from isacbench.cores import one_blas_thread
-from isacbench.plugins.code_digests import class_code, files_digest
+from isacbench.plugins.code_digests import class_code, files_digest, plugin_version
 from isacbench.plugins.discovery import PluginFile, register_plugin
 from isacbench.plugins.registry import build_estimator, get_detector, get_estimator
 
@@ -108,6 +108,16 @@ def called(x):
 called.gain = 35
 WRAPPED = Wrapper(rounded, 40)
 
+class First:
+    def own(self):
+        return First
+
+class Second:
+    def own(self):
+        return Second, 45
+
+CLASSES = {First, Second}
+
 @dataclass(slots=True)
 class Slotted:
     depth: int = 36
@@ -152,7 +162,7 @@ class Plugged(Base):
         values = [one * GAIN for one in WORDS]
         self.unused = WEIGHTS, TABLE, PLACE, MODE.SLOW, ORDER, POINT, SETUP.level, Tool(), rounded
         self.more = PATTERN, NEAR, FAR, TURNED, WRAPPED, called, Slotted, WithMeta, np.random.normal
-        self.most = WOUND, LOOK, TEXT
+        self.most = WOUND, LOOK, TEXT, CLASSES
         return TWICE, HALF, SQUARE, helped, neighbour.CONSTANT, stepped
 
 @dataclass(frozen=True)
@@ -238,6 +248,7 @@ COUNTS = [
     ("41 * function(*args)", "42 * function(*args)"),
     ("(42, 43)", "(42, 44)"),
     ("text 44", "text 45"),
+    ("return Second, 45", "return Second, 46"),
 ]
 DOES_NOT = [
     ("GAIN = 2.5", "# moved down\n\nGAIN = 2.5"),

@@ -13,8 +13,8 @@ from pydantic_core import PydanticCustomError
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
 from isacbench.number_text import is_number
-from isacbench.plugins.code_digests import Instances
 from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.pickling import Instances
 from isacbench.plugins.registry import spelled_estimators
 
 FOLDER = "suites"
