@@ -30,12 +30,7 @@ GROUPS: dict[PluginKind, str] = {kind: f"isacbench.{kind}s" for kind in get_args
 METHODS: dict[PluginKind, str] = {"estimator": "estimate", "detector": "detect", "metric": "score"}
 """Method that makes a class with a name a plugin of a kind."""
 
-DIGEST_SHOWN = 8
-"""Digits of the digest that tell files of one name apart in tracebacks."""
-
-LIBRARIES = frozenset({"isacbench", "numpy", "scipy", "threadpoolctl"}) | sys.stdlib_module_names - {
-    "__main__"
-}
+LIBRARIES = {"isacbench", "numpy", "scipy", "threadpoolctl", *sys.stdlib_module_names} - {"__main__"}
 """Packages that call a plugin, or that a plugin calls."""
 
 
@@ -72,8 +67,8 @@ class PluginFile:
 
     @property
     def code_name(self) -> str:
-        """Name of the file in tracebacks: a part of its digest, and its name."""
-        return f"plugin-{self.digest[:DIGEST_SHOWN]}/{self.filename}"
+        """Name of the file in tracebacks: its name, and digits that tell files of one name apart."""
+        return f"plugin-{self.digest[:8]}/{self.filename}"
 
     @property
     def module_name(self) -> str:

@@ -12,10 +12,10 @@ from pydantic_core import PydanticCustomError
 
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
-from isacbench.number_text import is_number
 from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.pickling import Instances
 from isacbench.plugins.registry import spelled_estimators
+from isacbench.specifications import is_number
 
 FOLDER = "suites"
 MAX_GRID_POINTS = 1000
