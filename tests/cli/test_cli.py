@@ -32,17 +32,6 @@ def drawn(monkeypatch, drawn_runs):
     return drawn_runs
 
 
-def module(*args, **options):
-    """Run ``python -m isacbench`` as a process of its own."""
-    return subprocess.run(
-        [sys.executable, *options.pop("flags", []), "-m", "isacbench", *args],
-        capture_output=True,
-        text=True,
-        check=False,
-        **options,
-    )
-
-
 def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -363,13 +352,15 @@ UNKNOWN_NAMES = [
 ]
 
 
-def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp_path):
+def test_help_and_an_unknown_name_are_told_before_anything_slow_is_imported_or_started(tmp_path):
     code = (
         "import json, sys\n"
         "from typer.testing import CliRunner\n"
         "from isacbench.cli import app\n"
+        "assert 'stress' in CliRunner().invoke(app, ['--help']).stdout\n"
+        "modules = list(sys.modules)\n"
         "told = [CliRunner().invoke(app, words).stderr for words in json.loads(sys.argv[1])]\n"
-        "print(json.dumps([told, list(sys.modules)]))"
+        "print(json.dumps([told, modules, list(sys.modules)]))"
     )
     finished = subprocess.run(
         [sys.executable, "-c", code, json.dumps(UNKNOWN_NAMES)],
@@ -378,7 +369,8 @@ def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp
         capture_output=True,
         text=True,
     )
-    told, modules = json.loads(finished.stdout)
+    told, after_help, modules = json.loads(finished.stdout)
+    assert not {*after_help} & HEAVY
     assert [text.count("\n") for text in told] == [1] * len(told)
     assert all("did you mean" in text for text in told)
     assert not {*modules} & (HEAVY - {"pydantic"} | {"multiprocessing.forkserver"})
@@ -397,14 +389,6 @@ def test_a_mistaken_parameter_is_told_in_one_line_before_anything_is_computed(cl
         result = cli(*words.split())
         assert result.exit_code == 2, result.output
         assert result.stderr.count("\n") == 1, words
-
-
-def test_a_process_exits_2_with_the_message_alone_and_no_traceback(tmp_path):
-    finished = module("run", "quik", cwd=tmp_path)
-    assert finished.returncode == 2
-    assert finished.stdout == ""
-    assert finished.stderr.startswith("isacbench: unknown suite 'quik'")
-    assert finished.stderr.count("\n") == 1
 
 
 AS_A_MODULE = """
@@ -432,14 +416,6 @@ def test_a_process_finds_a_plugin_on_its_path_and_draws_without_pyplot(plugins, 
     assert finished.returncode == 0, finished.stderr
     assert len(PointCloud.read(tmp_path / "cloud.csv")) == 4
     assert (tmp_path / "picture.png").exists()
-
-
-def test_help_imports_nothing_heavy(tmp_path):
-    finished = module("--help", flags=["-X", "importtime"], cwd=tmp_path)
-    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in finished.stderr.splitlines()}
-    assert finished.returncode == 0
-    assert "run" in finished.stdout
-    assert not imported & HEAVY
 
 
 def test_the_public_names_are_all_there_and_load_on_first_use():
