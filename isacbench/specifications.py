@@ -110,8 +110,8 @@ def spell_value(value: Any) -> str:
     if isinstance(value, list):
         return f"({','.join(map(spell_value, value))})"
     if isinstance(value, dict) and "name" in value:
-        params = {key: inner for key, inner in value.items() if key != "name"}
-        return spell_spec(str(value["name"]), params)
+        params = dict(value)
+        return spell_spec(str(params.pop("name")), params)
     if isinstance(value, str) and not is_word(value):
         return json.dumps(value, ensure_ascii=False)
     return str(value)
@@ -172,21 +172,19 @@ class _SpecParser:
 
     def alternatives(self, key: str) -> list[_Option]:
         """Options of a list of alternatives whose bracket is already taken."""
-        options: list[_Option] = []
         # By what they mean, not by how they are spelled; 1 and 1.0 are not the same everywhere.
-        meanings: set[str] = set()
+        options: dict[str, _Option] = {}
         for _ in self.items("]"):
             for text, value in self.single(key):
-                if repr(value) in meanings:
+                if repr(value) in options:
                     raise InputError(f"{self.text!r}: {key!r} lists the alternative {text} twice")
-                meanings.add(repr(value))
-                options.append((text, value))
+                options[repr(value)] = text, value
             self.limit(len(options))
         if not options:
             raise InputError(
                 f"{self.text!r}: {key!r} has an empty list of alternatives; allowed is [value,...]"
             )
-        return options
+        return [*options.values()]
 
     def single(self, key: str) -> list[_Option]:
         """Options of a tuple, a nested specification or a plain value."""
@@ -225,10 +223,11 @@ class _SpecParser:
                 raise InputError(f"{self.text!r}: {word} is no text as JSON has it") from None
         if word in ("true", "false"):
             return word == "true"
-        for number in (int, float) if is_number(word) else ():
-            with suppress(ValueError):
-                return number(word)
-        return word
+        if not is_number(word):
+            return word
+        with suppress(ValueError):
+            return int(word)
+        return float(word)
 
     def word(self, wanted: str, or_text: bool = False) -> str:
         if not self.tokens or self.tokens[0] in "[](),=" or (self.tokens[0][0] == '"' and not or_text):

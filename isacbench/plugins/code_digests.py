@@ -384,8 +384,8 @@ class _Walk:
         # A script may have set constants of modules since they were imported.
         words = sorted({name for _, name in steps})
         modules = [vars(one) for one in values.values() if isinstance(one, ModuleType)]
-        constants = [(word, one[word]) for one in modules for word in words if word in one]
-        constants = [(word, constant) for word, constant in constants if type(constant) in PLAIN]
+        found = [(word, one[word]) for one in modules for word in words if word in one]
+        constants = [pair for pair in found if type(pair[1]) in PLAIN]
         defaults = function.__defaults__, function.__kwdefaults__
         return [function.__code__, values, constants, *defaults, function.__closure__, vars(function)]
 

@@ -129,23 +129,10 @@ def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
 
 
 def load_plugin_file(path: str | Path) -> list[str]:
-    """Register the estimators, detectors and metrics that a Python file defines.
+    """Register the plugins that a Python file defines, and list their names in order.
 
-    Parameters
-    ----------
-    path : str or Path
-        A self-contained file. It may import what is installed, but no file next
-        to it, because other processes get its content alone.
-
-    Returns
-    -------
-    list of str
-        Names, in the order of definition.
-
-    Raises
-    ------
-    InputError
-        If the file is no Python source, fails, defines no plugin, or one whose name is taken.
+    The file may import what is installed, but no file next to it, because other processes get its
+    content alone.
     """
     return register_plugin(PluginFile.read(path))
 

@@ -94,7 +94,7 @@ def _unpack(packed: bytes) -> Estimator:
     for kind, code in codes.items():
         kind.__qualname__ = code.name  # which cloudpickle does not keep
     received_codes.update(codes)
-    return estimator  # type: ignore[no-any-return]
+    return estimator
 
 
 _packing = Lock()

@@ -235,21 +235,6 @@ def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
 def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
     """Look up the defaults of a registered plugin's parameters, in terms of JSON as in `canonical_params`.
 
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-    name : str
-
-    Returns
-    -------
-    dict of str to Any
-        Of the parameters that have one.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown, or its class breaks the contract.
-
     Examples
     --------
     >>> defaults = parameter_defaults("estimator", "music2d")
