@@ -8,10 +8,9 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from isacbench.errors import InputError
-from isacbench.number_text import is_number
 
 MAX_VARIANTS = 1000
 """Most variants of a grid; a larger one is most likely a mistake."""
@@ -77,7 +76,11 @@ def spec_variants(text: str) -> list[SpelledVariant]:
     >>> [variant.text for variant in spec_variants("a[d=[b,c[n=1]],pfa=[1e-3,1e-4]]")]
     ['a[d=b,pfa=1e-3]', 'a[d=b,pfa=1e-4]', 'a[d=c[n=1],pfa=1e-3]', 'a[d=c[n=1],pfa=1e-4]']
     """
-    return [SpelledVariant(*option) for option in _SpecParser(text).parse()]
+    parser = _SpecParser(text)
+    options = parser.spec(parser.word("a name"))
+    if parser.tokens:
+        raise parser.broken("the end")
+    return [SpelledVariant(*option) for option in options]
 
 
 def spell_spec(name: str, params: Mapping[str, Any]) -> str:
@@ -107,8 +110,8 @@ def spell_value(value: Any) -> str:
     if isinstance(value, list):
         return f"({','.join(map(spell_value, value))})"
     if isinstance(value, dict) and "name" in value:
-        params = {key: inner for key, inner in value.items() if key != "name"}
-        return spell_spec(str(value["name"]), params)
+        params = dict(value)
+        return spell_spec(str(params.pop("name")), params)
     if isinstance(value, str) and not is_word(value):
         return json.dumps(value, ensure_ascii=False)
     return str(value)
@@ -127,6 +130,15 @@ def is_word(text: str) -> bool:
     return is_one and parser.scalar(text) == text != "none"
 
 
+def is_number(text: str) -> bool:
+    """Tell if a text is a number, NaN and infinity included; not ``1_0`` and ``１``, which `float` takes."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.isascii() and "_" not in text
+
+
 _Option = tuple[str, Any]
 """Spelling of one of the values that a part of a specification stands for, and the value."""
 
@@ -135,17 +147,10 @@ class _SpecParser:
     """Recursive descent over ``name[param=value,...]``; every part yields its options."""
 
     TOKEN = re.compile(r'\s*([\[\](),=]|"(?:[^"\\]|\\.)*"|[^\[\](),=\s]+)\s*')
-    LITERALS: ClassVar[dict[str, bool]] = {"true": True, "false": False}
 
     def __init__(self, text: str) -> None:
         self.text = text
         self.tokens: list[str] = self.TOKEN.findall(text)
-
-    def parse(self) -> list[_Option]:
-        options = self.spec(self.word("a name"))
-        if self.tokens:
-            raise self.broken("the end")
-        return options
 
     def spec(self, name: str) -> list[_Option]:
         """Options of a name whose parameters may follow."""
@@ -159,28 +164,27 @@ class _SpecParser:
             self.expect("=")
             params[key] = self.alternatives(key) if self.take("[") else self.single(key)
         options = []
-        for texts, values in self.combinations(params.values()):
-            text = ",".join(f"{key}={text}" for key, text in zip(params, texts, strict=True))
-            options.append((f"{name}[{text}]", Spec(name, dict(zip(params, values, strict=True)))))
+        for chosen in self.combinations(params.values()):
+            named = dict(zip(params, chosen, strict=True))
+            text = ",".join(f"{key}={spelling}" for key, (spelling, _) in named.items())
+            options.append((f"{name}[{text}]", Spec(name, {key: value for key, (_, value) in named.items()})))
         return options
 
     def alternatives(self, key: str) -> list[_Option]:
         """Options of a list of alternatives whose bracket is already taken."""
-        options: list[_Option] = []
         # By what they mean, not by how they are spelled; 1 and 1.0 are not the same everywhere.
-        meanings: set[str] = set()
+        options: dict[str, _Option] = {}
         for _ in self.items("]"):
             for text, value in self.single(key):
-                if repr(value) in meanings:
+                if repr(value) in options:
                     raise InputError(f"{self.text!r}: {key!r} lists the alternative {text} twice")
-                meanings.add(repr(value))
-                options.append((text, value))
+                options[repr(value)] = text, value
             self.limit(len(options))
         if not options:
             raise InputError(
                 f"{self.text!r}: {key!r} has an empty list of alternatives; allowed is [value,...]"
             )
-        return options
+        return [*options.values()]
 
     def single(self, key: str) -> list[_Option]:
         """Options of a tuple, a nested specification or a plain value."""
@@ -188,7 +192,10 @@ class _SpecParser:
             raise self.broken("a value, not alternatives among alternatives (a tuple takes parentheses),")
         if self.take("("):
             items = [self.alternatives(key) if self.take("[") else self.single(key) for _ in self.items(")")]
-            return [(f"({','.join(texts)})", values) for texts, values in self.combinations(items)]
+            return [
+                (f"({','.join(text for text, _ in chosen)})", tuple(value for _, value in chosen))
+                for chosen in self.combinations(items)
+            ]
         word = self.word("a value", or_text=True)
         return self.spec(word) if self.tokens[:1] == ["["] else [(word, self.scalar(word))]
 
@@ -199,13 +206,10 @@ class _SpecParser:
             if self.tokens[:1] != [closing]:
                 self.expect(",", f"',' or {closing!r}")
 
-    def combinations(
-        self, parts: Collection[list[_Option]]
-    ) -> Iterator[tuple[tuple[str, ...], tuple[Any, ...]]]:
-        """Texts and values of every choice of an option for each part."""
-        self.limit(math.prod(len(options) for options in parts))
-        for chosen in itertools.product(*parts):
-            yield tuple(text for text, _ in chosen), tuple(value for _, value in chosen)
+    def combinations(self, parts: Collection[list[_Option]]) -> Iterator[tuple[_Option, ...]]:
+        """Every choice of an option for each part."""
+        self.limit(math.prod(map(len, parts)))
+        return itertools.product(*parts)
 
     def limit(self, n: int) -> None:
         if n > MAX_VARIANTS:
@@ -217,12 +221,13 @@ class _SpecParser:
                 return QuotedText(json.loads(word))
             except ValueError:
                 raise InputError(f"{self.text!r}: {word} is no text as JSON has it") from None
-        if word in self.LITERALS:
-            return self.LITERALS[word]
-        for number in (int, float) if is_number(word) else ():
-            with suppress(ValueError):
-                return number(word)
-        return word
+        if word in ("true", "false"):
+            return word == "true"
+        if not is_number(word):
+            return word
+        with suppress(ValueError):
+            return int(word)
+        return float(word)
 
     def word(self, wanted: str, or_text: bool = False) -> str:
         if not self.tokens or self.tokens[0] in "[](),=" or (self.tokens[0][0] == '"' and not or_text):

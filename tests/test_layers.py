@@ -10,7 +10,7 @@ import pytest
 
 from tests.documents.sources import FILES, ROOT, statements, trees
 
-BASE = {"charts", "errors", "checkout", "choices", "cores", "number_text"}
+BASE = {"charts", "errors", "checkout", "choices", "cores"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},

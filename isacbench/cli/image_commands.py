@@ -60,11 +60,11 @@ def image_command(
     ] = None,
     snr: Annotated[str | None, Option(help="SNR in dB, or inf; default 10, none with a cube.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Number of the noise draw.")] = None,
-    seed: Annotated[int | None, Option(min=0, help=opt.SEED_HELP)] = None,
+    seed: opt.OptionalSeed = None,
     sensing: Annotated[str | None, Option(metavar="all|prs", help="Sensed resource elements.")] = None,
     modulation: Annotated[str | None, Option(help="qpsk, 16qam, 64qam or 256qam.")] = None,
     division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
-    out: Annotated[Path | None, Option("-o", "--out", help="Cloud: .csv, .ply, .mat or .npy.")] = None,
+    out: Annotated[Path | None, opt.out_option(help="Cloud: .csv, .ply, .mat or .npy.")] = None,
     plot: Annotated[
         Path | None, Option(help="Picture: .png, .pdf or .svg; without a file it gets a name of its own.")
     ] = None,
@@ -98,17 +98,17 @@ def image_command(
     scene, imager = isacbench.load_scenario(scenario), build_estimator(estimator)
     if cube is None:
         snr_db = _one_snr(snr or DEFAULT_SNR)
-        told = [scene.name, estimator, f"{snr_db:g} dB", *signal.values()]
+        title = f"{scene.name}, {estimator}, {snr_db:g} dB"
         observation = isacbench.observe(scene, snr_db, trial or 0, seed or 0, **signal)
     else:
-        told = [cube.name, scene.name, estimator, *signal.values()]
+        title = f"{cube.name}, {scene.name}, {estimator}"
         known_snr_db = None if snr is None else _one_snr(snr)
         if ascending is not None:
             along_u, _, along_w = ascending.partition(",")
             scene = replace(scene, array=replace(scene.array, ascending=(along_u, along_w)))
         observation = isacbench.observe_cube(cube, scene, transmitted, snr_db=known_snr_db, **signal)
         say(*(f"{cube.name}: {sentence}" for sentence in summarise_frame(observation).sentences()))
-    title = ", ".join(told)
+    title = ", ".join([title, *signal.values()])
     take = one_blas_thread()(partial(estimate_cloud, imager, observation, scene.truth))
     try:
         with Remarks() as remarks:
@@ -149,7 +149,7 @@ def image_command(
 
 @app.command("simulate")
 def simulate_command(
-    out: Annotated[Path, Option("-o", "--out", help="New file: .npy or .zarr.")],
+    out: Annotated[Path, opt.out_option(help="New file: .npy or .zarr.")],
     scenario: opt.ScenarioName = "street",
     snr: Annotated[str, Option(metavar="DB|inf", help="SNR in dB.")] = DEFAULT_SNR,
     trial: Annotated[int, Option(min=0, help="Number of the noise draw.")] = 0,
@@ -199,7 +199,7 @@ def plan_command(
 @app.command("scene")
 def scene_command(
     scenario: Annotated[str, Argument(metavar="SCENARIO", help="Name, .toml path or family[seed=7,...].")],
-    out: Annotated[Path | None, Option("-o", "--out", help="New .toml file; default: print.")] = None,
+    out: Annotated[Path | None, opt.out_option(help="New .toml file; default: print.")] = None,
 ) -> None:
     """Write a scenario as a TOML file that can be edited."""
     opt.require_names([scenario])
@@ -251,7 +251,7 @@ def _dtype(precision: str) -> np.dtype[Any]:
 
     if precision not in ("single", "double"):
         raise InputError(f"--precision {precision!r}: allowed are single and double")
-    return np.dtype(np.complex64 if precision == "single" else np.complex128)
+    return np.dtype("complex64" if precision == "single" else "complex128")
 
 
 def _one_snr(text: str) -> float:

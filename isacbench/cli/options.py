@@ -59,6 +59,7 @@ SPEC = "NAME[param=value,...]"
 estimator_option: Any = partial(Option, "-e", "--estimator", metavar=SPEC, autocompletion=estimators_like)
 metric_option: Any = partial(Option, metavar=SPEC, autocompletion=plugin_metrics_like)
 scenario_option: Any = partial(Option, "-s", "--scenario", metavar="SCENARIO", autocompletion=scenarios_like)
+out_option: Any = partial(Option, "-o", "--out")
 EstimatorName = Annotated[str, estimator_option(help="Estimator.")]
 EstimatorSpecs = Annotated[
     list[str] | None, estimator_option(help="Estimator; repeats. A value [a,b] means each of both.")
@@ -71,13 +72,14 @@ AsJson = Annotated[bool, Option("--json", help="Print JSON and nothing else.")]
 MixVersions = Annotated[
     bool, Option("--mix-versions", help="Keep rows of an estimator that several code versions made.")
 ]
-OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
 SEED_HELP = "Seed of all noise."
 Seed = Annotated[int, Option(min=0, help=SEED_HELP)]
+OptionalSeed = Annotated[int | None, Option(min=0, help=SEED_HELP)]
 SuiteName = Annotated[
     str, Argument(metavar="[SUITE]", help="Suite by name or .toml path.", autocompletion=suites_like)
 ]
-Html = Annotated[bool, Option("--html/--no-html", help="Whether to write the interactive page.")]
+html_option: Any = partial(Option, "--html/--no-html")
+Html = Annotated[bool, html_option(help="Whether to write the interactive page.")]
 ScenarioName = Annotated[str, scenario_option(help="Name, .toml path or family[seed=7,...].")]
 ScenarioNames = Annotated[
     list[str] | None, scenario_option(help="Name, .toml path or family[seed=0:99,...]; repeats.")
@@ -93,17 +95,17 @@ def register(plugin_files: list[Path] | None) -> None:
 
 
 def require_names(
-    scenarios: Iterable[str] = (),
-    estimators: Iterable[str] = (),
-    detectors: Iterable[str] = (),
-    metrics: Iterable[str] = (),
+    scenarios: Iterable[str] | None = None,
+    estimators: Iterable[str] | None = None,
+    detectors: Iterable[str] | None = None,
+    metrics: Iterable[str] | None = None,
 ) -> None:
     """Refuse names and specifications of what does not exist, before anything slow is imported or started."""
     from isacbench.model.scenes.scene_families import scenario_variants
     from isacbench.plugins.registry import require_plugins
 
-    for scenario in scenarios:
+    for scenario in scenarios or ():
         scenario_variants(scenario)
-    require_plugins("estimator", estimators)
-    require_plugins("detector", detectors)
-    require_plugins("metric", metrics)
+    require_plugins("estimator", estimators or ())
+    require_plugins("detector", detectors or ())
+    require_plugins("metric", metrics or ())

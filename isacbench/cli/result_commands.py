@@ -15,6 +15,8 @@ from isacbench.cli.app import Exit, app, fail, print_json, print_tables, report_
 from isacbench.errors import InputError
 from isacbench.files.checked_files import is_there, require_replaceable
 
+RANK_METRIC = "Score to rank by, such as f_score, objects_detected or deviation; default ratio."
+
 GAPS_SHOWN = 10
 """Largest number of lines about missing cells."""
 
@@ -26,11 +28,9 @@ def report_command(
         Argument(metavar="DIR...", help="Folder of a run; with --html several runs of the same scenes."),
     ],
     html: Annotated[
-        bool | None, Option("--html/--no-html", help="Write the interactive page alone, or all but the page.")
+        bool | None, opt.html_option(help="Write the interactive page alone, or all but the page.")
     ] = None,
-    out: Annotated[
-        Path | None, Option("-o", "--out", metavar="FILE.html", help="Page of several runs.")
-    ] = None,
+    out: Annotated[Path | None, opt.out_option(metavar="FILE.html", help="Page of several runs.")] = None,
     scenario: Annotated[str | None, Option(help="Draw figures of this scenario alone.")] = None,
     snr: Annotated[float | None, Option(help="Draw clouds, maps and spectra at this SNR in dB.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Draw clouds, maps and spectra of this trial.")] = None,
@@ -71,7 +71,7 @@ def report_command(
 @app.command("merge")
 def merge_command(
     folders: Annotated[list[Path], Argument(help="Folders of runs of one suite, such as its shards.")],
-    out: Annotated[Path, Option("-o", "--out", help="New folder for all of them.")],
+    out: Annotated[Path, opt.out_option(help="New folder for all of them.")],
     mix_versions: opt.MixVersions = False,
     plugin: opt.PluginFiles = None,
 ) -> None:
@@ -105,7 +105,7 @@ def rescore_command(
     from isacbench.bench.run.rescoring import rescore as rescore_run
 
     opt.register(plugin)
-    opt.require_names(metrics=metric or ())
+    opt.require_names(metrics=metric)
     rescored = rescore_run(folder, metric or ())
     if not rescored.run.rows.empty:
         report_run(rescored.run)
@@ -153,7 +153,7 @@ def compare_command(
         raise InputError("--between and --and must be given together")
     _require_own_places([path for path in (markdown, junit) if path is not None])
     runs = [Run.open(path) for path in (base, new) if path is not None]
-    pair = None if between is None or other is None else (between, other)
+    pair = (between, other) if between is not None and other is not None else None
     try:
         found = isacbench.compare(
             *runs, map=mapped or (), between=pair, tolerances=tolerance or (), alpha=alpha
@@ -179,7 +179,7 @@ def compare_command(
         say(*report.lines())
         if plot is None:
             _draw_into(folder, lambda: report.draw(folder))
-        else:
+        else:  # a wrong place is the user's, and ends the command
             _say_figures(report.draw(folder, plot))
         if html:
             _draw_into(folder, lambda: [write_comparison_page(found, runs)], "page")
@@ -191,18 +191,9 @@ def compare_command(
 @app.command("rank")
 def rank_command(
     folder: Annotated[Path, Argument(metavar="RUN", help="Folder of a run of six scenes or more.")],
-    metric: Annotated[
-        str | None,
-        Option(
-            help="Score to rank by, such as f_score, objects_detected or deviation; default ratio.",
-            autocompletion=opt.metrics_like,
-        ),
-    ] = None,
+    metric: Annotated[str | None, Option(help=RANK_METRIC, autocompletion=opt.metrics_like)] = None,
     estimator: Annotated[
-        list[str] | None,
-        Option(
-            "-e", "--estimator", metavar=opt.SPEC, help="Rank these alone, chosen before looking; repeats."
-        ),
+        list[str] | None, opt.estimator_option(help="Rank these alone, chosen before looking; repeats.")
     ] = None,
     html: opt.Html = True,
     as_json: opt.AsJson = False,

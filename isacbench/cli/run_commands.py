@@ -18,6 +18,8 @@ from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, report_run, say
 from isacbench.errors import InputError
 
+OUT_HELP = "Folder, new or of the same run to go on with; default results/<suite>-<time>."
+
 
 @app.command("run")
 def run_command(
@@ -26,8 +28,8 @@ def run_command(
     scenario: opt.ScenarioNames = None,
     snr: Annotated[str | None, Option(metavar="-30:20:5", help="SNRs in dB: a range, a list or one.")] = None,
     trials: Annotated[int | None, Option("-n", "--trials", min=1, help="Number of noise draws.")] = None,
-    seed: Annotated[int | None, Option(min=0, help=opt.SEED_HELP)] = None,
-    out: Annotated[Path | None, Option("-o", "--out", metavar="DIR", help=opt.OUT_HELP)] = None,
+    seed: opt.OptionalSeed = None,
+    out: Annotated[Path | None, opt.out_option(metavar="DIR", help=OUT_HELP)] = None,
     plugin: opt.PluginFiles = None,
     metric: opt.MetricSpecs = None,
     block: Annotated[int, Option(help="Take the k-th next block of seeds of a population.")] = 0,
@@ -54,7 +56,7 @@ def run_command(
         raise InputError("--rerun and --mix-versions need -o DIR, the folder of an existing run")
     opt.register(plugin)
     find_suite(suite)
-    opt.require_names(scenario or (), estimator or (), metrics=metric or ())
+    opt.require_names(scenario, estimator, metrics=metric)
     if dask is None:
         from isacbench.bench.workers.guarded_process import start_process_server
 

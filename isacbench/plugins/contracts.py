@@ -78,16 +78,7 @@ class Estimator(Protocol):
     name: ClassVar[str]
 
     def estimate(self, observation: Observation) -> PointCloud:
-        """Image one observation.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation."""
 
 
 @runtime_checkable
@@ -100,17 +91,7 @@ class TruthEstimator(Estimator, Protocol):
     needs_truth: ClassVar[bool]
 
     def estimate(self, observation: Observation, truth: PointCloud | None = None) -> PointCloud:
-        """Image one observation, knowing its truth.
-
-        Parameters
-        ----------
-        observation : Observation
-        truth : PointCloud, optional
-
-        Returns
-        -------
-        PointCloud
-        """
+        """Image one observation, knowing its truth."""
 
 
 @runtime_checkable
@@ -121,18 +102,13 @@ class ReferenceEstimator(TruthEstimator, Protocol):
     """
 
     def realisations(self, radio: Radio, truth: PointCloud) -> Sequence[PointCloud]:
-        """Make all realisations from a truth, the same in every call.
+        """Make all realisations, at least one, from a truth; the same in every call.
 
         Parameters
         ----------
         radio : Radio
             Scenario or observation.
         truth : PointCloud
-
-        Returns
-        -------
-        sequence of PointCloud
-            At least one.
         """
 
 
@@ -232,16 +208,7 @@ class Diagnoser(Protocol):
     """Estimator that shows its intermediate results. Optional: figures of maps and spectra need it."""
 
     def diagnose(self, observation: Observation) -> Diagnosis:
-        """Process one observation as `Estimator.estimate` does, and keep intermediate results.
-
-        Parameters
-        ----------
-        observation : Observation
-
-        Returns
-        -------
-        Diagnosis
-        """
+        """Process one observation as `Estimator.estimate` does, and keep intermediate results."""
 
 
 def is_reference(plugin: object) -> TypeGuard[ReferenceEstimator]:

@@ -30,12 +30,7 @@ GROUPS: dict[PluginKind, str] = {kind: f"isacbench.{kind}s" for kind in get_args
 METHODS: dict[PluginKind, str] = {"estimator": "estimate", "detector": "detect", "metric": "score"}
 """Method that makes a class with a name a plugin of a kind."""
 
-DIGEST_SHOWN = 8
-"""Digits of the digest that tell files of one name apart in tracebacks."""
-
-LIBRARIES = frozenset({"isacbench", "numpy", "scipy", "threadpoolctl"}) | sys.stdlib_module_names - {
-    "__main__"
-}
+LIBRARIES = {"isacbench", "numpy", "scipy", "threadpoolctl", *sys.stdlib_module_names} - {"__main__"}
 """Packages that call a plugin, or that a plugin calls."""
 
 
@@ -72,8 +67,8 @@ class PluginFile:
 
     @property
     def code_name(self) -> str:
-        """Name of the file in tracebacks: a part of its digest, and its name."""
-        return f"plugin-{self.digest[:DIGEST_SHOWN]}/{self.filename}"
+        """Name of the file in tracebacks: its name, and digits that tell files of one name apart."""
+        return f"plugin-{self.digest[:8]}/{self.filename}"
 
     @property
     def module_name(self) -> str:
@@ -134,23 +129,10 @@ def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
 
 
 def load_plugin_file(path: str | Path) -> list[str]:
-    """Register the estimators, detectors and metrics that a Python file defines.
+    """Register the plugins that a Python file defines, and list their names in order.
 
-    Parameters
-    ----------
-    path : str or Path
-        A self-contained file. It may import what is installed, but no file next
-        to it, because other processes get its content alone.
-
-    Returns
-    -------
-    list of str
-        Names, in the order of definition.
-
-    Raises
-    ------
-    InputError
-        If the file is no Python source, fails, defines no plugin, or one whose name is taken.
+    The file may import what is installed, but no file next to it, because other processes get its
+    content alone.
     """
     return register_plugin(PluginFile.read(path))
 

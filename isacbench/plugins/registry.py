@@ -235,21 +235,6 @@ def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
 def parameter_defaults(kind: PluginKind, name: str) -> dict[str, Any]:
     """Look up the defaults of a registered plugin's parameters, in terms of JSON as in `canonical_params`.
 
-    Parameters
-    ----------
-    kind : {"estimator", "detector", "metric"}
-    name : str
-
-    Returns
-    -------
-    dict of str to Any
-        Of the parameters that have one.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown, or its class breaks the contract.
-
     Examples
     --------
     >>> defaults = parameter_defaults("estimator", "music2d")
@@ -370,15 +355,13 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
     Kind and name are those in messages.
     """
     hints = parameter_types(kind, plugin)
-    for key in params:
+    checked = {}
+    for key, value in params.items():
         if key not in hints:
             raise unknown_name(f"parameter of {kind} {name}", key, hints)
-    checked = {
-        key: check_parameter(f"{kind} {name}", key, value, hints[key]) for key, value in params.items()
-    }
+        checked[key] = check_parameter(f"{kind} {name}", key, value, hints[key])
     checked = _checked_defaults(kind, plugin) | checked
-    missing = [name for name in required_fields(plugin) if name not in checked]
-    if missing:
+    if missing := [name for name in required_fields(plugin) if name not in checked]:
         raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")
     try:
         return plugin(**checked)
@@ -397,11 +380,9 @@ def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
         except ValidationError as refused:
             error = refused
     # A union reports what each of its members wants.
-    wanted = " or ".join(
-        dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
-    )
+    wanted = dict.fromkeys(found["msg"].removeprefix("Input should be ") for found in error.errors())
     shown = f"{value.name}[...]" if isinstance(value, Spec) else repr(value)
-    raise InputError(f"{where}: {key} = {shown}: should be {wanted}") from error
+    raise InputError(f"{where}: {key} = {shown}: should be {' or '.join(wanted)}") from error
 
 
 @lru_cache(maxsize=256)
@@ -457,11 +438,8 @@ def parameter_fields(plugin: Any) -> list[dataclasses.Field[Any]]:
 
 def required_fields(plugin: Any) -> list[str]:
     """List the fields of a dataclass that have no default."""
-    return [
-        field.name
-        for field in parameter_fields(plugin)
-        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-    ]
+    unset = [dataclasses.MISSING, dataclasses.MISSING]
+    return [one.name for one in parameter_fields(plugin) if [one.default, one.default_factory] == unset]
 
 
 def field_defaults(plugin: Any) -> dict[str, Any]:
@@ -503,8 +481,8 @@ def plain_value(where: str, key: str, value: Any) -> Any:
         return value
     if type(value) is int and value.bit_length() <= MOST_BITS:
         return value
-    if _is_unicode(value):
-        return str(value)
+    if type(value) in (str, QuotedText) and value.encode(errors="replace").decode() == value:
+        return str(value)  # without halves of characters, which no file can store
     if type(value) is tuple:
         return [plain_value(where, key, item) for item in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type) and isinstance(value, Detector):
@@ -517,16 +495,11 @@ def plain_value(where: str, key: str, value: Any) -> Any:
 def _plain_params(plugin: Any) -> dict[str, Any]:
     kind = next((kind for kind, method in METHODS.items() if hasattr(plugin, method)), "class")
     where = f"{kind} {getattr(plugin, 'name', type(plugin).__name__)}"
-    names = [field.name for field in parameter_fields(plugin)]
-    return {name: plain_value(where, name, getattr(plugin, name)) for name in names}
+    fields = parameter_fields(plugin)
+    return {field.name: plain_value(where, field.name, getattr(plugin, field.name)) for field in fields}
 
 
 def python_number(value: Any) -> Any:
     """Take Python's number, text or truth value for one of NumPy; other values stay."""
     is_numpys = type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
     return value.item() if is_numpys else value
-
-
-def _is_unicode(value: Any) -> bool:
-    """Tell whether something is a text that can be stored: one without halves of characters."""
-    return type(value) in (str, QuotedText) and value.encode(errors="replace").decode() == value

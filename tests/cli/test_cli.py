@@ -32,17 +32,6 @@ def drawn(monkeypatch, drawn_runs):
     return drawn_runs
 
 
-def module(*args, **options):
-    """Run ``python -m isacbench`` as a process of its own."""
-    return subprocess.run(
-        [sys.executable, *options.pop("flags", []), "-m", "isacbench", *args],
-        capture_output=True,
-        text=True,
-        check=False,
-        **options,
-    )
-
-
 def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -350,84 +339,6 @@ def test_version_is_printed(cli):
     assert cli("--version").stdout == f"isacbench {isacbench.__version__}\n"
 
 
-def hold_to_one_message(cli, words, fragments):
-    """Hold a mistake to one message with the fragments, exit code 2, and nothing written."""
-    before = contents(Path())
-    result = cli(*words.split())
-    assert (result.exit_code, result.stdout) == (2, ""), (words, result.output)
-    assert result.stderr.startswith("isacbench: ")
-    assert result.stderr.count("\n") == 1, words
-    assert not [fragment for fragment in fragments if fragment not in result.stderr], result.stderr
-    assert contents(Path()) == before, words
-
-
-def test_a_mistake_in_a_command_ends_in_one_message_exit_code_2_and_nothing_written(cli):
-    image, run = "image -s tiny.toml -e blob -o cloud.csv", "run quick -s tiny.toml -o out -e"
-    for words, *fragments in (
-        ("image -s streat", "unknown scenario 'streat'", "did you mean 'street'"),
-        (f"{run} blop", "unknown estimator 'blop'", "did you mean 'blob'", "seer"),
-        (f"{run} blob[m=1]", "unknown parameter of estimator blob 'm'", "n, pfa, mode"),
-        (f"{run} blob[mode=x]", "mode = 'x'", "'near' or 'far'"),
-        (f"{run} blob[n=1", "'blob[n=1'", "']'"),
-        (f"{run} seer --snr 5:0:1", "'5:0:1'", "stop no less than start"),
-        (f"{run} seer --snr warm", "'warm'", "start:stop:step"),
-        (f"{image} --snr 0:5:5", "'0:5:5'", "one number"),
-        ("run quik", "unknown suite 'quik'", "did you mean 'quick'", "paper"),
-        ("run gone.toml", "gone.toml", "no such file"),
-        ("run efficiency -s tiny.toml -e seer", "scenario tiny", "too small", "0.5 in u"),
-        ("run quick -s tiny.toml -e seer -o .", ".: exists", "new folder"),
-        ("image -s tiny.toml -e blob -o cloud.doc", "cloud.doc", ".csv"),
-        (f"{image} --plot picture.doc", "picture.doc", ".png, .pdf or .svg"),
-        ("report .", "not the folder of a run", "manifest.json"),
-    ):
-        hold_to_one_message(cli, words, fragments)
-
-
-def test_a_mistake_in_a_file_ends_in_one_message_exit_code_2_and_nothing_written(cli, tiny):
-    image = "image -s tiny.toml -e blob -o cloud.csv"
-    kind, key = 'kind = "image"\nname = "s"\n', RESOLUTION.replace("separations_cells", "phases")
-    for name, text, words, *fragments in (
-        ("s.toml", kind, "run s.toml", "s.toml", "kind = 'image'", "'imaging'", "'resolution'"),
-        ("s.toml", key, "run s.toml", "s.toml", "unknown key phases", "phases_deg", "separations_cells"),
-        ("s.toml", "name = 1", "run s.toml", "s.toml", "name = 1"),
-        ("e.csv", "x,y,z,v\n", "score e.csv e.csv", "e.csv", "at least one"),
-        ("t.csv", CLOUD, "score t.csv gone.csv", "gone.csv", "does not exist"),
-        ("t.csv", CLOUD, "score t.csv t.txt", "t.txt", ".csv", ".mat"),
-        (
-            "t.csv",
-            CLOUD,
-            "score t.csv t.csv --metric papers",
-            "'papers'",
-            "allowed are objects, occupancy, paper, points, repository",
-        ),
-        ("tiny.csv", "x,y,z,v\n1,2,3,4\n1,nan,3,4\n", image, "tiny.csv", "row 3", "y is NaN"),
-        ("tiny.csv", "x,y,z\n1,2,3\n", image, "tiny.csv", "column v is missing", "x, y, z, v"),
-    ):
-        Path(name).write_text(text)
-        hold_to_one_message(cli, words, fragments)
-
-
-def test_a_mistake_in_a_scenario_ends_in_one_message_exit_code_2_and_nothing_written(cli, tiny):
-    spacing = "subcarrier_spacing_hz"
-    for right, wrong, *fragments in (
-        ("[array]", "[array]\nframme = 1", "unknown key array.framme", "tx_shape"),
-        ("n_symbols", "n_symbolz", "n_symbolz", "n_symbols"),
-        ("[system]", f"[system]\n{spacing} = -1.0", f"system.{spacing}", "-1.0", "greater than 0"),
-        ("y_m = [0.0, 10.0]", "y_m = [-9000.0, 10.0]", "region", "unambiguous", "624.6 m"),
-    ):
-        Path("bad.toml").write_text(tiny.read_text().replace(right, wrong))
-        hold_to_one_message(cli, "image -s bad.toml -e blob -o cloud.csv", ["bad.toml", *fragments])
-
-
-def test_a_block_of_seeds_and_scenes_by_name_exclude_each_other(cli):
-    hold_to_one_message(cli, "run population-quick --block 1 -s street", ["--block 1", "-s street"])
-
-
-def test_wrong_usage_exits_2(cli):
-    for words in ("", "run -n 0", "run --bogus", "score one.csv", "nothing"):
-        assert cli(*words.split()).exit_code == 2, words
-
-
 UNKNOWN_NAMES = [
     ["run", "quik"],
     ["run", "-e", "musicd"],
@@ -441,13 +352,15 @@ UNKNOWN_NAMES = [
 ]
 
 
-def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp_path):
+def test_help_and_an_unknown_name_are_told_before_anything_slow_is_imported_or_started(tmp_path):
     code = (
         "import json, sys\n"
         "from typer.testing import CliRunner\n"
         "from isacbench.cli import app\n"
+        "assert 'stress' in CliRunner().invoke(app, ['--help']).stdout\n"
+        "modules = list(sys.modules)\n"
         "told = [CliRunner().invoke(app, words).stderr for words in json.loads(sys.argv[1])]\n"
-        "print(json.dumps([told, list(sys.modules)]))"
+        "print(json.dumps([told, modules, list(sys.modules)]))"
     )
     finished = subprocess.run(
         [sys.executable, "-c", code, json.dumps(UNKNOWN_NAMES)],
@@ -456,7 +369,8 @@ def test_an_unknown_name_is_told_before_anything_slow_is_imported_or_started(tmp
         capture_output=True,
         text=True,
     )
-    told, modules = json.loads(finished.stdout)
+    told, after_help, modules = json.loads(finished.stdout)
+    assert not {*after_help} & HEAVY
     assert [text.count("\n") for text in told] == [1] * len(told)
     assert all("did you mean" in text for text in told)
     assert not {*modules} & (HEAVY - {"pydantic"} | {"multiprocessing.forkserver"})
@@ -475,14 +389,6 @@ def test_a_mistaken_parameter_is_told_in_one_line_before_anything_is_computed(cl
         result = cli(*words.split())
         assert result.exit_code == 2, result.output
         assert result.stderr.count("\n") == 1, words
-
-
-def test_a_process_exits_2_with_the_message_alone_and_no_traceback(tmp_path):
-    finished = module("run", "quik", cwd=tmp_path)
-    assert finished.returncode == 2
-    assert finished.stdout == ""
-    assert finished.stderr.startswith("isacbench: unknown suite 'quik'")
-    assert finished.stderr.count("\n") == 1
 
 
 AS_A_MODULE = """
@@ -510,14 +416,6 @@ def test_a_process_finds_a_plugin_on_its_path_and_draws_without_pyplot(plugins, 
     assert finished.returncode == 0, finished.stderr
     assert len(PointCloud.read(tmp_path / "cloud.csv")) == 4
     assert (tmp_path / "picture.png").exists()
-
-
-def test_help_imports_nothing_heavy(tmp_path):
-    finished = module("--help", flags=["-X", "importtime"], cwd=tmp_path)
-    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in finished.stderr.splitlines()}
-    assert finished.returncode == 0
-    assert "run" in finished.stdout
-    assert not imported & HEAVY
 
 
 def test_the_public_names_are_all_there_and_load_on_first_use():

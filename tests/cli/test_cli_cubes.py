@@ -120,16 +120,6 @@ def test_a_mistaken_cube_ends_in_one_line_and_exit_code_2(scenario, frame, tmp_p
     hold_to_one_line(run("image", "-s", scenario, "--cube", path), "mistaken.npy")
 
 
-def test_options_that_do_not_go_together_are_told(scenario):
-    for words, message in (
-        ("--cube no.npy", "no.npy"),
-        ("--cube no.npy --seed 0", "--cube"),
-        ("--transmitted grid.npy", "--cube"),
-        ("--ascending +u,+w", "--cube"),
-    ):
-        hold_to_one_line(run("image", "-s", scenario, *words.split()), message)
-
-
 def test_a_frame_and_an_image_may_be_free_of_noise(scenario, tmp_path):
     shown = run(
         "simulate", "-s", scenario, "--snr", "inf", "--precision", "double", "-o", tmp_path / "frame.npy"

@@ -39,13 +39,3 @@ def test_merge_says_what_is_missing_if_anything_is_and_rescore_tells_what_change
     pd.testing.assert_frame_equal(pd.read_parquet("all/results.parquet"), before)
     again = cli("rescore", "all")
     assert again.stdout.splitlines()[-1] == "all: 8 rows scored again, 0 of them differ"
-
-
-def test_a_folder_that_is_none_ends_in_one_message(cli, tmp_path):
-    for words in ("merge gone -o all", "rescore gone"):
-        result = cli(*words.split())
-        assert result.exit_code == 2, words
-        message = "isacbench: gone: not the folder of a run, manifest.json missing"
-        assert result.stderr.startswith(message)
-        assert result.stderr.count("\n") == 1, words
-        assert not list(tmp_path.glob("all")) + list(tmp_path.glob("gone")), words

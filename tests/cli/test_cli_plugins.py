@@ -75,18 +75,6 @@ def test_list_and_image_know_plugin_files_and_several_of_them(cli, write_plugin)
     assert "1 point " in result.stdout
 
 
-def test_a_plugin_file_that_is_none_ends_in_one_line_and_code_2(cli):
-    for command in ("run", "list", "image"):
-        result = cli(command, "--plugin", "gone.py")
-        assert (result.exit_code, result.stderr) == (2, "isacbench: gone.py: does not exist\n"), command
-
-
-def test_an_image_takes_one_estimator_and_no_grid(cli):
-    result = cli("image", "-s", "tiny.toml", "-e", "blob[n=[1,2]]")
-    assert result.exit_code == 2
-    assert "'blob[n=[1,2]]' names 2 variants" in result.stderr
-
-
 def suite(*estimators):
     return Suite(name="s", scenarios=["tiny.toml"], estimators=estimators, snr_db=[0], trials=1)
 

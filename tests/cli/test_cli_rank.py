@@ -65,21 +65,6 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(cli, write, tmp_path):
     assert not (tmp_path / "r" / "figures").exists()
 
 
-@pytest.mark.parametrize(
-    ("families", "options", "message"),
-    [
-        ({"town": 3}, ["-e", "fft4d"], "two estimators or more"),
-        ({"town": 8}, ["--metric", "gopsa_m"], "unknown score"),
-    ],
-)
-def test_what_cannot_be_ranked_ends_in_exit_code_2_with_one_message(cli, write, families, options, message):
-    write(**families)
-    result = cli("r", *options)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert message in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-
-
 def test_of_three_scenes_means_are_printed_as_descriptive_and_nothing_is_drawn(cli, write, tmp_path):
     write(town=3)
     result = cli("r", "--no-html")

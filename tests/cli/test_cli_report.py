@@ -73,22 +73,6 @@ def test_chosen_figures_are_drawn_and_nothing_else(cli):
     assert files_of("one") == {"figures/recall-tiny.pdf"}
 
 
-def test_a_wrong_report_ends_in_exit_code_2_with_one_message(cli):
-    for words, message in (
-        ("one two", "several folders, and -o, need --html"),
-        ("one -o a.html", "several folders, and -o, need --html"),
-        ("one --html --snr 10", "--html cannot be combined with"),
-        ("one two --html -o board.txt", "give -o FILE.html"),
-        ("one one --html", "given twice"),
-        ("one --snr 7", "no SNR in dB of 7; allowed are 0, 10"),
-        ("none --html", "none"),
-    ):
-        result = cli("report", *words.split())
-        assert result.exit_code == 2, words
-        assert message in result.stderr
-        assert len(result.stderr.splitlines()) == 1, words
-
-
 def test_names_that_begin_alike_are_completed():
     assert estimators_like("mus") == ["music2d", "music2d_joint"]
     assert scenarios_like("mesh") == ["mesh-street"]

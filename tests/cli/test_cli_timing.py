@@ -29,16 +29,3 @@ def test_a_folder_goes_on_timed_is_compared_and_goes_on_without(cli):
     assert set(TIMING_COLUMNS) <= set(records)
     assert "stages.md" in cli("report", "out").stdout
     assert "0 of them differ" in cli("rescore", "out").stdout
-
-
-def test_what_cannot_be_timed_is_a_mistake_in_usage(cli, tmp_path):
-    for words, message in (
-        ("--timing -j 2", "isacbench: timing needs one job on this machine, not jobs 2"),
-        ("--timing --dask tcp://nowhere:1", "isacbench: timing needs one job on this machine, not dask"),
-        ("--repeats 3", "isacbench: repeats = 3 needs timing"),
-        ("--timing --repeats 0", ""),
-    ):
-        result = cli(*RUN, *words.split(), "-o", "out")
-        assert result.exit_code == 2, words
-        assert result.stderr.startswith(message)
-        assert not (tmp_path / "out").exists(), words

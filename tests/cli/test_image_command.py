@@ -30,37 +30,6 @@ def test_the_image_is_that_of_the_observation_through_the_same_signal(image, tin
         assert ", ".join(["tiny", "music2d", "15 dB", *given.values()]) in result.output
 
 
-def test_a_cloud_that_could_not_be_written_is_refused_before_the_image(image):
-    for name, message in (
-        ("cloud.xyz", "has suffix '.xyz'"),
-        ("none/cloud.csv", "there is no folder none"),
-    ):
-        result = image("-e", "an_estimator_that_is_looked_for_later", "-o", name)
-        assert result.exit_code == 2
-        assert message in result.output
-
-
-def test_a_signal_that_does_not_exist_is_refused_in_one_sentence(image):
-    result = image("--sensing", "pss")
-    assert result.exit_code == 2
-    assert (
-        result.output.strip() == "isacbench: unknown sensing 'pss': did you mean 'prs'? allowed are all, prs"
-    )
-
-
-def test_a_recorded_frame_has_its_data_and_its_noise_already(image):
-    for words, message in (
-        (
-            "--modulation 16qam",
-            "--trial, --seed and --modulation cannot be combined with --cube",
-        ),
-        ("--snr 10", "with --cube, --snr needs --division wiener"),
-    ):
-        result = image("--cube", "frame.npy", *words.split())
-        assert result.exit_code == 2, words
-        assert message in result.output
-
-
 def test_a_recorded_frame_is_sensed_with_its_prs(image, tiny):
     scenario = load_scenario(tiny)
     cube = resource_grid(scenario, scenario.array.positions)

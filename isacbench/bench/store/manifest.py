@@ -20,7 +20,7 @@ import isacbench
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Job, Plan
-from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions, plugin_version
+from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions
 from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
 from isacbench.bench.suites.suite import Suite
@@ -31,6 +31,7 @@ from isacbench.files.escaping import visible
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scene_families import spelled_scenarios
+from isacbench.plugins.code_digests import plugin_version
 from isacbench.plugins.scoring import Metrics, object_kinds
 from isacbench.specifications import parse_spec
 

@@ -7,7 +7,6 @@ import platform
 import subprocess
 from collections.abc import Mapping
 from functools import cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,22 +15,8 @@ import pandas as pd
 
 import isacbench
 from isacbench.bench.suites.scenario_digest import digest
-from isacbench.plugins.code_digests import (
-    VERSIONED,
-    attributes_digest,
-    files_digest,
-    imported_roots,
-    is_importable,
-    is_installed,
-    own_codes,
-    own_packages,
-    plugin_classes,
-    plugin_parts,
-    root_of,
-    with_imports,
-)
+from isacbench.plugins.code_digests import files_digest, plugin_version
 from isacbench.plugins.contracts import Detector, Estimator
-from isacbench.plugins.discovery import GROUPS, entries, local_plugins
 
 Environment = dict[str, Any]
 """Origin of a row: ``versions`` (isacbench, plugins, python, packages) and ``machine``."""
@@ -79,49 +64,6 @@ def environment_id(environment: Environment) -> str:
     return digest(environment)[:12]
 
 
-def plugin_version(plugin: object) -> dict[str, dict[str, str | None]]:
-    """Identify the code of an estimator or a detector, and of the detectors in its parameters.
-
-    For each distribution, plugin file or class without a file: ``version``, None if it has none, and
-    ``digest``, SHA-256. Of a package that registers plugins, or is the user's own, all files count, and
-    those of the user's packages that it imports; of a plugin file its text; of a class of a notebook or a
-    script its functions and all values that they use. Other people's packages have a version alone.
-
-    Examples
-    --------
-    >>> from isacbench.plugins.registry import get_estimator
-    >>> found = plugin_version(get_estimator("oracle"))
-    >>> list(found), found["isacbench"]["version"], len(found["isacbench"]["digest"])
-    (['isacbench'], '0.2.0', 64)
-    """
-    local = {file.module_name: file for file in local_plugins()}
-    found: dict[str, dict[str, str | None]] = {}
-    roots: set[str] = set()
-    codes = own_codes(plugin)
-    modules = {base.__module__ for base in plugin_classes(plugin)}
-    for module in modules.union(*(code.modules for code in codes.values())):
-        if module in local:
-            file = local[module]
-            is_alone = [other.filename for other in local.values()].count(file.filename) == 1
-            name = file.filename if is_alone else file.code_name
-            found[name] = {"version": None, "digest": file.digest}
-            roots |= own_packages(imported_roots(file.source.encode()))
-        elif is_importable(module):
-            roots.add(root_of(module))
-    packages: dict[tuple[str, str | None, bool], set[str]] = {}
-    for root in with_imports(roots - VERSIONED):
-        packages.setdefault(_distribution(root), set()).add(root)
-    for (name, number, is_released), members in packages.items():
-        found[name] = {"version": number, "digest": None if is_released else files_digest(members)}
-    for base, code in codes.items():
-        found[f"{base.__module__}.{base.__qualname__}"] = {"version": None, "digest": code.digest}
-    for part in plugin_parts(plugin):
-        if held := attributes_digest(part):
-            name = f"attributes of {type(part).__module__}.{type(part).__qualname__}"
-            found[name] = {"version": None, "digest": held}
-    return dict(sorted(found.items()))
-
-
 def differing_versions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """List what differs in the ``versions`` of two environments, such as ``numpy 2.0.0 instead of 2.1.0``."""
     before, after = _flat(old), _flat(new)
@@ -130,18 +72,6 @@ def differing_versions(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[s
         for name in dict.fromkeys([*before, *after])
         if before.get(name) != after.get(name)
     ]
-
-
-def _distribution(root: str) -> tuple[str, str | None, bool]:
-    """Name and version of the distribution of a package, and whether the version says all about its code."""
-    for kind in GROUPS:
-        for entry in entries(kind).values():
-            if entry.version is not None and root_of(entry.module) == root:
-                return entry.package, entry.version, False
-    if not is_installed(root):  # a name in the text of a plugin, which may never import it
-        return root, None, False
-    number = getattr(import_module(root), "__version__", None)
-    return root, number, number is not None
 
 
 @cache

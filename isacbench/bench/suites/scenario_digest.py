@@ -36,28 +36,12 @@ DIGITS = 16
 
 
 def canonical_json(content: Any) -> str:
-    """Write content as JSON with sorted keys and without spaces: equal contents give equal texts.
-
-    Parameters
-    ----------
-    content : Any
-        In terms of JSON.
-    """
+    """Write content as JSON with sorted keys and without spaces: equal contents give equal texts."""
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def digest(content: Any) -> str:
-    """Short SHA-256 digest of content.
-
-    Parameters
-    ----------
-    content : Any
-        In terms of JSON.
-
-    Returns
-    -------
-    str
-        Hexadecimal.
+    """Short SHA-256 digest of content in terms of JSON.
 
     Examples
     --------
@@ -70,11 +54,7 @@ def digest(content: Any) -> str:
 def scenario_digest(scenario: Scenario) -> str:
     """Digest of everything that determines the observations of a scenario; its name seeds the noise.
 
-    Returns
-    -------
-    str
-        Hexadecimal. Equal names, radios, regions and scatterers give equal
-        digests, in whatever form the scenario was written.
+    Equal names, radios, regions and scatterers give equal digests, however the scenario was written.
     """
     scatterers = scenario.scatterers
     names = [field.name for field in dataclasses.fields(scatterers) if field.name != OBJECTS]
@@ -84,13 +64,7 @@ def scenario_digest(scenario: Scenario) -> str:
 
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Describe a scenario without its scatterers, which the truth holds.
-
-    Returns
-    -------
-    dict
-        In terms of JSON.
-    """
+    """Describe a scenario in terms of JSON, without its scatterers, which the truth holds."""
     frame = "paper" if isinstance(scenario.frame, PaperFrame) else "panel"
     parts = {name: getattr(scenario, name) for name in ("system", "array", "region")}
     return {
@@ -108,24 +82,16 @@ def described_fields(part: Any) -> dict[str, Any]:
 
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
-    """Build a scenario from its description, without warnings.
-
-    Parameters
-    ----------
-    described : mapping of str to Any
-        As `describe_scenario` returns it.
-    truth : DataFrame
-        Rows of this scenario, as `truth_table` returns them.
-    """
+    """Build a scenario from its description and its rows of the truth, without warnings."""
     points = truth[POINT_COLUMNS].to_numpy()
     with warned_before():
         return Scenario(
             name=name,
             system=System(**described["system"]),
-            array=VirtualArray(**{key: _tupled(value) for key, value in described["array"].items()}),
+            array=VirtualArray(**_tupled(described["array"])),
             frame=get_frame(**described["frame"]),
             base_station_m=np.array(described["base_station_m"]),
-            region=Region(**{key: _tupled(value) for key, value in described["region"].items()}),
+            region=Region(**_tupled(described["region"])),
             **{name: described[name] for name in OPTIONS if name in described},
             scatterers=Scatterers(
                 xyz=points[:, :3],
@@ -137,13 +103,9 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
 
 
 def truth_table(scenario: Scenario) -> pd.DataFrame:
-    """Tabulate the scatterers of a scenario.
+    """Tabulate the scatterers of a scenario: scenario, x, y, z in m, v in m/s, power, and object.
 
-    Returns
-    -------
-    DataFrame
-        One row for each scatterer: scenario, x, y, z in m, v in m/s, power, and its object, an empty text
-        where objects are not known.
+    The object is an empty text where objects are not known.
     """
     table = scenario.truth.to_dataframe()
     table.insert(0, "scenario", scenario.name)
@@ -160,5 +122,5 @@ def _rounded(content: Any) -> Any:
     return [_rounded(value) for value in content] if isinstance(content, (list, tuple)) else content
 
 
-def _tupled(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def _tupled(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: tuple(one) if isinstance(one, list) else one for name, one in fields.items()}

@@ -12,10 +12,10 @@ from pydantic_core import PydanticCustomError
 
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
-from isacbench.number_text import is_number
-from isacbench.plugins.code_digests import Instances
 from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.pickling import Instances
 from isacbench.plugins.registry import spelled_estimators
+from isacbench.specifications import is_number
 
 FOLDER = "suites"
 MAX_GRID_POINTS = 1000
@@ -31,18 +31,7 @@ Item = TypeVar("Item")
 
 
 def refuse_repeats(values: tuple[Item, ...]) -> tuple[Item, ...]:
-    """Refuse a repeated entry, which would yield two rows with the same key.
-
-    Returns
-    -------
-    tuple
-        The same.
-
-    Raises
-    ------
-    ValueError
-        Quoting the first entry that is repeated.
-    """
+    """Refuse a repeated entry, which would yield two rows with the same key; return the same."""
     for index, value in enumerate(values):
         if value in values[:index]:
             raise ValueError(f"{value!r} is listed twice")
@@ -124,38 +113,17 @@ class Suite(BaseModel, extra="forbid", frozen=True):
         return self._instances
 
     def with_estimators(self, estimators: Iterable[str | Estimator]) -> Self:
-        """Return a suite with other estimators.
-
-        Parameters
-        ----------
-        estimators : iterable of str or Estimator
-            Specifications, or objects.
-
-        Raises
-        ------
-        InputError
-            If one is neither, or listed twice.
-        """
+        """Return a suite with other estimators, each a specification or an object."""
         spelled = spelled_estimators(estimators)
         suite = self.replace(estimators=list(spelled))
         suite._instances = Instances({text: one for text, one in spelled.items() if one is not None})
         return suite
 
     def replace(self, **changes: Any) -> Self:
-        """Return a suite with other values for some keys.
+        """Return a suite with other values for some keys; None keeps the value.
 
         New SNRs of one sort take the place of those of the other. Estimators
         that are objects stay as long as the estimators do.
-
-        Parameters
-        ----------
-        **changes : Any
-            Values by key; None keeps the value.
-
-        Raises
-        ------
-        InputError
-            If a new value is not allowed.
         """
         given = {key: value for key, value in changes.items() if value is not None}
         kept = self.model_dump()
@@ -165,8 +133,8 @@ class Suite(BaseModel, extra="forbid", frozen=True):
             suite = self.model_validate({**kept, **given})
         except ValidationError as error:
             raise InputError(describe_mistake(error, type(self))) from error
-        kept_instances = {text: one for text, one in self._instances.items() if text in suite.estimators}
-        suite._instances = Instances(kept_instances)
+        kept_estimators = {text: one for text, one in self._instances.items() if text in suite.estimators}
+        suite._instances = Instances(kept_estimators)
         return suite
 
 
@@ -176,28 +144,12 @@ def suite_names() -> list[str]:
 
 
 def find_suite(name_or_path: str | Path) -> Path:
-    """Find the file of a suite.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Built-in name, or path.
-
-    Raises
-    ------
-    InputError
-        If there is no such name or file.
-    """
+    """Find the file of a suite by its built-in name or its path."""
     return find_toml(name_or_path, "suite", FOLDER)
 
 
 def parse_snr(text: str) -> tuple[float, ...]:
     """Parse SNRs in dB: ``start:stop:step`` with both ends, a list ``-5,0,10``, or one number.
-
-    Raises
-    ------
-    InputError
-        Quoting the text and saying what is allowed.
 
     Examples
     --------

@@ -19,7 +19,8 @@ from isacbench.bench.suites.suite import Suite, find_suite, suite_names
 from isacbench.errors import InputError
 from isacbench.files.toml_files import find_toml, read_toml
 from isacbench.model.scenes.scenario import scenario_names
-from isacbench.model.scenes.scene_families import FAMILIES, Family
+from isacbench.model.scenes.scene_families import FAMILIES
+from isacbench.plugins.discovery import GROUPS
 from isacbench.plugins.registry import describe_plugin
 from isacbench.specifications import parse_spec
 
@@ -49,13 +50,7 @@ class _KindOnly(BaseModel):
 
 
 def kind_of(suite: Suite) -> Kind:
-    """Look up the kind of a suite.
-
-    Raises
-    ------
-    InputError
-        If there is no such kind, or its suites are of another class.
-    """
+    """Look up the kind of a suite, which must be of the class of the kind's suites."""
     kind = KINDS.get(suite.kind)
     if kind is None or type(suite) is not kind.suite:
         allowed = ", ".join(f"{name!r} with {one.suite.__name__}" for name, one in KINDS.items())
@@ -64,18 +59,7 @@ def kind_of(suite: Suite) -> Kind:
 
 
 def with_metrics(suite: S, further: str | Iterable[str]) -> S:
-    """Give a suite further metrics, each in place of one of the same name.
-
-    Parameters
-    ----------
-    further : str or iterable of str
-        As ``name[param=value,...]``.
-
-    Returns
-    -------
-    Suite
-        The same if there are none.
-    """
+    """Give a suite further metrics, each in place of one of the same name."""
     added = (further,) if isinstance(further, str) else tuple(further)
     named = {parse_spec(spec).name: spec for spec in (*kind_of(suite).metric_specs(suite), *added)}
     return suite.replace(metrics=tuple(named.values())) if added else suite
@@ -84,20 +68,7 @@ def with_metrics(suite: S, further: str | Iterable[str]) -> S:
 def load_suite(name_or_path: str | Path) -> Suite:
     """Load a built-in suite by name, or any suite by the path of its TOML file.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-        A name that `isacbench.bench.suites.suite.suite_names` lists, or a path that ends in ``.toml``.
-
-    Returns
-    -------
-    Suite
-        With the paths of scenarios resolved against the suite's own folder.
-
-    Raises
-    ------
-    InputError
-        Naming file, key, value and what is allowed.
+    Paths of scenarios are resolved against the suite's own folder.
 
     Examples
     --------
@@ -111,50 +82,44 @@ def load_suite(name_or_path: str | Path) -> Suite:
 
 
 def restore_suite(content: Mapping[str, Any]) -> Suite:
-    """Build a suite from the result of its ``model_dump``; a missing kind is ``imaging``.
-
-    Raises
-    ------
-    ValueError
-        If the content describes no suite.
-    """
+    """Build a suite from the result of its ``model_dump``; a missing kind is ``imaging``."""
     return KINDS[_KindOnly.model_validate(content).kind].suite.model_validate(content)
 
 
 def catalogue() -> dict[str, list[dict[str, Any]]]:
-    """Describe everything that is registered or built in.
+    """Describe everything that is registered or built in, by name.
 
-    Returns
-    -------
-    dict of str to list of dict
-        ``estimators``, ``detectors`` and ``metrics`` as `isacbench.plugins.registry.describe_plugin`
-        gives them; ``scenarios`` and ``suites`` with ``name`` and
-        ``description``, the comment that their file starts with; ``families`` of
-        scenes with ``name``, ``version``, ``description`` and ``parameters`` (name to
-        ``type``, and where there are such ``allowed`` and ``default``).
+    Plugins as `isacbench.plugins.registry.describe_plugin` does; scenarios and suites by the comment that
+    their file starts with; families of scenes with their parameters: ``type``, ``allowed``, ``default``.
     """
+    scenarios = {name: find_toml(name, "scenario") for name in scenario_names()}
+    suites = {name: find_suite(name) for name in suite_names()}
     return {
-        "estimators": describe_plugin("estimator"),
-        "detectors": describe_plugin("detector"),
-        "metrics": describe_plugin("metric"),
-        "scenarios": [
-            {"name": name, "description": _first_comment(find_toml(name, "scenario"))}
-            for name in scenario_names()
+        **{f"{kind}s": describe_plugin(kind) for kind in GROUPS},
+        "scenarios": _describe_files(scenarios),
+        "families": [
+            {
+                "name": family.name,
+                "version": family.version,
+                "description": family.description,
+                "parameters": {
+                    name: _describe_parameter(schema)
+                    for name, schema in family.parameters.model_json_schema()["properties"].items()
+                },
+            }
+            for family in FAMILIES.values()
         ],
-        "families": [_describe_family(family) for family in FAMILIES.values()],
-        "suites": [{"name": name, "description": _first_comment(find_suite(name))} for name in suite_names()],
+        "suites": _describe_files(suites),
     }
 
 
-def _describe_family(family: Family) -> dict[str, Any]:
-    """Name, version, description and parameters of a family."""
-    parameters = family.parameters.model_json_schema()["properties"]
-    return {
-        "name": family.name,
-        "version": family.version,
-        "description": family.description,
-        "parameters": {name: _describe_parameter(schema) for name, schema in parameters.items()},
-    }
+def _describe_files(paths: Mapping[str, Path]) -> list[dict[str, Any]]:
+    """Names and first lines of files, where these are comments, without their sign."""
+    first_lines = {name: path.read_text(encoding="utf-8").partition("\n")[0] for name, path in paths.items()}
+    return [
+        {"name": name, "description": line.removeprefix("#").strip() if line.startswith("#") else ""}
+        for name, line in first_lines.items()
+    ]
 
 
 def _describe_parameter(schema: dict[str, Any]) -> dict[str, Any]:
@@ -165,10 +130,4 @@ def _describe_parameter(schema: dict[str, Any]) -> dict[str, Any]:
         described["allowed"] = " or ".join(schema["enum"])
     elif "minimum" in schema:
         described["allowed"] = f"{schema['minimum']} to {schema['maximum']}"
-    return described | {key: schema[key] for key in ("default",) if key in schema}
-
-
-def _first_comment(path: Path) -> str:
-    """First line of a file if it is a comment, without its sign."""
-    first = path.read_text(encoding="utf-8").partition("\n")[0]
-    return first.removeprefix("#").strip() if first.startswith("#") else ""
+    return described | ({"default": schema["default"]} if "default" in schema else {})

@@ -23,7 +23,7 @@ from isacbench.errors import InputError
 from isacbench.files.checked_files import CLOUD_BYTES, read_text
 from isacbench.files.escaping import quoted, shortened
 from isacbench.model.cloud_files.columns import names_points
-from isacbench.number_text import is_number
+from isacbench.specifications import is_number
 
 BLANKS = r"\s+"
 """Separator of fields: any white space."""

@@ -16,7 +16,7 @@ from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError, import_extra
 from isacbench.files.checked_files import require_file, require_inside
 from isacbench.files.escaping import quoted
-from isacbench.number_text import is_number
+from isacbench.specifications import is_number
 
 MESH_BYTES = 2**28
 """Largest file of a mesh."""

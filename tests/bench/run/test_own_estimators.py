@@ -18,9 +18,9 @@ from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.code_digests import Instances
 from isacbench.plugins.contracts import Detector
 from isacbench.plugins.discovery import local_plugins
+from isacbench.plugins.pickling import Instances
 from isacbench.plugins.registry import spelled_estimators
 from tests.conftest import PLUGINS
 

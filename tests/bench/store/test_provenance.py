@@ -17,8 +17,9 @@ from isacbench.bench.store.provenance import (
 from isacbench.plugins.registry import get_detector, get_estimator
 
 
-def test_an_environment_names_all_that_rows_follow_from():
-    environment = environment_of(get_estimator("music2d"))
+@pytest.mark.parametrize("plugin", [get_estimator("music2d"), get_detector("ca")], ids=["image", "map"])
+def test_an_environment_names_all_that_rows_follow_from(plugin):
+    environment = environment_of(plugin)
     versions, machine = environment["versions"], environment["machine"]
     assert list(versions) == ["isacbench", "plugins", "python", "numpy", "scipy"]
     assert versions["isacbench"]["version"] == isacbench.__version__
@@ -27,10 +28,7 @@ def test_an_environment_names_all_that_rows_follow_from():
     assert "isacbench" in versions["plugins"]
     assert list(machine) == ["platform", "processor", "cores"]
     assert machine["cores"] >= 1
-
-
-def test_a_detector_has_an_environment_as_well():
-    assert "isacbench" in environment_of(get_detector("ca"))["versions"]["plugins"]
+    assert package_version("isacbench-nowhere") is None
 
 
 def test_equal_environments_have_equal_names_and_others_others():
@@ -53,10 +51,6 @@ def test_versions_that_differ_are_named_from_top_to_bottom():
     assert differing_versions(old, old) == []
 
 
-def test_a_package_that_is_not_there_has_no_version():
-    assert package_version("isacbench-nowhere") is None
-
-
 def git(folder, *words):
     identity = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"]
     return subprocess.run(
@@ -73,15 +67,12 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def test_a_checkout_has_a_commit_and_may_be_dirty(checkout):
+def test_a_checkout_has_a_commit_and_may_be_dirty(checkout, tmp_path_factory):
+    assert git_state(tmp_path_factory.mktemp("plain")) is None
     commit = git(checkout, "rev-parse", "HEAD")
     assert git_state(checkout) == {"commit": commit, "dirty": False}
     (checkout / "file").write_text("two")
     assert git_state(checkout) == {"commit": commit, "dirty": True}
-
-
-def test_what_is_no_checkout_has_no_state(tmp_path):
-    assert git_state(tmp_path) is None
 
 
 def test_without_git_there_is_no_state(checkout, monkeypatch):
