@@ -182,7 +182,7 @@ def test_a_third_party_adds_its_estimator_to_a_population_and_nobody_else_needs_
     both = [read_manifest(tmp_path / name) for name in ("merged", "whole")]
     assert [both[0][key] for key in keys] == [both[1][key] for key in keys]
     change_manifest(tmp_path / "theirs", lambda manifest: manifest["suite"].update(version=2))
-    with pytest.raises(InputError, match=r"version of the population differs \(1, 2\)"):
+    with pytest.raises(InputError, match=r"version differs \(1, 2\)"):
         merge([tmp_path / "ours", tmp_path / "theirs"], tmp_path / "refused")
 
 
