@@ -34,21 +34,9 @@ def direction(
 ) -> Literal["lower", "higher"]:
     """Better direction of a column: lower, where nothing else is known.
 
-    Parameters
-    ----------
-    described : mapping of str to ScoreColumn
-        Columns of the run's metrics, as `isacbench.bench.store.manifest.stored_columns` has them.
-    columns : collection of str
-        Numeric columns that the runs have.
-
-    Returns
-    -------
-    {"lower", "higher"}
-
-    Raises
-    ------
-    InputError
-        If there is no such column, or neither direction is better.
+    `described` are the columns of the runs' metrics, as `isacbench.bench.store.manifest.stored_columns` has
+    them, and `columns` the numeric columns of their rows. InputError if there is no such column, or neither
+    direction is better.
 
     Examples
     --------

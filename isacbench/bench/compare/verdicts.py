@@ -31,17 +31,7 @@ FORM = re.compile(
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Limit to how much worse the mean of a score may get.
-
-    Attributes
-    ----------
-    metric : str
-        Column of the records.
-    limit : float
-        At least 0: a fraction of the base's mean, or in units of the score.
-    is_relative : bool
-        Whether it is a fraction.
-    """
+    """Limit to how much worse the mean of a score may get: a fraction of the base's mean, or in its units."""
 
     metric: str
     limit: float
@@ -145,8 +135,10 @@ def curve_scores(points: PairedScores) -> PairedScores:
 
 
 def _without_rounding(base: pd.DataFrame, new: pd.DataFrame) -> PairedScores:
-    rounded = significance.without_rounding(base.to_numpy(), new.to_numpy())
-    return PairedScores(base, pd.DataFrame(rounded, new.index, new.columns))
+    # Of one layout in memory: sums of equal scores are equal to the last digit.
+    first, second = (np.ascontiguousarray(one) for one in (base, new))
+    sides = first, significance.without_rounding(first, second)
+    return PairedScores(*(pd.DataFrame(values, base.index, base.columns) for values in sides))
 
 
 def measure(scores: PairedScores, tolerance: Tolerance, better: str, of_scenes: bool) -> pd.DataFrame:
@@ -206,15 +198,8 @@ def add_verdicts(
 def share_level(curves: Floats, points: Floats, alpha: float) -> tuple[float, float]:
     """Share the level between curves and points, half each unless one of them cannot use its half.
 
-    Parameters
-    ----------
-    curves, points : ndarray of float64
-        Smallest attainable p-values of the hypotheses of each family.
-
-    Returns
-    -------
-    of_curves, of_points : float
-        Fractions of the level, 1 together.
+    `curves` and `points` are the smallest attainable p-values of the hypotheses of each family. Returned are
+    their fractions of the level, 1 together.
 
     Examples
     --------
