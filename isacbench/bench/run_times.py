@@ -213,13 +213,13 @@ def stage_charts(
         return []
     x, panels = Axis("share of the processor time [%]", limits=(0, 100)), []
     for snr_db, group in front.sort_values("time_s").groupby("snr_db"):
-        costs = map(_cost, group.to_dict("records"))
+        costs, places = map(_cost, group.to_dict("records")), np.arange(len(group))
         names = [
             f"{line.label}: {cost}" for line, cost in zip(_of_variants(group, lines), costs, strict=True)
         ]
         bars = [
-            Series(stage, own.loc[group.index], np.arange(len(group)), mark="bar", style=STAGE_STYLES[stage])
-            for stage, own in shares.items()
+            Series(stage, shares.loc[group.index, stage], places, mark="bar", style=STAGE_STYLES[stage])
+            for stage in map(str, shares)
         ]
         panels.append(Chart(f"{snr_db:g} dB", x, Axis("", categories=names), bars))
     title = f"{points['scenario'].iloc[0]}: share of the stages in the processor time"

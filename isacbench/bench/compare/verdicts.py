@@ -185,8 +185,8 @@ def add_verdicts(
     # The point of a curve of one SNR is the same hypothesis, and tested once.
     is_curve = (points["n_snr"] == 1).to_numpy()
     families = (curves, curves["attainable"] < 1), (points, (points["attainable"] < 1) & ~is_curve)
-    attainable = [table.loc[tested, "attainable"].to_numpy() for table, tested in families]
-    shares = share_level(*attainable, alpha=alpha)
+    of_curves, of_points = (table.loc[tested, "attainable"].to_numpy() for table, tested in families)
+    shares = share_level(of_curves, of_points, alpha)
     corrected_curves, corrected_points = (
         _correct(*family, share, alpha) for family, share in zip(families, shares, strict=True)
     )
