@@ -87,22 +87,6 @@ def test_json_is_all_that_is_printed_and_draws_only_where_asked(cli, folders, tm
     }
 
 
-def test_a_mistake_ends_in_one_line_and_exit_code_2(cli, folders, tmp_path):
-    for words, fragment in (
-        ("base nowhere", "nowhere: not the folder of a run"),
-        ("base same --tolerance deviation", "tolerance 'deviation': allowed is"),
-        ("base same --tolerance deviatoin=5%", "did you mean 'deviation'"),
-        ("base same --tolerance n_estimated=5%", "no better direction"),
-        ("base same --alpha 2", "alpha = 2.0: allowed is"),
-        ("base same --plot my.doc", "my.doc: a picture takes the extension"),
-    ):
-        result = cli(*words.split())
-        assert (result.exit_code, result.stdout) == (2, ""), words
-        assert fragment in result.stderr
-        assert result.stderr.count("\n") == 1, words
-        assert not list(tmp_path.rglob("*.png")), words
-
-
 @pytest.fixture
 def retuned(made_run, written_run):
     """Write two runs whose nomp4d has other parameters, and is worse in the second one."""
@@ -141,9 +125,15 @@ def test_two_estimators_of_one_run_are_worse_or_better_and_drawn_beside_it(cli, 
     assert json.loads(back.stdout)["between"] == ["nomp4d[pfa=0.001]", "chance"]
 
 
-def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned, tmp_path):
+def test_a_mistake_ends_in_one_line_and_exit_code_2(cli, folders, retuned, tmp_path):
     (tmp_path / "plain").touch()
     for words, fragment in (
+        ("base nowhere", "nowhere: not the folder of a run"),
+        ("base same --tolerance deviation", "tolerance 'deviation': allowed is"),
+        ("base same --tolerance deviatoin=5%", "did you mean 'deviation'"),
+        ("base same --tolerance n_estimated=5%", "no better direction"),
+        ("base same --alpha 2", "alpha = 2.0: allowed is"),
+        ("base same --plot my.doc", "my.doc: a picture takes the extension"),
         ("old", "only one run was given; give two runs"),
         ("old --between chance", "--between and --and must be given together"),
         ("old new --between chance --and nomp4d", "between needs exactly one run"),
@@ -157,6 +147,7 @@ def test_a_mistake_in_what_is_paired_or_written_ends_in_exit_code_2(cli, retuned
         assert result.exit_code == 2, words
         assert fragment in result.stderr
         assert result.stderr.count("\n") == 1, words
+        assert not list(tmp_path.rglob("*.png")), words
 
 
 def test_files_for_continuous_integration_are_written_whatever_the_exit_code(cli, folders, tmp_path):
