@@ -100,7 +100,7 @@ class ComparisonReport:
         self.gained = [(cells.repaired, f"failed in {base} alone"), (cells.added, f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
-        """Name one of `isacbench.bench.compare.comparison.VERDICTS`."""
+        """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
         return self._verdicts.get(verdict, verdict)
 
     def estimators(self, row: Row) -> list[str]:

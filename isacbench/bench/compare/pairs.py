@@ -299,7 +299,8 @@ def version_differences(base: Run, new: Run, partners: Mapping[Variant, Variant]
                 {**one, "plugins": {}, "isacbench": {"version": one.get("isacbench", {}).get("version")}}
                 for one in (old, now)
             )
-        found.update(differing_versions(now, old))
+        if old != now:
+            found.update(differing_versions(now, old))
     return [f"made by other versions: {'; '.join(sorted(found))}"] if found else []
 
 
