@@ -306,12 +306,12 @@ def compare_tables(
     for tolerance in asked:
         metric, chosen = tolerance.metric, paired
         if metric.startswith("time_"):
-            chosen, more = pairs.timed_alike(paired, metric, base, new)
-            notes += more
+            chosen, untimed = pairs.timed_alike(paired, metric, base, new)
+            notes += untimed
         rows = pairs.scored_pairs(chosen, metric)
         n_lost += int((np.isfinite(rows["base"]) & ~np.isfinite(rows["new"])).sum())
-        scores, more = verdicts.point_scores(rows, metric, sides, groups)
-        notes += more if len(chosen) or not len(paired) else []
+        scores, unpaired = verdicts.point_scores(rows, metric, sides, groups)
+        notes += unpaired if len(chosen) or not len(paired) else []
         for found, own in ((points, scores), (curves, verdicts.curve_scores(scores))):
             found.append(verdicts.measure(own, tolerance, better[metric], bool(groups)))
         if groups:

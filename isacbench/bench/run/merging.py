@@ -186,14 +186,12 @@ def _each_cell_once(run: Run, positions: NDArray[np.int64]) -> tuple[Run, NDArra
     order = np.lexsort([~run.rows["timing"].to_numpy(dtype=np.bool_), positions])
     run, positions = run.take(order), positions[order]
     is_again = np.diff(positions, prepend=-1) == 0
-    again = run.rows[is_again]
-    before = run.rows.iloc[np.flatnonzero(is_again) - 1].set_axis(again.index)
-    differs = (before != again) & ~(before.isna() & again.isna())
-    is_other = differs.drop(
-        columns=[*TIMES, *TIMING_COLUMNS, "timing", "environment", "label"], errors="ignore"
-    )
-    for place, is_row_other in is_other.any(axis=1).items():
-        if is_row_other or not np.array_equal(run.points[place - 1], run.points[place]):
+    rows = run.rows.drop(columns=["timing", "environment", "label", *TIMES, *TIMING_COLUMNS], errors="ignore")
+    again = rows[is_again]
+    before = rows.iloc[np.flatnonzero(is_again) - 1].set_axis(again.index)
+    differs = ((before != again) & ~(before.isna() & again.isna())).any(axis=1)
+    for place, is_other in zip(np.flatnonzero(is_again).tolist(), differs, strict=True):
+        if is_other or not np.array_equal(run.points[place - 1], run.points[place]):
             cell = run.rows.loc[place]
             raise InputError(
                 f"two parts disagree about {cell['estimator']} on {cell['scenario']} at "
