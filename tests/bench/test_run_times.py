@@ -71,15 +71,6 @@ def test_exactly_what_nothing_beats_is_on_the_frontier(points):
     assert found.tolist() == [not any(beats(other, point) for other in points) for point in points]
 
 
-@given(alternatives.filter(len), st.randoms(use_true_random=False))
-def test_the_frontier_does_not_hang_on_the_order_nor_on_the_units(points, random):
-    order = list(range(len(points)))
-    random.shuffle(order)
-    times, errors = np.transpose(points).astype(float)
-    shuffled = pareto_frontier(np.exp(times[order]), 3 * errors[order] - 7)
-    assert shuffled.tolist() == pareto_frontier(times, errors)[order].tolist()
-
-
 def on_frontier(points):
     return points.loc[points["is_on_frontier"], "estimator"].tolist()
 

@@ -109,14 +109,6 @@ def test_wins_are_the_shares_of_scenes_in_plain_loops_and_ties_count_half(scenes
         assert row["change_low"] == pytest.approx(expected["change_low"].iloc[0])
 
 
-def test_both_directions_of_a_pair_are_each_others_mirror(ranked):
-    wins = ranked.wins
-    one, other = of(wins, "fft4d", other="music2d"), of(wins, "music2d", other="fft4d")
-    assert one["probability"] + other["probability"] == 1
-    assert one["low"] + other["high"] == pytest.approx(1)
-    assert one["change"] == pytest.approx(-other["change"])
-
-
 def test_a_failed_cell_counts_as_the_worst_score_of_the_run_and_never_flatters(scenes_run, run, ranked):
     hard = "town[seed=3]"
     found = rank_table(

@@ -17,7 +17,6 @@ from isacbench.bench.store.run import CellKey, Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
 from isacbench.model.echo import observe_echo
-from isacbench.plugins.scoring import score
 
 
 @pytest.fixture
@@ -201,17 +200,6 @@ def test_a_cloud_that_was_not_kept_is_told(copied):
     stored = load_run(copied)
     with pytest.raises(InputError, match=r"seer on tiny at 0 dB, trial 0 has no cloud: it is missing"):
         stored.cloud(stored.rows.iloc[0])
-
-
-def test_scores_follow_from_the_scenario_and_the_cloud_of_a_row(written):
-    stored = load_run(written[1])
-    for row in stored.rows[stored.rows["status"].isin(SCORED)].itertuples():
-        scenario = stored.scenario(row)
-        velocity_bin_mps = scenario.system.velocity_bin_mps
-        scores = score(
-            stored.truth(row), stored.cloud(row), region=scenario.region, velocity_bin_mps=velocity_bin_mps
-        )
-        assert scores["deviation"] == row.deviation
 
 
 def test_a_scenario_is_found_by_its_name_as_well(written):
