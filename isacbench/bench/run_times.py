@@ -52,12 +52,9 @@ def is_timed(rows: pd.DataFrame) -> bool:
 def summarise_stages(rows: pd.DataFrame) -> pd.DataFrame:
     """Median times and memory of every scenario, estimator and SNR: ``stages.csv``.
 
-    Returns
-    -------
-    DataFrame
-        ``n_timed``, the cells that were timed and did not fail, and their medians
-        ``time_estimate_s_median``, ``time_<stage>_s_median``, ``time_spread_s_median`` and
-        ``peak_memory_mib_median``. What has no such cell is left out.
+    ``n_timed`` are the cells that were timed and did not fail; what has none is left out. The medians are
+    ``time_estimate_s_median``, ``time_<stage>_s_median``, ``time_spread_s_median`` and
+    ``peak_memory_mib_median``.
     """
     return _medians(rows, POINT)
 
@@ -86,7 +83,7 @@ def _stage_table(name: str, table: pd.DataFrame) -> Table:
         Column("cells", "n_timed"),
         Column("time", "time_estimate_s_median", **milliseconds),
         Column("spread", "time_spread_s_median", **milliseconds),
-        *(Column(stage, f"time_{stage}_s_median", _stage_text) for stage in STAGES),
+        *(Column(stage, f"time_{stage}_s_median", _milliseconds_or_blank) for stage in STAGES),
         Column("memory", "peak_memory_mib_median", "{:.1f}"),
     ]
     title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"
@@ -98,8 +95,7 @@ def _of_variants(table: pd.DataFrame, values: Mapping[Variant, Any]) -> list[Any
     return [values[variant] for variant in zip(table["estimator"], table["params"], strict=True)]
 
 
-def _stage_text(time_s: float) -> str:
-    """Milliseconds, nothing for a stage that does not occur."""
+def _milliseconds_or_blank(time_s: float) -> str:
     return f"{1e3 * time_s:.2f}" if time_s else ""
 
 
@@ -151,24 +147,26 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
         note = f"mean Hausdorff sum over median processor time of {trials}"
     snrs_db = shown_snrs(part["snr_db"].tolist())
     shown = part[part["snr_db"].isin(snrs_db)]
-    errors = shown["hausdorff_sum_m_mean"].dropna()
     # References are level lines, whose times would only stretch the axis.
-    times_ms = 1e3 * shown.loc[~shown["is_limit"], "time_s"].dropna()
-    is_log = bool(len(errors)) and errors.max() > LEAST_LOG_RATIO * errors.min() > 0
-    y_limits = None
-    if len(errors):
-        y_limits = (0.8 * errors.min(), 1.25 * errors.max()) if is_log else (0.0, 1.25 * errors.max() or 1.0)
-    if times_ms.empty:
-        times_ms = 1e3 * shown["time_s"].dropna()
-    x_limits = (0.8 * times_ms.min(), 1.25 * times_ms.max()) if len(times_ms) else None
+    own_times_s = shown.loc[~shown["is_limit"], "time_s"].dropna()
+    x_limits = _limits(1e3 * (shown["time_s"].dropna() if own_times_s.empty else own_times_s))
+    errors = shown["hausdorff_sum_m_mean"].dropna()
+    is_log = bool(errors.max() > LEAST_LOG_RATIO * errors.min() > 0)
+    y_limits = _limits(errors)
+    if y_limits and not is_log:
+        y_limits = 0.0, y_limits[1] or 1.0
     x = Axis("median processor time of an image [ms]", log=True, limits=x_limits)
     y = Axis("Hausdorff sum [m]", log=is_log, limits=y_limits)
-    panels = []
-    for snr_db in snrs_db:
-        series = _pareto_series(shown[shown["snr_db"] == snr_db], lines, x_limits)
-        panels.append(Chart(f"{snr_db:g} dB", x, y, series))
+    panels = [
+        Chart(f"{snr_db:g} dB", x, y, _pareto_series(shown[shown["snr_db"] == snr_db], lines, x_limits))
+        for snr_db in snrs_db
+    ]
     n_columns = 3 if len(snrs_db) == 3 else 2
     return ChartGroup(stem, f"{scenario}: {note}", panels, n_columns, panel_in=(4.6, 3.6))
+
+
+def _limits(values: pd.Series[float]) -> tuple[float, float] | None:
+    return (0.8 * values.min(), 1.25 * values.max()) if len(values) else None
 
 
 def _pareto_series(
@@ -196,9 +194,9 @@ def _pareto_series(
         found.append(Series(label, x, y, low, high, x_low, x_high, mark="points", style=style))
     frontier = points[points["is_on_frontier"]].sort_values("time_s")
     if len(frontier) and x_limits is not None:
+        errors = frontier["hausdorff_sum_m_mean"].tolist()
         times_ms = [*(1e3 * frontier["time_s"]), x_limits[1]]
-        errors = [*frontier["hausdorff_sum_m_mean"], frontier["hausdorff_sum_m_mean"].iloc[-1]]
-        found.append(Series(FRONTIER, times_ms, errors, mark="step", style=FRONTIER_STYLE))
+        found.append(Series(FRONTIER, times_ms, [*errors, errors[-1]], mark="step", style=FRONTIER_STYLE))
     return found
 
 
@@ -213,16 +211,16 @@ def stage_charts(
     shares = _stage_shares(rows, front)
     if shares is None:
         return []
-    panels = []
+    x, panels = Axis("share of the processor time [%]", limits=(0, 100)), []
     for snr_db, group in front.sort_values("time_s").groupby("snr_db"):
-        named = zip(_of_variants(group, lines), group.to_dict("records"), strict=True)
-        names = [f"{line.label}: {_cost(row)}" for line, row in named]
-        places = np.arange(len(group))
+        costs, places = map(_cost, group.to_dict("records")), np.arange(len(group))
+        names = [
+            f"{line.label}: {cost}" for line, cost in zip(_of_variants(group, lines), costs, strict=True)
+        ]
         bars = [
             Series(stage, shares.loc[group.index, stage], places, mark="bar", style=STAGE_STYLES[stage])
             for stage in map(str, shares)
         ]
-        x = Axis("share of the processor time [%]", limits=(0, 100))
         panels.append(Chart(f"{snr_db:g} dB", x, Axis("", categories=names), bars))
     title = f"{points['scenario'].iloc[0]}: share of the stages in the processor time"
     n_bars = max(len(chart.y.categories) for chart in panels)
@@ -250,20 +248,10 @@ def _stage_shares(rows: pd.DataFrame, frontier: pd.DataFrame) -> pd.DataFrame | 
 
 
 def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
-    """Tell which alternatives no other one beats in time and in error.
+    """Tell which alternatives no other one beats in time and in error; lower is better in both.
 
-    One beats another if it is worse in neither and better in one of them.
-    Alternatives that are equal in both do not beat each other.
-
-    Parameters
-    ----------
-    time_s, error : array_like, shape (n,)
-        Finite; lower is better in both.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True on the frontier.
+    One beats another if it is worse in neither and better in one of them. Alternatives that are equal in both
+    do not beat each other.
 
     Examples
     --------
@@ -282,8 +270,8 @@ def timed_rows(records: pd.DataFrame) -> pd.DataFrame:
 
     Of more than 12 scenarios means over the trials of each, as trials of one scenario.
     """
-    is_timed = records["timing"].astype(bool)
-    rows = records[is_timed | (failed(records) & bool(is_timed.any()))]
+    has_time = records["timing"].astype(bool)
+    rows = records[has_time | (failed(records) & bool(has_time.any()))]
     n_scenarios = rows["scenario"].nunique()
     if n_scenarios <= MANY_SCENARIOS:
         return rows
@@ -301,25 +289,19 @@ def timed_rows(records: pd.DataFrame) -> pd.DataFrame:
 def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
     """Average Hausdorff sum and time of every point of the rows that `timed_rows` picks, and find frontiers.
 
-    Returns
-    -------
-    DataFrame
-        One row for each scenario, SNR, estimator and params, SNRs ascending:
+    Returned is a row for each scenario, SNR, estimator and params, SNRs ascending:
 
-        - ``number`` of the estimator with its params in figures, ``label``;
-          the counts ``n_trials``, ``n_failed``, ``n_no_detection``;
-        - ``hausdorff_sum_m_mean``, ``hausdorff_sum_m_low``, ``hausdorff_sum_m_high``
-          (Student's t), over the trials that did not fail;
-        - ``time_s``, the median over the same
-          (`isacbench.bench.statistics.median_times`), ``time_low_s``,
-          ``time_high_s`` (order statistics), ``time_slowest_s``, and
-          ``peak_memory_mib``, the median, where the records have it;
-        - ``is_limit``; ``is_complete``, whether every trial of the scenario
-          and SNR has a score; ``is_on_frontier``, of mean Hausdorff sum and
-          median time among those that are complete and no limit.
+    - ``number`` of the estimator with its params in figures, ``label``; the counts ``n_trials``,
+      ``n_failed``, ``n_no_detection``;
+    - ``hausdorff_sum_m_mean``, ``hausdorff_sum_m_low``, ``hausdorff_sum_m_high`` (Student's t), over the
+      trials that did not fail;
+    - ``time_s``, the median over the same (`isacbench.bench.statistics.median_times`), ``time_low_s``,
+      ``time_high_s`` (order statistics), ``time_slowest_s``, and ``peak_memory_mib``, the median, where the
+      rows have it;
+    - ``is_limit``; ``is_complete``, whether every trial of the scenario and SNR has a score;
+      ``is_on_frontier``, of mean Hausdorff sum and median time among those that are complete and no limit.
 
-        Limits of intervals are NaN where the trials are too few: five are
-        needed of Hausdorff sums, six of times.
+    Limits of intervals are NaN where the trials are too few: five are needed of Hausdorff sums, six of times.
     """
     rows = timed_rows(records)
     labels = estimator_labels(charts.variants_in(records))

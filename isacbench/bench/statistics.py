@@ -23,19 +23,9 @@ MIN_TRIALS = 5
 
 
 def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
-    """Half width of the 95 % confidence interval of means (Student's t).
+    """Half width of the 95 % confidence interval of means (Student's t), NaN for fewer than five values.
 
-    Parameters
-    ----------
-    deviation : array_like
-        Standard deviations of the values behind each mean.
-    n : array_like
-        Number of those values.
-
-    Returns
-    -------
-    ndarray of float64
-        NaN for fewer than five values.
+    `deviation` are the standard deviations of the `n` values behind each mean.
 
     Examples
     --------
@@ -49,12 +39,7 @@ def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
 
 
 def mean_band(values: Floats) -> tuple[float, float]:
-    """Mean and half the width of its 95 % confidence interval (Student's t).
-
-    Returns
-    -------
-    mean, half_width : float
-        NaN without values; no width for fewer than five.
+    """Mean and half the width of its 95 % confidence interval (Student's t), NaN for fewer than five values.
 
     Examples
     --------
@@ -83,20 +68,11 @@ def means_and_bands(groups: Any, names: Sequence[str]) -> pd.DataFrame:
 
 
 def median_interval(values: Floats) -> tuple[float, float, float]:
-    """Median and its 95 % confidence interval, for any distribution.
+    """Median and the limits of its 95 % confidence interval, for any distribution.
 
-    The ends of the interval are two of the values, as far inside as the
-    binomial distribution of the number of values below the median allows. So it
-    is valid with the long tail that run times have.
-
-    Returns
-    -------
-    median, low, high : float
-        NaN without values; no interval for fewer than six, whose whole range
-        misses the median in more than 5 % of all cases.
-
-    References
-    ----------
+    The ends of the interval are two of the values, as far inside as the binomial distribution of the number
+    of values below the median allows. So it is valid with the long tail that run times have. There is none
+    (NaN) for fewer than six values, whose whole range misses the median in more than 5 % of all cases.
     David and Nagaraja, "Order Statistics", 3rd edition (2003), section 7.1.
 
     Examples
@@ -117,16 +93,11 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
 
 
 def rms_interval(values: Floats) -> tuple[float, float, float]:
-    """Root mean square and its 95 % confidence interval, also where tails are heavy.
+    """Root mean square and the limits of its 95 % confidence interval, also where tails are heavy.
 
-    The mean square is taken as a scaled chi-square. Its degrees of freedom
-    follow from the spread of the squares (Satterthwaite); they are at most the
-    number of values, which is exact for normal values.
-
-    Returns
-    -------
-    rms, low, high : float
-        NaN without values; no interval for fewer than five.
+    The mean square is taken as a scaled chi-square. Its degrees of freedom follow from the spread of the
+    squares (Satterthwaite); they are at most the number of values, which is exact for normal values. There is
+    no interval (NaN) for fewer than five values.
 
     Examples
     --------
@@ -148,14 +119,10 @@ def rms_interval(values: Floats) -> tuple[float, float, float]:
 
 
 def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
-    """Wilson's 95 % confidence interval of a probability.
+    """Wilson's 95 % confidence interval of a probability, NaN without trials.
 
-    NaN without trials.
-
-    References
-    ----------
-    Wilson, "Probable inference, the law of succession, and statistical
-    inference", J. Am. Stat. Assoc. 22 (1927).
+    Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc. 22
+    (1927).
 
     Examples
     --------
@@ -175,25 +142,10 @@ def wilson_interval(n_successes: int, n: int) -> tuple[float, float]:
 def exact_interval(n_successes: float, n: int) -> tuple[float, float]:
     """Clopper and Pearson's 95 % confidence interval of a probability; half a success counts half.
 
-    It holds the probability in at least 95 % of all cases, also near 0 and 1,
-    where Wilson's interval may hold it in 84 %. With half successes, such as
-    ties, the counts spread less than the binomial ones, and the interval is
-    the wider.
-
-    Parameters
-    ----------
-    n_successes : float
-        A multiple of one half.
-
-    Returns
-    -------
-    low, high : float
-        NaN without trials.
-
-    References
-    ----------
-    Clopper and Pearson, "The use of confidence or fiducial limits illustrated
-    in the case of the binomial", Biometrika 26 (1934).
+    It holds the probability in at least 95 % of all cases, also near 0 and 1, where Wilson's interval may
+    hold it in 84 %. With half successes, such as ties, the counts spread less than the binomial ones, and the
+    interval is the wider. NaN without trials. Clopper and Pearson, "The use of confidence or fiducial limits
+    illustrated in the case of the binomial", Biometrika 26 (1934).
 
     Examples
     --------
@@ -239,11 +191,7 @@ def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] =
     """Take the median over the cells of each group that did not fail, whatever their SNR and trial.
 
     Where any cell of a group was timed (`isacbench run --timing`), the timed cells of the group count alone.
-
-    Returns
-    -------
-    DataFrame
-        Indexed by group, with the columns ``<column>_median``; without groups that have no such cell.
+    Indexed by group, without groups that have no such cell; the columns are ``<column>_median``.
 
     Examples
     --------

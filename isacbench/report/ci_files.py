@@ -3,7 +3,8 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
-from isacbench.bench.compare.comparison import Comparison, Tolerance
+from isacbench.bench.compare.comparison import Comparison
+from isacbench.bench.compare.verdicts import Tolerance
 from isacbench.charts import text_table
 from isacbench.files.escaping import counted, in_markdown, shortened, visible
 from isacbench.report.comparison import ComparisonReport, Row

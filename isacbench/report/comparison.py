@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from isacbench import charts
-from isacbench.bench.compare.comparison import VERDICTS, Comparison, Tolerance, verdict_counts
+from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.compare.pairs import CURVE
+from isacbench.bench.compare.verdicts import VERDICTS, Tolerance, verdict_counts
 from isacbench.bench.kinds.imaging import SCORE_AXES
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.statistics import mean_of_trials
@@ -99,7 +100,7 @@ class ComparisonReport:
         self.gained = [(cells.repaired, f"failed in {base} alone"), (cells.added, f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
-        """Name one of `isacbench.bench.compare.comparison.VERDICTS`."""
+        """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
         return self._verdicts.get(verdict, verdict)
 
     def estimators(self, row: Row) -> list[str]:

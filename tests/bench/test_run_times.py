@@ -12,7 +12,6 @@ from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS
 from isacbench.bench.kinds.imaging import ImagingKind
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.scores import summarise_scores
-from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import (
     FRONTIER,
     is_timed,
@@ -72,15 +71,6 @@ def test_exactly_what_nothing_beats_is_on_the_frontier(points):
     assert found.tolist() == [not any(beats(other, point) for other in points) for point in points]
 
 
-@given(alternatives.filter(len), st.randoms(use_true_random=False))
-def test_the_frontier_does_not_hang_on_the_order_nor_on_the_units(points, random):
-    order = list(range(len(points)))
-    random.shuffle(order)
-    times, errors = np.transpose(points).astype(float)
-    shuffled = pareto_frontier(np.exp(times[order]), 3 * errors[order] - 7)
-    assert shuffled.tolist() == pareto_frontier(times, errors)[order].tolist()
-
-
 def on_frontier(points):
     return points.loc[points["is_on_frontier"], "estimator"].tolist()
 
@@ -95,6 +85,11 @@ def test_a_point_has_the_mean_error_the_median_time_and_both_intervals():
     assert point["hausdorff_sum_m_low"] == pytest.approx(7 - point["hausdorff_sum_m_high"])
     assert point["time_s"] == pytest.approx(0.055)
     assert (point["time_low_s"], point["time_high_s"], point["time_slowest_s"]) == (0.02, 0.8, 0.8)
+    assert np.isnan(point["peak_memory_mib"])
+    assert (
+        summarise_points(timed(a=(0.01, 1.0)).assign(peak_memory_mib=np.arange(8.0)))["peak_memory_mib"][0]
+        == 3.5
+    )
 
 
 def test_each_scenario_and_snr_has_a_frontier_of_its_own_without_the_limits():
@@ -167,18 +162,6 @@ def test_rows_whose_time_does_not_count_make_no_points():
     assert timed_rows(rows.assign(timing=False, status="error")).empty
 
 
-def test_memory_is_told_where_it_was_measured():
-    rows = timed(a=(0.01, 1.0))
-    assert summarise_points(rows)["peak_memory_mib"].isna().all()
-    rows["peak_memory_mib"] = np.arange(8.0)
-    assert summarise_points(rows)["peak_memory_mib"].tolist() == [3.5]
-
-
-def test_limits_are_found_by_name_and_what_is_not_installed_is_none(plugins):
-    rows = timed(seer=(0.1, 1.0), blob=(0.1, 1.0), gone=(0.1, 1.0))
-    assert find_limits(rows) == {"seer"}
-
-
 def test_many_scenarios_are_trials_of_one_and_each_counts_once():
     parts = [
         timed(2, scenario=f"scene {k}", a=([0.01 * k, 0.03 * k], [k, k + 2.0]), b=(1.0, 50.0))
@@ -231,10 +214,7 @@ def test_references_are_level_lines_of_their_own_and_do_not_stretch_the_time():
     assert one.low[0] < 1 < one.high[0]
     assert one.x == chart.x.limits
     assert chart.x.limits[0] > 1
-
-
-def test_references_alone_are_level_lines_too():
-    chart, series = chart_of(timed(oracle=(0.01, 1.0)))
+    chart, series = chart_of(timed(oracle=(0.01, 1.0)))  # references alone
     (line,) = series.values()
     assert (line.x, line.y) == (chart.x.limits, [pytest.approx(1.0)] * 2)
 
@@ -294,12 +274,8 @@ def test_stages_are_shares_of_the_time_of_the_fastest_and_what_is_in_none_is_the
         }
         assert all((one.mark, [*one.y]) == ("bar", [0, 1]) for one in chart.series)
     assert [one.stem for one in time_charts(rows, lines_of(rows))] == ["pareto-street", "stages-street"]
-
-
-def test_without_stages_or_without_a_frontier_there_are_no_charts_of_stages():
-    rows = timed(a=(0.01, 5.0))
-    assert stages_of(rows) == []
-    assert stages_of(with_stages(rows).assign(status="error", hausdorff_sum_m=np.nan)) == []
+    assert stages_of(timed(**estimators)) == []  # no stage was timed
+    assert stages_of(rows.assign(status="error", hausdorff_sum_m=np.nan)) == []
 
 
 @pytest.fixture
@@ -352,15 +328,12 @@ def test_failures_and_rows_whose_times_do_not_count_are_left_out_of_stages(stage
     assert not is_timed(stage_rows.assign(timing=False))
 
 
-def test_scenes_of_one_template_share_a_table_of_stages(stage_rows):
-    (table,) = stage_tables(stage_rows.assign(template="room"))
-    assert table.title.startswith("room: ")
-    assert [row[1] for row in table.texts] == ["12", "12"]
-
-
-def test_of_many_scenarios_stages_of_all_together_are_printed_and_each_is_a_detail(stage_rows):
+def test_stages_of_many_scenarios_are_printed_together_and_each_is_a_detail(stage_rows):
     parts = [stage_rows.assign(scenario=f"town[seed={seed}]") for seed in range(13)]
     first, *others = stage_tables(pd.concat(parts, ignore_index=True))
     assert first.title.startswith("13 scenarios: median processor time")
     assert first.texts[0][:3] == ["blob", str(13 * 12), "12.00"]
     assert [table.is_detail for table in (first, *others)] == [False, *[True] * 13]
+    (table,) = stage_tables(stage_rows.assign(template="room"))  # scenes of a template share one
+    assert table.title.startswith("room: ")
+    assert [row[1] for row in table.texts] == ["12", "12"]

@@ -54,7 +54,8 @@ def read_all(folder):
 
 @pytest.mark.parametrize("name", FILES)
 def test_no_hostile_file_is_a_part_of_a_run(refused, made, tmp_path, name):
-    for kind, write in PLACED.items():
+    whole = (made[1] / name).read_bytes()
+    for kind, write in {**PLACED, "half of it": content(whole[: len(whole) // 2])}.items():
         run_folder = shutil.copytree(made[1], tmp_path / kind / "run")
         (run_folder / name).unlink()
         write(run_folder / name)

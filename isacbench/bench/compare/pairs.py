@@ -88,18 +88,13 @@ def code_version(manifest: Mapping[str, Any]) -> str:
 def incomparable(base: Run, new: Run) -> tuple[str, ...]:
     """Find every reason why two runs cannot be compared, in words; different code is not a reason."""
     (before, contents), (after, others) = (_measured(run) for run in (base, new))
-    differing = [what for what in before if what in after and before[what] != after[what]]
-    return (
-        *(
-            f"{what} differs: {before[what]} in {base.label}, {after[what]} in {new.label}"
-            for what in differing
-        ),
-        *(
-            f"scenario {name} has another content"
-            for name in contents
-            if name in others and contents[name] != others[name]
-        ),
-    )
+    differing = [
+        f"{what} differs: {value} in {base.label}, {after[what]} in {new.label}"
+        for what, value in before.items()
+        if what in after and value != after[what]
+    ]
+    edited = [name for name in contents if name in others and contents[name] != others[name]]
+    return (*differing, *(f"scenario {name} has another content" for name in edited))
 
 
 def _measured(run: Run) -> tuple[dict[str, Any], dict[str, set[str]]]:
@@ -111,7 +106,7 @@ def _measured(run: Run) -> tuple[dict[str, Any], dict[str, set[str]]]:
         "the seed": run.manifest["seed"],
         **{f"the metric {name}": spell_metric(metric) for name, metric in metrics.items()},
     }
-    contents = {name: {told.get("content")} for name, told in run.manifest["scenarios"].items()}
+    contents = {name: {described.get("content")} for name, described in run.manifest["scenarios"].items()}
     rows = run.rows[["scenario", "scenario_content"]].drop_duplicates().dropna()
     for name, content in rows.itertuples(index=False):
         contents.setdefault(name, set()).add(content)
@@ -183,7 +178,7 @@ def _agrees(stored: Any, asked: Any) -> bool:
 def _listed(variants: Sequence[Variant], asked: Collection[str]) -> str:
     """Spell the first few variants by the parameters that set them apart or were asked for."""
     more = f" and {len(variants) - MAX_LISTED} more" if len(variants) > MAX_LISTED else ""
-    return f"{', '.join(spell_apart(variants, asked)[:MAX_LISTED])}{more}"
+    return ", ".join(spell_apart(variants, asked)[:MAX_LISTED]) + more
 
 
 def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list[str]:
@@ -197,12 +192,9 @@ def spell_apart(variants: Sequence[Variant], also: Collection[str] = ()) -> list
     parsed = [(name, json.loads(params)) for name, params in variants]
     texts = []
     for name, params in parsed:
-        others = [other for other_name, other in parsed if other_name == name]
-        shown = {
-            key: value
-            for key, value in params.items()
-            if key in also or any(other.get(key) != value for other in others)
-        }
+        namesakes = [other for other_name, other in parsed if other_name == name]
+        differing = {key for key in params if any(other.get(key) != params[key] for other in namesakes)}
+        shown = {key: value for key, value in params.items() if key in differing or key in also}
         texts.append(shortened(spell_spec(name, shown)))
     return texts
 
@@ -225,24 +217,21 @@ def pair_variants(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> t
     All others are partners of their equals. Variants whose equal in the other run has another partner are
     left out, with a note.
     """
-    news = set(partners.values())
-    left_base, notes = _without(base, news - set(partners), new.label)
-    left_new, more = _without(new, set(partners) - news, base.label)
-    rows = left_new.rows.astype(dict.fromkeys(VARIANT, object))
+    olds, news = set(partners), set(partners.values())
+    notes, sides = [], []
+    for run, other, left_out in ((base, new, news - olds), (new, base, olds - news)):
+        present = variants_in(run.rows)
+        notes += [
+            f"{spelt} of {run.label} is left out: that of {other.label} is paired with another"
+            for variant, spelt in zip(present, spell_apart(present), strict=True)
+            if variant in left_out
+        ]
+        sides.append(run.take(~is_of(run, left_out)))
+    base, new = sides
+    rows = new.rows.astype(dict.fromkeys(VARIANT, object))
     for variant, partner in partners.items():
-        rows.loc[is_of(left_new, [partner]), VARIANT] = variant
-    return left_base, left_new.changed(rows=rows), notes + more
-
-
-def _without(run: Run, variants: Collection[Variant], other: str) -> tuple[Run, list[str]]:
-    """Leave variants out as far as a run holds them, and say so."""
-    present = variants_in(run.rows)
-    notes = [
-        f"{spelt} of {run.label} is left out: that of {other} is paired with another"
-        for variant, spelt in zip(present, spell_apart(present), strict=True)
-        if variant in variants
-    ]
-    return run.take(~is_of(run, variants)), notes
+        rows.loc[is_of(new, [partner]), VARIANT] = variant
+    return base, new.changed(rows=rows), notes
 
 
 def is_of(run: Run, variants: Collection[Variant]) -> NDArray[np.bool_]:
@@ -264,19 +253,20 @@ def pair_cells(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tupl
     side = cells.pop("_merge")
     in_base, in_new = (cells[f"status_{end}"].isin(SCORED) for end in ("base", "new"))
 
-    def told(chosen: pd.Series[bool], end: str) -> pd.DataFrame:
+    def listed(chosen: pd.Series[bool], end: str) -> pd.DataFrame:
         """Cells with the status and the reason that one of the runs has."""
         table = cells.loc[chosen, [*CELL, f"status_{end}", f"reason_{end}"]]
         table = table.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
         return with_partners(table, partners)
 
+    in_both = side == "both"
     changes = CellChanges(
         n_paired=int((in_base & in_new).sum()),
-        n_failed_both=int(((side == "both") & ~in_base & ~in_new).sum()),
-        new_failures=told((side == "both") & in_base & ~in_new, "new"),
-        missing=told(side == "left_only", "base"),
-        repaired=told((side == "both") & ~in_base & in_new, "base"),
-        added=told(side == "right_only", "new"),
+        n_failed_both=int((in_both & ~in_base & ~in_new).sum()),
+        new_failures=listed(in_both & in_base & ~in_new, "new"),
+        missing=listed(side == "left_only", "base"),
+        repaired=listed(in_both & ~in_base & in_new, "base"),
+        added=listed(side == "right_only", "new"),
     )
     return cells[in_base & in_new], changes
 
@@ -300,8 +290,8 @@ def version_differences(base: Run, new: Run, partners: Mapping[Variant, Variant]
     Paired estimators with different names have different code in any case: its versions are left out.
     """
     before, after = _versions(base), _versions(new)
-    told: set[str] = set()
-    for variant in [variant for variant in before if variant in after]:
+    found: set[str] = set()
+    for variant in before.keys() & after.keys():
         old, now = before[variant], after[variant]
         if partners.get(variant, variant)[0] != variant[0]:
             # Nor does the digest of what a plugin imports of isacbench count.
@@ -309,8 +299,9 @@ def version_differences(base: Run, new: Run, partners: Mapping[Variant, Variant]
                 {**one, "plugins": {}, "isacbench": {"version": one.get("isacbench", {}).get("version")}}
                 for one in (old, now)
             )
-        told.update(differing_versions(now, old))
-    return [f"made by other versions: {'; '.join(sorted(told))}"] if told else []
+        if old != now:
+            found.update(differing_versions(now, old))
+    return [f"made by other versions: {'; '.join(sorted(found))}"] if found else []
 
 
 def _versions(run: Run) -> dict[Variant, dict[str, Any]]:
@@ -325,8 +316,9 @@ def _versions(run: Run) -> dict[Variant, dict[str, Any]]:
 def timed_alike(pairs: pd.DataFrame, metric: str, base: Run, new: Run) -> tuple[pd.DataFrame, list[str]]:
     """Select the pairs whose times can be compared, timed alone on equal machines; say what is left out."""
     timed = pairs["timing_base"].astype(bool) & pairs["timing_new"].astype(bool)
-    before = pairs["environment_base"].map(_machines(base))
-    after = pairs["environment_new"].map(_machines(new))
+    before, after = (
+        pairs[f"environment_{end}"].map(_machines(run)) for end, run in (("base", base), ("new", new))
+    )
     other = timed & (before != after)
     reasons = []
     if not timed.all():
@@ -336,11 +328,11 @@ def timed_alike(pairs: pd.DataFrame, metric: str, base: Run, new: Run) -> tuple[
             f"{other.sum()} ran on other machines ({before[other].iloc[0]}, and {after[other].iloc[0]})"
         )
     alike = pairs[timed & ~other]
-    told = f"{metric}: {len(alike)} of {len(pairs)} paired cells compared; {', '.join(reasons)}"
-    return alike, [told] if reasons else []
+    note = f"{metric}: {len(alike)} of {len(pairs)} paired cells compared; {', '.join(reasons)}"
+    return alike, [note] if reasons else []
 
 
 def _machines(run: Run) -> dict[str, str]:
     """Processor and number of cores of each environment, in words."""
-    found = {name: one["machine"] for name, one in run.environments.items()}
-    return {name: f"{one['processor']}, {one['cores']} cores" for name, one in found.items()}
+    machines = {name: one["machine"] for name, one in run.environments.items()}
+    return {name: f"{one['processor']}, {one['cores']} cores" for name, one in machines.items()}

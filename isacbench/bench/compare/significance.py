@@ -47,14 +47,9 @@ ROUNDING = 1e-9
 class SignedRank(NamedTuple):
     """One-sided p-values of a signed-rank test.
 
-    Attributes
-    ----------
-    greater, less : float
-        Probability that differences without an effect lie at least as far
-        above, or below, zero.
-    attainable : float
-        Smallest p-value that differences of these sizes can have, reached if
-        all signs are equal: 2^-n for n differences that are not zero.
+    `greater` and `less` are the probabilities that differences without an effect lie at least as far above,
+    or below, zero. `attainable` is the smallest p-value that differences of these sizes can have, reached if
+    all signs are equal: 2^-n for n differences that are not zero.
     """
 
     greater: float
@@ -72,32 +67,17 @@ def without_rounding(base: Floats, new: Floats) -> Floats:
 
 
 def signed_rank_test(differences: ArrayLike) -> SignedRank:
-    """Wilcoxon's signed-rank test of paired differences, with ties and zeros.
+    """Wilcoxon's signed-rank test of paired, finite differences, with ties and zeros.
 
-    The p-values are conditional on the sizes of the differences. Under the null
-    hypothesis (differences symmetric about zero) each sign is a fair coin. The
-    distribution of the rank sum over all signs is computed by dynamic
-    programming over doubled midranks, which is exact with ties as well. For
-    more than 100 differences its normal limit is taken, with the variance of
-    the midranks and continuity correction. Zeros are ranked and then left out
-    (Pratt): if they were dropped first, differences that lean further to one
-    side could become less significant.
+    The p-values are conditional on the sizes of the differences. Under the null hypothesis (differences
+    symmetric about zero) each sign is a fair coin. The distribution of the rank sum over all signs is
+    computed by dynamic programming over doubled midranks, which is exact with ties as well. For more than 100
+    differences its normal limit is taken, with the variance of the midranks and continuity correction. Zeros
+    are ranked and then left out (Pratt): if they were dropped first, differences that lean further to one
+    side could become less significant. Without any difference that is not zero, all p-values are 1.
 
-    Parameters
-    ----------
-    differences : array_like, shape (n,)
-        Finite.
-
-    Returns
-    -------
-    SignedRank
-        All 1 if every difference is zero, or there are none.
-
-    References
-    ----------
-    Wilcoxon, "Individual comparisons by ranking methods", Biometrics
-    Bulletin 1 (1945). Pratt, "Remarks on zeros and ties in the Wilcoxon
-    signed rank procedures", J. Am. Stat. Assoc. 54 (1959).
+    Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1 (1945). Pratt, "Remarks on
+    zeros and ties in the Wilcoxon signed rank procedures", J. Am. Stat. Assoc. 54 (1959).
 
     Examples
     --------
@@ -125,22 +105,9 @@ def signed_rank_test(differences: ArrayLike) -> SignedRank:
 def holm(p_values: ArrayLike) -> Floats:
     """Adjust p-values of a family by Holm's step-down method.
 
-    If hypotheses with an adjusted p-value of at most a level are rejected, the
-    probability of any false rejection is at most that level, however the tests
-    depend on each other.
-
-    Parameters
-    ----------
-    p_values : array_like, shape (n,)
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-
-    References
-    ----------
-    Holm, "A simple sequentially rejective multiple test procedure", Scand.
-    J. Stat. 6 (1979).
+    If hypotheses with an adjusted p-value of at most a level are rejected, the probability of any false
+    rejection is at most that level, however the tests depend on each other. Holm, "A simple sequentially
+    rejective multiple test procedure", Scand. J. Stat. 6 (1979).
 
     Examples
     --------
@@ -158,33 +125,16 @@ def holm(p_values: ArrayLike) -> Floats:
 def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
     """Compute mean changes of paired trials with 95 % bootstrap intervals.
 
-    Trials are resampled with their pairs and for all points at once, so that
-    dependence between the points of a trial is kept in every resample. The
-    intervals are percentiles, at levels expanded so that on normal
-    differences they are as wide as those of Student's t (Hesterberg); plain
-    percentiles are too narrow for few trials.
+    Trials are resampled with their pairs and for all points at once, so that dependence between the points of
+    a trial is kept in every resample. The intervals are percentiles, at levels expanded so that on normal
+    differences they are as wide as those of Student's t; plain percentiles are too narrow for few trials
+    (Hesterberg, "What teachers should know about the bootstrap", Am. Stat. 69 (2015), section 4).
 
-    Parameters
-    ----------
-    base, new : ndarray of float64, shape (n_trials, n_points)
-        Scores, NaN at the same places in both where a pair is missing.
-    seed : int
-        Seed of the resampling; equal seeds give equal results.
-
-    Returns
-    -------
-    DataFrame
-        A row for each point: the change of the mean in units of the score,
-        with the limits of its interval, ``change``, ``change_low`` and
-        ``change_high``; and the same over the absolute mean of the base,
-        ``relative``, infinite where that is zero and the change is not. Means
-        are NaN without pairs, intervals with fewer than six, unless all
-        differences are zero.
-
-    References
-    ----------
-    Hesterberg, "What teachers should know about the bootstrap", Am. Stat. 69
-    (2015), section 4.
+    `base` and `new` have the shape (n_trials, n_points), NaN at the same places where a pair is missing.
+    Returned is a row for each point: the change of the mean in units of the score, with the limits of its
+    interval, ``change``, ``change_low`` and ``change_high``; and the same over the absolute mean of the base,
+    ``relative``, infinite where that is zero and the change is not. Means are NaN without pairs, intervals
+    with fewer than six, unless all differences are zero.
 
     Examples
     --------
@@ -207,19 +157,10 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
 def win_shares(base: Floats, new: Floats, better: str) -> pd.DataFrame:
     """Estimate the probability that the new score of a pair is better, with its 95 % interval.
 
-    Parameters
-    ----------
-    base, new : ndarray of float64, shape (n_pairs, n_points)
-        Scores, NaN at the same places in both where a pair is missing.
-    better : {"lower", "higher"}
-
-    Returns
-    -------
-    DataFrame
-        A row for each point: ``probability``, the share of pairs in which the
-        new score is better, ties counting half; the limits ``low`` and
-        ``high`` of `isacbench.bench.statistics.exact_interval`; and
-        the number of ties, ``n_ties``. NaN without pairs.
+    `base` and `new` have the shape (n_pairs, n_points), NaN at the same places where a pair is missing.
+    Returned is a row for each point: ``probability``, the share of pairs in which the new score is better,
+    ties counting half; the limits ``low`` and ``high`` of `isacbench.bench.statistics.exact_interval`; and
+    the number of ties, ``n_ties``. NaN without pairs.
 
     Examples
     --------
@@ -240,32 +181,14 @@ def win_shares(base: Floats, new: Floats, better: str) -> pd.DataFrame:
 def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Floats:
     """Smallest mean change that a one-sided signed-rank test would show with 80 % power.
 
-    For n normal differences of standard deviation s that is (z + z_0.8) s /
-    sqrt(3n/pi - z^2/2) with z = z_(1-level): the sample size of the t test
-    (Guenther) at the signed-rank test's asymptotic relative efficiency of
-    3/pi. Where n is so small that all signs must be equal, it is the mean with
-    which they are equal in 80 % of all cases. Where even equal signs, p = 2^-n,
-    are not significant, it is infinite. Simulated power is 0.73 to 0.81.
+    For n normal differences of standard deviation s that is (z + z_0.8) s / sqrt(3n/pi - z^2/2) with
+    z = z_(1-level): the sample size of the t test (Guenther) at the signed-rank test's asymptotic relative
+    efficiency of 3/pi. Where n is so small that all signs must be equal, it is the mean with which they are
+    equal in 80 % of all cases. Where even equal signs, p = 2^-n, are not significant, it is infinite.
+    Simulated power is 0.73 to 0.81. The level is that of the test, corrections for other tests included.
 
-    Parameters
-    ----------
-    spread : array_like
-        Standard deviations s.
-    n_trials : array_like
-        Numbers of differences n.
-    level : float
-        Level of the test, corrections for other tests included.
-
-    Returns
-    -------
-    ndarray of float64
-        In units of the spread.
-
-    References
-    ----------
-    Guenther, "Sample size formulas for normal theory t tests", Am. Stat. 35
-    (1981). Lehmann, "Nonparametrics: Statistical Methods Based on Ranks"
-    (1975), on the efficiency.
+    Guenther, "Sample size formulas for normal theory t tests", Am. Stat. 35 (1981). Lehmann, "Nonparametrics:
+    Statistical Methods Based on Ranks" (1975), on the efficiency.
 
     Examples
     --------
@@ -355,17 +278,11 @@ def _percentiles(resampled: Floats, n_pairs: Integers) -> Floats:
 
 
 class RankSets(NamedTuple):
-    """Sets of consecutive ranks; rank 1 is the lowest mean.
+    """First and last ranks of sets of consecutive ranks; rank 1 is the lowest mean.
 
-    Attributes
-    ----------
-    low, high : ndarray of int64, shape (n_estimators,)
-        First and last rank of each set.
-    critical : (int, int)
-        Pair of estimators, the first one above the second, whose statistic is most often the one beyond the
-        last critical value. A pair with rare, large differences widens the sets of all.
-    critical_share : float
-        Share of the resamples beyond the critical value in which it is.
+    `critical` is the pair of estimators, the first one above the second, whose statistic is most often the
+    one beyond the last critical value, and `critical_share` the share of the resamples beyond it in which it
+    is. A pair with rare, large differences widens the sets of all.
     """
 
     low: Integers
@@ -377,37 +294,22 @@ class RankSets(NamedTuple):
 def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
     """Find sets of ranks that hold the true ranks of all estimators at once with 95 % confidence.
 
-    For every ordered pair of estimators j and k, the hypothesis is tested that
-    the mean of j is at most that of k. All tests together reject a true
-    hypothesis with a probability of at most 5 %. The set of j starts at 1 plus
-    the number of estimators that it was found to be above, and ends at the
-    number of all less those that were found to be above it. Where no true
-    hypothesis is rejected, every rank is in its set, whichever rank equal means
-    are given. This is the method of Mogstad, Romano, Shaikh and Wilhelm, with
-    their one-sided tests of both directions and stepdown improvement.
+    For every ordered pair of estimators j and k, the hypothesis is tested that the mean of j is at most that
+    of k. All tests together reject a true hypothesis with a probability of at most 5 %. The set of j starts
+    at 1 plus the number of estimators that it was found to be above, and ends at the number of all less those
+    that were found to be above it. Where no true hypothesis is rejected, every rank is in its set, whichever
+    rank equal means are given. This is the method of Mogstad, Romano, Shaikh and Wilhelm, with their
+    one-sided tests of both directions and stepdown improvement.
 
-    The statistic of a pair is Student's t of its differences within scenes. The
-    critical value is the 95 % quantile of the largest statistic over the pairs
-    that are not yet rejected, from a bootstrap over scenes: the pairs of a scene
-    are drawn together, and each resample is divided by its own standard error,
-    because with 20 scenes that of all scenes is too small in the tails. The
-    critical value is computed again without the rejected hypotheses until no
-    further one is rejected.
+    The statistic of a pair is Student's t of its differences within scenes. The critical value is the 95 %
+    quantile of the largest statistic over the pairs that are not yet rejected, from a bootstrap over scenes:
+    the pairs of a scene are drawn together, and each resample is divided by its own standard error, because
+    with 20 scenes that of all scenes is too small in the tails. The critical value is computed again without
+    the rejected hypotheses until no further one is rejected.
 
-    Parameters
-    ----------
-    scores : array_like, shape (n_scenes, n_estimators)
-        Lower is better; finite.
-    seed : int
-        Seed of the resampling; equal seeds give equal sets.
+    `scores` have the shape (n_scenes, n_estimators), lower is better; a ValueError if they are not a finite
+    table with at least two scenes. Equal seeds give equal sets.
 
-    Raises
-    ------
-    ValueError
-        If the scores are not a finite table with at least two scenes.
-
-    References
-    ----------
     Mogstad, Romano, Shaikh and Wilhelm, "Inference for ranks with applications to mobility across
     neighbourhoods and academic achievement across countries", Rev. Econ. Stud. 91 (2024), section 3.
     Romano and Wolf, "Exact and approximate stepdown methods for multiple hypothesis testing",

@@ -5,14 +5,12 @@ They are merged by the plans that their manifests keep, so that no plugin has to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, typed
@@ -34,9 +32,6 @@ from isacbench.bench.suites.suite_kinds import restore_suite
 from isacbench.errors import InputError
 from isacbench.files.escaping import shortened
 from isacbench.specifications import spec_variants
-
-BESIDE = {"name", "kind", "seed", "version", "estimators", "scenarios", "metrics"}
-"""Keys of a suite that are compared in other ways than by their values."""
 
 
 class Gap(NamedTuple):
@@ -66,39 +61,39 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
     if out.is_dir() and RUN_FILES & {path.name for path in out.iterdir()}:
         raise InputError(f"{out}: holds a run; give a new folder")
     parts = [_open(folder) for folder in folders]
-    _require_one_suite(parts)
-    described = _described(parts)
+    for part in parts[1:]:
+        _require_same_suite(parts[0], part)
+    described = _describe_whole(parts)
     plan, suite = restore_plan(described), restore_suite(described["suite"])
-    together = Run.joined(parts)
+    joined = Run.joined(parts)
     if not mix_versions:
-        _require_equal_versions(together)
-    positions = plan.positions(together.rows)
+        _require_equal_versions(joined)
+    positions = plan.positions(joined.rows)
     if (positions < 0).any():
-        first = together.rows[positions < 0].iloc[0]
+        first = joined.rows[positions < 0].iloc[0]
         raise InputError(
             f"rows of {first['estimator']} with {first['params']} are not in the plan that the manifests of "
             "the parts describe"
         )
-    together, positions = _without_repeats(together, positions)
-    sessions = _sessions(parts, len(positions) < plan.n_cells)
-    run = together.changed(
+    joined, positions = _each_cell_once(joined, positions)
+    # Each part has the draws of the whole suite, or none if it was killed.
+    draws = max((part.draws for part in parts), key=len)
+    sessions = sorted(
+        (one for part in parts for one in part.manifest.get("sessions", ())), key=lambda one: one["started"]
+    )
+    wall_time_s = sum(part.manifest["wall_time_s"] for part in parts)
+    options = {"merged": [part.label for part in parts]}
+    is_partial = len(positions) < plan.n_cells
+    sessions.append(describe_session(datetime.now().astimezone(), wall_time_s, is_partial, options))
+    run = joined.changed(
         label=str(out),
-        rows=typed(together.rows, row_columns(suite, described[SCORES]["columns"])),
-        manifest=build_manifest(described, together.environments, sessions),
-        read_scenes=lambda: Scenes(suite, parts[0].scenarios, _draws(parts, described["scenes"])),
+        rows=typed(joined.rows, row_columns(suite, described[SCORES]["columns"])),
+        manifest=build_manifest(described, joined.environments, sessions),
+        read_scenes=lambda: Scenes(suite, parts[0].scenarios, draws),
     )
     with open_folder(out) as folder:
         run.save(folder)
     return Merged(run, plan.n_cells, _gaps(plan, positions))
-
-
-def _sessions(parts: Sequence[Run], is_partial: bool) -> list[dict[str, Any]]:
-    """Calls that worked on the parts, and this one."""
-    wall_time_s = sum(part.manifest["wall_time_s"] for part in parts)
-    options = {"merged": [part.label for part in parts]}
-    last = describe_session(datetime.now().astimezone(), wall_time_s, is_partial, options)
-    earlier = chain.from_iterable(part.manifest.get("sessions", ()) for part in parts)
-    return [*sorted(earlier, key=lambda entry: entry["started"]), last]
 
 
 def _open(folder: Path) -> Run:
@@ -114,35 +109,31 @@ def _open(folder: Path) -> Run:
     return run
 
 
-def _require_one_suite(parts: Sequence[Run]) -> None:
-    """Refuse parts of different suites, seeds or metrics, or with different contents of a scenario."""
-    known: dict[str, tuple[str, Any]] = {}
-    for part in parts:
-        for what, value in _facts(part):
-            label, first = known.setdefault(what, (part.label, value))
-            if value != first:
-                one, other = (shortened("none" if it is None else str(it)) for it in (first, value))
-                raise InputError(
-                    f"{label} and {part.label}: {what} differs ({one}, {other}); only parts of one suite "
-                    "can be merged: shards of one run, or runs that differ in their estimators alone"
-                )
+def _require_same_suite(first: Run, other: Run) -> None:
+    """Refuse runs that differ in more than their estimators, naming what differs."""
+    one, another = _suite_of(first), _suite_of(other)
+    for what in one | another:
+        if one.get(what) != another.get(what):
+            values = (
+                shortened("none" if (it := each.get(what)) is None else str(it)) for each in (one, another)
+            )
+            raise InputError(
+                f"{first.label} and {other.label}: {what} differs ({', '.join(values)}); only parts of one "
+                "suite can be merged: shards of one run, or runs that differ in their estimators alone"
+            )
 
 
-def _facts(part: Run) -> Iterator[tuple[str, Any]]:
-    """Facts that must be equal in all parts that have them."""
-    manifest, suite = part.manifest, part.suite
-    yield from {"suite": suite.name, "kind": suite.kind, "seed": suite.seed}.items()
-    metrics = manifest[SCORES]["metrics"]
-    yield from ((f"metric {name!r}", metric) for name, metric in metrics.items())
-    if hasattr(suite, "version"):
-        yield "version of the population", suite.version
-    for name, entry in manifest["scenarios"].items():
-        yield f"content of scenario {name!r}", entry["content"]
-    for entry in manifest["scenes"]:
-        yield f"content of scene {entry['name']!r}", entry["content"]
-    yield "metrics", ", ".join(sorted(metrics))
-    yield from ((key, value) for key, value in suite.model_dump().items() if key not in BESIDE)
-    yield "scenarios", ", ".join(manifest["scenarios"])  # by name: their paths differ from machine to machine
+def _suite_of(run: Run) -> dict[str, Any]:
+    """Everything of the suite of a run but its estimators; paths of scenarios differ between machines."""
+    manifest, suite = run.manifest, run.suite.model_dump(exclude={"estimators", "scenarios", "metrics"})
+    return {
+        "suite": suite.pop("name"),
+        **{key: suite.pop(key) for key in ("kind", "seed")},
+        **{f"metric {name!r}": metric for name, metric in manifest[SCORES]["metrics"].items()},
+        **{f"content of scenario {name!r}": one["content"] for name, one in manifest["scenarios"].items()},
+        **{f"content of scene {one['name']!r}": one["content"] for one in manifest["scenes"]},
+        **suite,
+    }
 
 
 def _require_equal_versions(run: Run) -> None:
@@ -159,76 +150,54 @@ def _require_equal_versions(run: Run) -> None:
             )
 
 
-def _described(parts: Sequence[Run]) -> dict[str, Any]:
+def _describe_whole(parts: Sequence[Run]) -> dict[str, Any]:
     """Description of the whole run: that of the first part, with the estimators of all."""
     first = parts[0].manifest
     described = {key: first[key] for key in RUN_KEYS}
     if all(part.manifest[key] == first[key] for part in parts for key in ("estimators", "scenes")):
         return described
-    entries: dict[tuple[str, str], Any] = {}
-    texts: dict[tuple[str, str], str] = {}
+    known: dict[tuple[str, str], tuple[str, dict[str, Any]]] = {}
     for part in parts:
         own, scenes = part.manifest["estimators"], part.manifest["scenes"]
-        spelled = [text for spec in part.suite.estimators for text, _ in spec_variants(spec)]
-        if len(spelled) != len(own) or any(scene[ENTRIES] != [*range(len(own))] for scene in scenes):
+        texts = [text for spec in part.suite.estimators for text, _ in spec_variants(spec)]
+        if len(texts) != len(own) or any(scene[ENTRIES] != [*range(len(own))] for scene in scenes):
             raise InputError(
                 f"{part.label}: not all of its estimators meet every scene; only shards of one such run "
                 "can be merged"
             )
-        for text, entry in zip(spelled, own, strict=True):
-            key = entry["name"], canonical_json(entry["params"])
-            if text in texts.values() and key not in texts:
+        for text, entry in zip(texts, own, strict=True):
+            variant = entry["name"], canonical_json(entry["params"])
+            if variant not in known and any(text == other for other, _ in known.values()):
                 raise InputError(
                     f"{parts[0].label} and {part.label}: the parameters of {text} differ, because different "
                     "versions wrote them"
                 )
-            entries.setdefault(key, entry)
-            texts.setdefault(key, text)
+            known.setdefault(variant, (text, entry))
     return {
         **described,
-        "suite": {**first["suite"], "estimators": [*texts.values()]},
-        "estimators": [*entries.values()],
-        "scenes": [{**scene, ENTRIES: [*range(len(entries))]} for scene in first["scenes"]],
+        "suite": {**first["suite"], "estimators": [text for text, _ in known.values()]},
+        "estimators": [entry for _, entry in known.values()],
+        "scenes": [{**scene, ENTRIES: [*range(len(known))]} for scene in first["scenes"]],
     }
 
 
-def _without_repeats(run: Run, positions: NDArray[np.int64]) -> tuple[Run, NDArray[np.int64]]:
-    """Rows in the order of the table, each cell once, timed if any part has timed it; and their positions."""
+def _each_cell_once(run: Run, positions: NDArray[np.int64]) -> tuple[Run, NDArray[np.int64]]:
+    """Rows in the order of the table, timed ones if there are, and their positions; refuse disagreement."""
     order = np.lexsort([~run.rows["timing"].to_numpy(dtype=np.bool_), positions])
     run, positions = run.take(order), positions[order]
     is_again = np.diff(positions, prepend=-1) == 0
-    (again,) = np.nonzero(is_again)
-    _require_agreement(run.take(again - 1), run.take(again))
+    rows = run.rows.drop(columns=["timing", "environment", "label", *TIMES, *TIMING_COLUMNS], errors="ignore")
+    again = rows[is_again]
+    before = rows.iloc[np.flatnonzero(is_again) - 1].set_axis(again.index)
+    differs = ((before != again) & ~(before.isna() & again.isna())).any(axis=1)
+    for place, is_other in zip(np.flatnonzero(is_again).tolist(), differs, strict=True):
+        if is_other or not np.array_equal(run.points[place - 1], run.points[place]):
+            cell = run.rows.loc[place]
+            raise InputError(
+                f"two parts disagree about {cell['estimator']} on {cell['scenario']} at "
+                f"{cell['snr_db']:g} dB, trial {cell['trial']}; rows of one cell must be equal"
+            )
     return run.take(~is_again), positions[~is_again]
-
-
-def _require_agreement(one: Run, other: Run) -> None:
-    """Refuse different rows of the same cells, apart from times."""
-    others = {*TIMES, *TIMING_COLUMNS, "timing", "environment", "label"}
-    columns = [name for name in one.rows if name not in others]
-    left, right = one.rows[columns], other.rows[columns]
-    clouds = zip(one.points, other.points, strict=True)
-    is_same = np.array([np.array_equal(cloud, again) for cloud, again in clouds], dtype=np.bool_)
-    agree = ((left == right) | (left.isna() & right.isna())).all(axis=1) & is_same
-    if not agree.all():
-        cell = one.rows[~agree].iloc[0]
-        raise InputError(
-            f"two parts disagree about {cell['estimator']} on {cell['scenario']} at {cell['snr_db']:g} dB, "
-            f"trial {cell['trial']}; rows of one cell must be equal"
-        )
-
-
-def _draws(parts: Sequence[Run], scenes: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Scatterers that the parts drew, each trial of a scene once, in the order of the table."""
-    # A part that was killed has none; a table of none has other types, and so another digest.
-    held = [part.draws.assign(part=n) for n, part in enumerate(parts) if len(part.draws)]
-    if not held:
-        return parts[0].draws
-    draws = pd.concat(held, ignore_index=True)
-    first = draws.groupby(["scenario", "trial"])["part"].transform("min")
-    draws = draws[draws["part"] == first].drop(columns="part")
-    scene = pd.Index([scene["name"] for scene in scenes]).get_indexer(pd.Index(draws["scenario"]))
-    return draws.iloc[np.lexsort([draws["trial"].to_numpy(dtype=np.int64), scene])].reset_index(drop=True)
 
 
 def _gaps(plan: Plan, positions: NDArray[np.int64]) -> list[Gap]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,6 @@ import pandas as pd
 
 from isacbench.bench.cells.cell import MeasuredImage, image_reference
 from isacbench.bench.cells.record import N_STORED, failed
-from isacbench.bench.kinds.scenes import ImagedScene
 from isacbench.bench.store.manifest import SCORES, describe_scores, describe_session, read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder
@@ -26,6 +26,7 @@ from isacbench.bench.suites.suite_kinds import kind_of, with_metrics
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
+from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import ReferenceEstimator, is_reference
 from isacbench.plugins.registry import get_estimator
 from isacbench.plugins.scoring import Metrics
@@ -94,34 +95,30 @@ def rescore(folder: Path, metrics: Iterable[str] = ()) -> Rescored:
         run = run.changed(rows=rows, manifest=manifest)
         run.save(folder)
     differs = (before != rows) & ~(before.isna() & rows.isna())
-    changes = [_change(name, before[name], rows[name]) for name in rows.columns[differs.any().to_numpy()]]
+    names = rows.columns[differs.any().to_numpy()]
+    changes = [_change(name, *(table.loc[differs[name], name] for table in (before, rows))) for name in names]
     return Rescored(run, len(scored), int(differs.any(axis=1).sum()), changes)
 
 
 def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
     """New scores, indexed by the position of their row."""
-    rows = run.rows
+    rows, scored = run.rows, {}
     chosen = np.flatnonzero(~failed(rows) & rows["scenario"].isin(list(run.imaged_scenes)))
-    is_lost = ~run.is_whole()[chosen]
-    if is_lost.any():
+    if n_lost := int((~run.is_whole()[chosen]).sum()):
         raise InputError(
-            f"{run.label}: {is_lost.sum()} of {len(chosen)} clouds are missing or damaged; "
+            f"{run.label}: {n_lost} of {len(chosen)} clouds are missing or damaged; "
             "`isacbench run` into the folder makes them again"
         )
-
-    columns, scored = kind_of(run.suite).columns, {}
-    by_trial: Any = rows.iloc[chosen].groupby(["scenario", "trial"], sort=False)
-    for (name, trial), inside in by_trial.indices.items():
-        scenario = run.observed(name, trial)
-        for place in chosen[inside].tolist():
-            row, cloud = rows.iloc[place], PointCloud.from_array(run.points[place])
-            if pd.isna(row.get(N_STORED, math.nan)):
-                scores = metrics.score(CloudPair.of(scenario, cloud))
-            else:  # means over realisations, with their spreads
-                reference = _reference(run.label, row["estimator"], row["params"])
-                scores = image_reference(reference, scenario, metrics).columns()
-            shot = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
-            scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
+    observed = lru_cache(maxsize=64)(run.observed)  # rows of a trial stand close together
+    for place in chosen.tolist():
+        row, cloud = rows.iloc[place], PointCloud.from_array(run.points[place])
+        scenario = observed(row["scenario"], row["trial"])
+        if pd.isna(row.get(N_STORED, math.nan)):
+            scores = metrics.score(CloudPair.of(scenario, cloud))
+        else:  # means over realisations, with their spreads
+            reference = _reference(run.label, row["estimator"], row["params"])
+            scores = image_reference(reference, scenario, metrics).columns()
+        scored[place] = {**scores, **_measured(run, scenario, row, cloud)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.
     names = list(dict.fromkeys(name for found in scored.values() for name in found))
     before = rows.reindex(columns=names).iloc[list(scored)].to_dict("records")
@@ -141,18 +138,21 @@ def _reference(label: str, name: str, params: str) -> ReferenceEstimator:
     return plugin
 
 
-def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:
+def _measured(run: Run, scenario: Scenario, row: pd.Series[Any], cloud: PointCloud) -> dict[str, Any]:
     """Columns that a scene derives from a cloud; none if it needs more than the cloud."""
-    found = {} if scene.measure is None else scene.measure(shot)
-    if not found:
+    scene = run.imaged_scenes[row["scenario"]]
+    image = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
+    if scene.measure is None or not (found := scene.measure(image)):
         return {}
     known = {*scene.labels, "snr_gain_db"}
+    columns = kind_of(run.suite).columns
     return {name: found.get(name, default) for name, default in columns.items() if name not in known}
 
 
 def _change(column: str, old: pd.Series[Any], new: pd.Series[Any]) -> Change:
-    differs = (old != new) & ~(old.isna() & new.isna())
-    is_moved = differs & old.notna()
+    """Change of a column from the values that differ."""
+    is_moved = old.notna()
     distances = (new[is_moved].astype(np.float64) - old[is_moved]).abs().fillna(math.inf)
-    largest = float(distances.max()) if is_moved.any() else 0.0
-    return Change(column, int(is_moved.sum()), largest, int((differs & old.isna()).sum()))
+    return Change(
+        column, int(is_moved.sum()), float(distances.max()) if is_moved.any() else 0.0, int((~is_moved).sum())
+    )

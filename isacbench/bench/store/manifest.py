@@ -21,7 +21,7 @@ from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.kinds.scenes import Entry
 from isacbench.bench.plan.run_plan import Job, Plan
 from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions
-from isacbench.bench.store.run_folder import MANIFEST, damage_told, replacing
+from isacbench.bench.store.run_folder import MANIFEST, damage_named, replacing
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
@@ -62,8 +62,8 @@ def row_columns(suite: Suite, described: Mapping[str, Any]) -> dict[str, Any]:
 
     `described` are its scores, as `describe_scores` or `stored_columns` have them, by the names of columns.
     """
-    further = [name for name in described if name not in COLUMNS]
-    return {"label": "", **kind_of(suite).columns, **dict.fromkeys(further, math.nan)}
+    scores = {name: math.nan for name in described if name not in COLUMNS}
+    return {"label": "", **kind_of(suite).columns, **scores}
 
 
 def require_same_scores(manifest: Mapping[str, Any], suite: Suite) -> None:
@@ -198,7 +198,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             f"{folder}: not the folder of a run, {MANIFEST} missing; give one that isacbench run wrote"
         )
     require_inside(path, folder)
-    with damage_told(folder, f"{MANIFEST}: "):
+    with damage_named(folder, f"{MANIFEST}: "):
         return dict(json.loads(read_text(path, MANIFEST_BYTES)))
 
 

@@ -27,7 +27,7 @@ from isacbench.bench.store import run_folder as files
 from isacbench.bench.store import tables
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
 from isacbench.bench.store.provenance import Environment
-from isacbench.bench.store.run_folder import DAMAGE, damage_text, damage_told, replacing
+from isacbench.bench.store.run_folder import DAMAGE, damage_named, damage_text, replacing
 from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
@@ -44,8 +44,8 @@ T = TypeVar("T")
 MOST_NAMED = 6
 """Values of a column that a message or a ``repr`` lists."""
 
-MOST_OF_A_PATH = 60
-MOST_OF_A_VALUE = 40
+LONGEST_PATH = 60
+LONGEST_VALUE = 40
 
 NO_IMAGE = (
     "the row is the test of a detector on a map or of a receiver; only rows of estimators have an image"
@@ -54,7 +54,7 @@ NO_IMAGE = (
 PLUGIN_KEYS = ("estimators", "detectors", "metrics")
 """Keys of a suite that name plugins, on which no scene depends."""
 
-MEASURED = ("suite", "seed", SCORES, "scenarios", "environments")
+COMPARED = ("suite", "seed", SCORES, "scenarios", "environments")
 """Parts of a manifest without which a run cannot be compared."""
 
 
@@ -125,15 +125,14 @@ class Run(Displayed):
             raise InputError(
                 f"{folder}: has no rows, {files.RECORDS} is missing; isacbench run into it makes them"
             )
-        with damage_told(folder):
-            stored = _stored(folder, manifest, is_strict=True)
-            if (is_older := stored.rows.duplicated(CLOUD_KEYS, keep="last").to_numpy()).any():
-                stored = stored.take(~is_older)
+        with damage_named(folder):
+            run = _read_run(folder, manifest, _read_if_there)
+            run = run.take(~run.rows.duplicated(CLOUD_KEYS, keep="last").to_numpy())
             columns = row_columns(restore_suite(manifest["suite"]), stored_columns(manifest))
-            rows = typed(stored.rows, columns)
+            rows = typed(run.rows, columns)
             require_sound_records(rows)
             _require_described_scenarios(rows, manifest)
-        return stored.changed(rows=rows)
+        return run.changed(rows=rows)
 
     @classmethod
     def recover(cls, folder: Path) -> Run:
@@ -141,7 +140,8 @@ class Run(Displayed):
 
         If a cell has several rows, the last one counts.
         """
-        return _stored(folder, _attempt(lambda _: read_manifest(folder), folder / files.MANIFEST) or {})
+        manifest = _read_undamaged(lambda _: read_manifest(folder), folder / files.MANIFEST)
+        return _read_run(folder, manifest or {}, _read_undamaged)
 
     @classmethod
     def of_journal(cls, path: Path) -> Run:
@@ -191,7 +191,7 @@ class Run(Displayed):
     @cached_property
     def suite(self) -> Suite:
         """The suite as it was run, overrides included."""
-        with damage_told(self.folder):
+        with damage_named(self.folder):
             return restore_suite(self.manifest["suite"])
 
     @property
@@ -230,7 +230,7 @@ class Run(Displayed):
                 f"{self.label}: the run is not finished; resume it with the same isacbench run command"
             )
         made_by = self.rows["environment"].unique()
-        for wanted, present in ((MEASURED, self.manifest), (made_by, self.environments)):
+        for wanted, present in ((COMPARED, self.manifest), (made_by, self.environments)):
             if missing := [str(name) for name in wanted if name not in present]:
                 raise InputError(
                     f"{self.folder / files.MANIFEST}: {', '.join(missing)} missing; run it again with this "
@@ -301,10 +301,9 @@ class Run(Displayed):
         wanted = given if row is None else {**_key_columns(row), **given}
         if len(wanted) == len(CLOUD_KEYS) and (cloud := self.clouds.get(CellKey(**wanted))) is not None:
             return cloud
-        record = self.rows.iloc[self._position(wanted)]
-        key = CellKey(*record[CLOUD_KEYS])
+        key, row_found = self._only_row(wanted)
         if key not in self.clouds:
-            raise InputError(f"{self.label}: {key} has no cloud: {_reason(record)}")
+            raise InputError(f"{self.label}: {key} has no cloud: {_why_no_cloud(row_found)}")
         return self.clouds[key]
 
     def scenario(self, row: Row | str) -> Scenario:
@@ -331,8 +330,7 @@ class Run(Displayed):
             if row not in self.scenarios:
                 raise InputError(f"{self.label}: {unknown_name('scenario', row, self.scenarios)}")
             return self.scenarios[row]
-        record = self.rows.iloc[self._position(_key_columns(row))]
-        key = CellKey(*record[CLOUD_KEYS])
+        key, _ = self._only_row(_key_columns(row))
         if key.scenario not in self.imaged_scenes:
             raise InputError(f"{self.label}: {key} has no scenario: {NO_IMAGE}")
         return self.observed(key.scenario, key.trial)
@@ -369,20 +367,19 @@ class Run(Displayed):
         """Positions of the draws by scene and trial."""
         return self.draws.groupby(["scenario", "trial"]).indices
 
-    def _position(self, wanted: Mapping[str, Any]) -> int:
-        """Position in the table of the one row that has some values in its key."""
-        is_equal = self.rows[list(wanted)] == list(wanted.values())
-        found = np.flatnonzero(is_equal.all(axis=1))
-        if found.size != 1:
+    def _only_row(self, wanted: Mapping[str, Any]) -> tuple[CellKey, pd.Series[Any]]:
+        """Find the one row that has some values in its key."""
+        found = self.rows[(self.rows[list(wanted)] == list(wanted.values())).all(axis=1)]
+        if len(found) != 1:
             given = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
-            rows = self.rows.iloc[found] if found.size else self.rows
+            rows, whose = (self.rows, "the rows of the run") if found.empty else (found, "these rows")
             values = "; ".join(f"{name} {_listed(rows[name].unique())}" for name in CLOUD_KEYS)
-            whose = "these rows" if found.size else "the rows of the run"
             raise InputError(
-                f"{self.label}: {found.size} rows have {given}; give a key that only one row has. "
+                f"{self.label}: {len(found)} rows have {given}; give a key that only one row has. "
                 f"The values of {whose} are {values}"
             )
-        return int(found[0])
+        row = found.iloc[0]
+        return CellKey(*row[CLOUD_KEYS]), row
 
     def _description(self) -> Description:
         rows, suite = self.rows, self.manifest["suite"]
@@ -391,7 +388,7 @@ class Run(Displayed):
         statuses = rows.groupby("status", sort=False).size()
         return Description(
             f"Run of {quoted(suite.get('name'))}: {counted(len(rows), 'row')} in "
-            f"{quoted(shortened(self.label, MOST_OF_A_PATH))}",
+            f"{quoted(shortened(self.label, LONGEST_PATH))}",
             {
                 "status": ", ".join(f"{number} {status}" for status, number in statuses.items()),
                 "scenarios": _listed(rows["scenario"].unique()),
@@ -466,22 +463,36 @@ class _Clouds(Mapping[CellKey, PointCloud]):
         return f"Clouds of {counted(len(self), 'cell')}, by scenario, estimator, params, snr_db and trial"
 
 
-def _stored(folder: Path, manifest: Mapping[str, Any], is_strict: bool = False) -> Run:
+Read = Callable[[Callable[[Path], Any], Path], Any]
+"""Way to read a file that may be missing: `_read_if_there` or `_read_undamaged`."""
+
+
+def _read_run(folder: Path, manifest: Mapping[str, Any], read: Read) -> Run:
     """All rows of a folder as they are, of which the last one of a cell counts."""
-    rows = _attempt(_read_rows, folder / files.RECORDS, is_strict)
-    parts = []
+    rows, parts = read(_read_rows, folder / files.RECORDS), []
     if rows is not None:
-        read = partial(_read_clouds, folder, rows, is_strict)
-        parts.append(Run(str(folder), rows, manifest, read_clouds=read))
+        read_clouds = partial(_read_clouds, folder, rows, read)
+        parts.append(Run(str(folder), rows, manifest, read_clouds=read_clouds))
     if is_there(folder / files.JOURNAL):
         parts.append(Run.of_journal(folder / files.JOURNAL))
     run = Run.joined(parts)
-    return replace(
-        run,
-        label=str(folder),
-        manifest={**manifest, **run.manifest},
-        has_scenarios=is_there(folder / files.TRUTH),
-    )
+    manifest, has_scenarios = {**manifest, **run.manifest}, is_there(folder / files.TRUTH)
+    return replace(run, label=str(folder), manifest=manifest, has_scenarios=has_scenarios)
+
+
+def _read_if_there(read: Callable[[Path], T], path: Path) -> T | None:
+    return read(path) if is_there(path) else None
+
+
+def _read_undamaged(read: Callable[[Path], T], path: Path) -> T | None:
+    """Read a file; warn of damage."""
+    try:
+        return _read_if_there(read, path)
+    except AccessError:
+        raise
+    except DAMAGE as error:
+        _warn_of_damage(path, damage_text(error))
+        return None
 
 
 def _read_rows(path: Path) -> pd.DataFrame:
@@ -493,20 +504,20 @@ def _read_rows(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _read_clouds(folder: Path, rows: pd.DataFrame, is_strict: bool) -> tables.Clouds:
-    with damage_told(folder):
-        table = _attempt(tables.read_table, folder / files.CLOUDS, is_strict)
+def _read_clouds(folder: Path, rows: pd.DataFrame, read: Read) -> tables.Clouds:
+    with damage_named(folder):
+        table = read(tables.read_table, folder / files.CLOUDS)
         return [tables.NO_POINTS] * len(rows) if table is None else tables.clouds_of(rows, table)
 
 
 def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:
-    with damage_told(folder):
+    with damage_named(folder):
         truth = tables.read_table(folder / files.TRUTH)
         scenarios = {
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        draws = _attempt(tables.read_table, folder / files.DRAWS, is_strict=True)
+        draws = _read_if_there(tables.read_table, folder / files.DRAWS)
         if draws is None:
             draws = pd.DataFrame(columns=DRAW_COLUMNS)
         return Scenes(restore_suite(manifest["suite"]), scenarios, draws)
@@ -525,30 +536,16 @@ def _require_described_scenarios(rows: pd.DataFrame, manifest: Mapping[str, Any]
         )
 
 
-def _attempt(read: Callable[[Path], T], path: Path, is_strict: bool = False) -> T | None:
-    """Read a file. None if it is missing; if it is damaged, raise (`is_strict`) or warn and return None."""
-    if not is_there(path):
-        return None
-    try:
-        return read(path)
-    except DAMAGE as error:
-        if is_strict or isinstance(error, AccessError):
-            raise
-        _warn_of_damage(path, damage_text(error))
-        return None
-
-
 def _warn_of_damage(path: Path, what: str) -> None:
     warnings.warn(
         f"{path}: damaged, its cells are left out and run again ({what})", InputWarning, stacklevel=2
     )
 
 
-def _reason(record: pd.Series[Any]) -> str:
-    """Reason for which a row has no cloud."""
-    if record["status"] not in SCORED:
-        return f"its status is {record['status']}, {record['reason']}; allowed are {' and '.join(SCORED)}"
-    if pd.isna(record["deviation"]):
+def _why_no_cloud(row: pd.Series[Any]) -> str:
+    if row["status"] not in SCORED:
+        return f"its status is {row['status']}, {row['reason']}; allowed are {' and '.join(SCORED)}"
+    if pd.isna(row["deviation"]):
         return NO_IMAGE
     return "it is missing or damaged; `isacbench run` into the folder makes it again"
 
@@ -558,7 +555,7 @@ def _key_columns(row: Row) -> dict[str, Any]:
     if isinstance(row, pd.DataFrame) and len(row) == 1:
         row = row.iloc[0]
     if isinstance(row, tuple):
-        row = getattr(row, "_asdict", lambda: dict(zip(CLOUD_KEYS, row, strict=False)))()
+        row = row._asdict() if hasattr(row, "_asdict") else dict(zip(CLOUD_KEYS, row, strict=False))
     if not isinstance(row, (pd.Series, Mapping)) or any(name not in row for name in CLOUD_KEYS):
         raise InputError(
             f"expected one row of the run's table, or a tuple or mapping of {', '.join(CLOUD_KEYS)}; "
@@ -569,6 +566,6 @@ def _key_columns(row: Row) -> dict[str, Any]:
 
 def _listed(values: Any) -> str:
     """List values, the first ones of many."""
-    shown = [shortened(str(value), MOST_OF_A_VALUE) for value in values]
+    shown = [shortened(str(value), LONGEST_VALUE) for value in values]
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""
     return ", ".join(shown[:MOST_NAMED]) + more

@@ -133,7 +133,7 @@ def cannot_be_written(path: Path, error: OSError, afterwards: str = ROWS_KEPT) -
 
 
 @contextmanager
-def damage_told(folder: Path, part: str = "") -> Iterator[None]:
+def damage_named(folder: Path, part: str = "") -> Iterator[None]:
     """Turn errors in reading a damaged folder into an `InputError` that names it."""
     try:
         yield

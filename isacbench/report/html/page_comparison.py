@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from isacbench.bench.compare.comparison import VERDICTS, Comparison, direction
+from isacbench.bench.compare.comparison import Comparison, direction
 from isacbench.bench.compare.scenes import compared_scenes
+from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.charts import Variant, rows_of
 from isacbench.report.comparison import ComparisonReport, Row

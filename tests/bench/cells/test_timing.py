@@ -10,7 +10,8 @@ import pytest
 
 from isacbench.bench.cells.cell import repeat
 from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
-from isacbench.bench.compare.comparison import compare_tables, parse_tolerance
+from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.verdicts import parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.run_plan import Shard

@@ -1,8 +1,9 @@
 """Labels of estimators: what a reader takes for the default is the default."""
 
+import pandas as pd
 import pytest
 
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.plugins.registry import build_estimator, build_variants, canonical_params
 
 
@@ -75,3 +76,7 @@ def test_values_are_spelled_as_a_suite_spells_them():
     variants = [*(("c", one) for one in params[:2]), *(("d", one) for one in params[2:])]
     labels = ["c[pfa=none]", "c[pfa=0.5]", "d[guard=(0,3),on=true]", "d[guard=(1),on=false]"]
     assert list(estimator_labels(variants).values()) == labels
+
+
+def test_references_are_found_by_name_and_what_is_not_installed_is_none(plugins):
+    assert find_limits(pd.DataFrame({"estimator": ["seer", "blob", "gone"]})) == {"seer"}

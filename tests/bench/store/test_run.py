@@ -7,13 +7,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import isacbench
 from isacbench import load_run
 from isacbench.bench.cells.record import SCORED
+from isacbench.bench.kinds.detection import DetectionSuite
+from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import CellKey, Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
-from isacbench.plugins.scoring import score
+from isacbench.model.echo import observe_echo
 
 
 @pytest.fixture
@@ -37,11 +40,87 @@ def copied(written, tmp_path):
     return shutil.copytree(written[1], tmp_path / "mine")
 
 
-def test_rows_and_manifest_are_those_of_the_run(written):
+def test_a_run_is_read_back_as_it_was_written(written):
     results, folder = written
-    stored = load_run(str(folder))
-    pd.testing.assert_frame_equal(stored.rows, results.rows)
-    assert stored.manifest["suite"]["name"] == "test"
+    again = load_run(str(folder))
+    pd.testing.assert_frame_equal(again.rows, results.rows)
+    np.testing.assert_array_equal(np.concatenate(again.points), np.concatenate(results.points))
+    assert again.suite == results.suite
+    assert not again.manifest["interrupted"]
+    assert again.manifest == results.manifest
+    for name, scenario in results.scenarios.items():
+        np.testing.assert_array_equal(
+            observe_echo(again.scenarios[name], 0).cells, observe_echo(scenario, 0).cells
+        )
+    table = pd.read_csv(folder / "results.csv", keep_default_na=False, na_values={"deviation": [""]})
+    assert table.columns.tolist() == results.rows.columns.tolist()
+    assert table["estimator"].tolist() == results.rows["estimator"].tolist()
+    np.testing.assert_allclose(table["deviation"], results.rows["deviation"], rtol=1e-12)
+
+
+def test_a_study_is_read_back_with_its_suite_its_columns_and_what_it_drew(plugins, room_file, tmp_path):
+    suite = ResolutionSuite(
+        name="test",
+        scenarios=[str(room_file)],
+        estimators=["seer"],
+        dimensions=["u"],
+        separations_cells=[0.5],
+        phases_deg=[90],
+        snr_gain_db=[60],
+        trials=2,
+    )
+    results = run_suite(suite, out=tmp_path / "run")
+    again = load_run(tmp_path / "run")
+    assert again.suite == suite
+    pd.testing.assert_frame_equal(again.rows, results.rows)
+    pd.testing.assert_frame_equal(again.draws, results.draws)
+    assert len(again.draws) == 2 * 2
+    assert again.rows["resolved"].dtype == bool
+    assert list(again.scenarios) == ["room"]
+    # Each trial has the truth that it drew.
+    truths = [again.truth(row) for row in again.rows.itertuples()]
+    assert [len(truth) for truth in truths] == [2, 2]
+    assert not np.allclose(truths[0].xyz, truths[1].xyz)
+    for row, truth in zip(again.rows.itertuples(), truths, strict=True):
+        np.testing.assert_array_equal(again.cloud(row).xyz, truth.xyz)
+
+
+def test_a_detector_on_a_map_has_its_package_in_the_manifest_and_neither_cloud_nor_scenario(
+    plugins, tiny, tmp_path
+):
+    suite = DetectionSuite(
+        name="test",
+        scenarios=[str(tiny)],
+        estimators=["blob"],
+        detectors=["level"],
+        maps=["homogeneous"],
+        snr_gain_db=[20],
+        trials=1,
+    )
+    run_suite(suite, out=tmp_path / "run")
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
+    assert [entry["name"] for entry in manifest["estimators"]] == ["level", "blob"]
+    assert all("test-plugins" in entry["packages"] for entry in manifest["estimators"])
+    assert not (tmp_path / "run" / "draws.parquet").exists()
+    stored = load_run(tmp_path / "run")
+    row = stored.rows.set_index("scenario").loc["homogeneous"].to_dict() | {"scenario": "homogeneous"}
+    for ask in (stored.cloud, stored.scenario):
+        with pytest.raises(InputError, match=r"level on homogeneous .* the row is the test of a detector"):
+            ask(row)
+    assert [key.scenario for key in stored.clouds] == ["tiny"]
+
+
+def test_the_manifest_says_what_ran_on_what(written):
+    manifest = json.loads((written[1] / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["suite"]["estimators"][1] == "blob[n=1]"
+    assert manifest["seed"] == 0
+    assert manifest["estimators"][1]["params"]["n"] == 1
+    assert manifest["estimators"][1]["packages"]["test-plugins"]["version"] == "1.0"
+    assert manifest["packages"]["numpy"] == np.__version__
+    assert manifest["blas_threads"] == 1
+    assert manifest["wall_time_s"] > 0
+    assert manifest["processor"]
+    assert {"isacbench", "git", "argv", "started", "python", "platform", "cores", "blas"} <= set(manifest)
 
 
 def test_a_run_is_told_by_what_became_of_its_cells(copied, monkeypatch):
@@ -123,17 +202,6 @@ def test_a_cloud_that_was_not_kept_is_told(copied):
         stored.cloud(stored.rows.iloc[0])
 
 
-def test_scores_follow_from_the_scenario_and_the_cloud_of_a_row(written):
-    stored = load_run(written[1])
-    for row in stored.rows[stored.rows["status"].isin(SCORED)].itertuples():
-        scenario = stored.scenario(row)
-        velocity_bin_mps = scenario.system.velocity_bin_mps
-        scores = score(
-            stored.truth(row), stored.cloud(row), region=scenario.region, velocity_bin_mps=velocity_bin_mps
-        )
-        assert scores["deviation"] == row.deviation
-
-
 def test_a_scenario_is_found_by_its_name_as_well(written):
     stored = load_run(written[1])
     assert len(stored.truth("tiny")) == 3
@@ -170,3 +238,30 @@ def test_a_run_that_is_not_finished_or_does_not_say_what_it_measured_is_not_comp
     (folder / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(InputError, match=message):
         Run.open(folder).require_finished()
+
+
+@pytest.mark.parametrize("error", [PermissionError(13, "Permission denied"), MemoryError("no more")])
+def test_what_the_system_does_not_let_us_read_is_not_called_damaged(written, monkeypatch, error):
+    def refuse(*_, **__):
+        raise error
+
+    _, folder = written
+    monkeypatch.setattr(pd, "read_parquet", refuse)
+    for read in (load_run, isacbench.rank):
+        with pytest.raises(InputError, match=r"results\.parquet: cannot be read: ") as told:
+            read(folder)
+        assert "damaged" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "x\udcff"], ids=["too long", "no UTF-8"])
+def test_odd_names_of_folders_are_refused_in_a_line_and_no_sound_run_is_called_damaged(
+    written, tmp_path, name
+):
+    results, folder = written
+    with pytest.raises(InputError, match=r"File name too long|its name is not UTF-8; rename it"):
+        run_suite(results.suite, out=tmp_path / name)
+    if len(name) < 100:
+        shutil.copytree(folder, tmp_path / name)
+        for read in (load_run, isacbench.rank):
+            with pytest.raises(InputError, match="its name is not UTF-8; rename it"):
+                read(tmp_path / name)
