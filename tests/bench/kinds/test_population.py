@@ -8,17 +8,17 @@ import pytest
 from isacbench.bench.kinds import population
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
-    AIMED,
     ALL,
-    DRAWN,
+    CHART_SCORES,
     LARGEST_RATIO,
+    TARGET_SCORES,
     PopulationKind,
     PopulationSuite,
     near_chance,
     ratio_charts,
     scene_cells,
-    spread_levels,
     summarise_population,
+    with_totals,
 )
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
@@ -68,7 +68,7 @@ def test_every_level_has_its_own_scenes(population_rows):
 
 def test_rows_repeat_for_each_of_eight_levels(population_rows):
     cells = scene_cells(population_rows(a=1.0))
-    assert len(spread_levels(cells)) == 8 * len(cells)
+    assert len(with_totals(cells)) == 8 * len(cells)
 
 
 def test_lone_scatterers_have_targets_and_no_ratio_and_others_have_ratios_and_no_targets(population_rows):
@@ -283,7 +283,7 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
     assert (ratios.stem, scores.n_columns) == ("ratios", 4)
     panels = np.reshape(np.array(scores.charts, dtype=object), (-1, 4))
     assert [chart.title for chart in panels[0]] == ["all scenes", "town", "crowd", "sparse"]
-    axes = [one.axis for one in DRAWN]
+    axes = [one.axis for one in CHART_SCORES]
     assert [chart.y.title for chart in panels[:, 0]] == axes
     assert list(panels[0, 1].series[0].y) == pytest.approx([2.75, 2.75])
     assert not panels[0, 3].series
@@ -296,7 +296,7 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
 def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
     drawn.loc[drawn["family"] == "sparse", "n_false"] = 2
     targets = KIND.charts(drawn)[-1]
-    assert [chart.y.title for chart in targets.charts] == [one.axis for one in AIMED]
+    assert [chart.y.title for chart in targets.charts] == [one.axis for one in TARGET_SCORES]
     assert list(targets.charts[0].series[0].y) == [2, 2]
     assert targets.title == "sparse: means over 8 scenes, 95 % confidence bands"
 
