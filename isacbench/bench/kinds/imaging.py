@@ -137,9 +137,9 @@ def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note:
     """Deviation over SNR, a chart a scenario, all on one scale."""
     title, name, _ = SCORE_AXES["deviation"]
     y, panels = scores.score_axis(name, "linear", summary, "deviation_mean", "deviation"), []
-    for name, part in summary.groupby("scenario", sort=False):
+    for scenario, part in summary.groupby("scenario", sort=False):
         series = charts.line_series(part, lines, "snr_db", "deviation_mean", "deviation")
-        panels.append(Chart(str(name), SNR_AXIS, y, series))
+        panels.append(Chart(str(scenario), SNR_AXIS, y, series))
     return ChartGroup("deviation", f"{title}\n{note}", panels)
 
 
@@ -160,7 +160,8 @@ def score_charts(
     panels = []
     for score in shown:
         heading, name, is_log = SCORE_AXES.get(score, ScoreAxis(score, score))
-        column, scale = f"{score}_mean", "share" if score in SHARES else "log" if is_log else "linear"
+        scale: scores.Scale = "share" if score in SHARES else "log" if is_log else "linear"
+        column = f"{score}_mean"
         y = scores.score_axis(name, scale, part, column, score, PRACTICALLY_ZERO)
         if is_log and y.limits is not None and (part[column] < y.limits[0]).any():
             y = replace(y, title=f"{name} (less: at the edge)")
