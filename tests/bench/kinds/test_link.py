@@ -8,8 +8,14 @@ import pytest
 
 from isacbench.bench.cells.record import COLUMNS
 from isacbench.bench.compare.comparison import direction
-from isacbench.bench.kinds.link import LinkKind, outside_interval, receiver_labels, signal_label
-from isacbench.bench.kinds.link_scenes import LinkSuite, signals_of
+from isacbench.bench.kinds.link import (
+    LinkKind,
+    LinkSuite,
+    outside_interval,
+    receiver_labels,
+    signal_label,
+    signals_of,
+)
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
