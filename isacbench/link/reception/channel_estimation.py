@@ -118,13 +118,7 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
 
 
 def require_estimable(system: System, time_order: int = 0) -> None:
-    """Refuse what `prs_estimator` cannot estimate, without building it.
-
-    Raises
-    ------
-    InputError
-        As `prs_estimator`.
-    """
+    """Refuse what `prs_estimator` cannot estimate, without building it."""
     bursts = _bursts(prs_elements(system))
     if not bursts:
         raise InputError(
