@@ -167,7 +167,7 @@ def expected_ber(
     """Predict the bit error rate of `receive`, given the fade and not the noise.
 
     It is the mean over data elements of the closed form in white noise. An estimate of the channel adds to
-    the noise what it takes of it, which holds where it follows the channel. Parameters are those of `receive`.
+    the noise what it takes of it, which holds where it follows the channel. Parameters are as of `receive`.
     """
     response = _drawn_response(system, channel, trial, seed)
     if knowledge == "prs":

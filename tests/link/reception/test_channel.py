@@ -199,8 +199,9 @@ def test_reflection_obeys_the_laws_of_fresnel(permittivity):
 
 
 def test_a_metal_ground_reflects_everything():
-    assert reflection_coefficient(0.5, 1.0, 1e12, 70e9, "horizontal") == pytest.approx(-1, abs=1e-4)
-    assert reflection_coefficient(0.5, 1.0, 1e12, 70e9, "vertical") == pytest.approx(1, abs=1e-4)
+    for polarization, coefficient in (("horizontal", -1), ("vertical", 1)):
+        found = reflection_coefficient(0.5, 1.0, 1e12, 70e9, polarization)
+        assert found == pytest.approx(coefficient, abs=1e-4)
 
 
 @pytest.mark.parametrize(

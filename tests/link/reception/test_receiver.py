@@ -272,10 +272,6 @@ def test_what_cannot_be_received_is_refused(small_grids):
         receive(grid, SMALL, TappedDelay("tdl_e"), 10.0)
 
 
-def test_prs_is_not_counted_as_data():
-    assert receive(draw_grid(SMALL), SMALL, Awgn(), 10.0).n_bits == 2 * np.sum(~prs_elements(SMALL))
-
-
 # Of one response, and of so many that rates are read from a table.
 @pytest.mark.parametrize(
     ("modulation", "speed_mps", "shape"),

@@ -51,8 +51,3 @@ def test_what_a_code_could_reach_is_the_capacity_of_the_decided_bits():
 def test_what_is_no_rate_of_errors_is_refused(ber):
     with pytest.raises(InputError, match="ber holds"):
         hard_decision_capacity(ber)
-
-
-def test_an_unknown_modulation_is_refused():
-    with pytest.raises(InputError, match="unknown modulation '8psk'"):
-        frame_rates(System(), "8psk")
