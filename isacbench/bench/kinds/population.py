@@ -480,9 +480,7 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     cells = with_totals(scene_cells(rows))
     by = [*PART, *VARIANT]
     means = [*(name for name in scores.averaged_columns(rows) if name not in MEDIANS), *TARGETS]
-    of_scenes = cells.groupby([*by, "scenario"], sort=False, dropna=False)
-    scenes = of_scenes[COUNTS].sum().join(of_scenes[[*MEDIANS, *means]].mean()).reset_index()
-    groups = scenes.groupby(by, sort=False, dropna=False)
+    groups = scores.grouped_scenarios(cells, by, [*MEDIANS, *means])
     found = groups[COUNTS].sum()
     found.insert(0, "n_scenes", groups.size())
     for name in MEDIANS:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -86,12 +86,18 @@ def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
     As `summarise_scores`, one row for each estimator and SNR, with means and bands over the scenarios' means.
     ``scenario`` says how many there are, and counts are sums.
     """
-    by = [*VARIANT, "snr_db"]
-    summary = summarise_scores(rows).rename(columns=lambda name: name.removesuffix("_mean"))
-    groups = summary.groupby(by, sort=False)
-    found = groups[COUNTS].sum().join(means_and_bands(groups, averaged_columns(rows)))
+    by, names = [*VARIANT, "snr_db"], averaged_columns(rows)
+    groups = grouped_scenarios(with_counts(rows), by, names)
+    found = groups[COUNTS].sum().join(means_and_bands(groups, names))
     found = found.join(median_times(rows, by)).reset_index()
     return found.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
+
+
+def grouped_scenarios(rows: pd.DataFrame, by: Sequence[str], names: Sequence[str]) -> Any:
+    """Group the scenarios of rows with counts: the sums of their counts, and their means of some columns."""
+    cells = rows.groupby([*by, "scenario"], sort=False, dropna=False)
+    scenarios = cells[COUNTS].sum().join(cells[[*names]].mean()).reset_index()
+    return scenarios.groupby([*by], sort=False, dropna=False)
 
 
 def hausdorff_ratios(rows: pd.DataFrame, without: Collection[str] = ()) -> pd.Series[float]:
