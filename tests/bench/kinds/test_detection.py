@@ -171,13 +171,6 @@ def test_the_summary_pools_the_counts_of_trials(records):
     assert math.isnan(row["deviation_mean"])
 
 
-def test_the_summary_counts_failures(records):
-    assert not DetectionKind().summary(records)["n_failed"].any()
-    struck = records["detector"].str.startswith("ca") & (records["trial"] == 1)
-    summary = DetectionKind().summary(records.assign(status=records["status"].mask(struck, "timeout")))
-    assert (summary["n_failed"] == summary["detector"].str.startswith("ca")).all()
-
-
 def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_few_detectors(suite):
     detectors = ["level", "ca", "osca", *(f"ca[guard={n}]" for n in (2, 3, 4))]
     records = run(suite.replace(detectors=detectors, maps=["homogeneous", "interferers"]))

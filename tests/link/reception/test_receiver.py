@@ -11,7 +11,7 @@ from isacbench.link.reception.channel_estimation import prs_estimator
 from isacbench.link.reception.receiver import effective_snr_db, expected_ber, receive
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
-from isacbench.model.echo import random_stream, white_gaussian
+from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System, prs_elements
 
 MODULATIONS = ("qpsk", "16qam", "64qam", "256qam")
@@ -118,31 +118,6 @@ def turned_ber(modulation, gain, snr):
     return wrong_bits / points.size / n_bits
 
 
-# All modulations at all SNRs, and both channels with all of either.
-ESTIMATED = [
-    *(("qpsk", Awgn(), 4.0), ("16qam", Awgn(), 10.0), ("64qam", Awgn(), 16.0)),
-    *(("qpsk", TAPPED, 10.0), ("16qam", TAPPED, 16.0), ("64qam", TAPPED, 4.0)),
-]
-
-
-@pytest.mark.parametrize(("modulation", "channel", "snr_db"), ESTIMATED)
-def test_bit_errors_with_an_estimate_are_those_of_the_estimates_error(
-    small_grids, modulation, channel, snr_db
-):
-    """Noise on data is independent of the estimate, so that errors given the estimate have a closed form."""
-    grid = small_grids[modulation]
-    reception = receive(grid, SMALL, channel, snr_db)
-    response, noise_power = drawn_response(channel)[:, 0], 10 ** (-snr_db / 10)
-    noise = white_gaussian(random_stream("user", 0, 0), (224, 256)).T
-    received = response[:, None] * grid.symbols + np.sqrt(noise_power) * noise
-    estimate = prs_estimator(SMALL).estimate(received, grid.symbols)[:, 0]
-    # All subcarriers carry as many data symbols.
-    ber = turned_ber(modulation, response / estimate, np.abs(estimate) ** 2 / noise_power).mean()
-    assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(ESTIMATED))
-    error = np.mean(np.abs(estimate - response) ** 2) / np.mean(np.abs(response) ** 2)
-    assert reception.channel_error_db == pytest.approx(10 * np.log10(error))
-
-
 @pytest.mark.parametrize(
     ("modulation", "snr_db"),
     [("qpsk", 4.0), ("qpsk", 8.0), ("16qam", 14.0), ("64qam", 16.0)],
@@ -189,14 +164,21 @@ def test_without_noise_no_bit_is_wrong(small_grids, modulation, channel):
     assert estimated.channel_error_db < -80
 
 
-def test_receptions_have_the_expected_errors_of_their_fades(small_grids):
-    channel, trials = TappedDelay("tdl_c", 80e-9), range(20)
-    counted = sum(receive(small_grids["16qam"], SMALL, channel, 12.0, trial=trial).ber for trial in trials)
+@pytest.mark.parametrize(
+    ("modulation", "channel", "snr_db"),
+    [("qpsk", TAPPED, 5.0), ("16qam", TappedDelay("tdl_c", 80e-9), 12.0), ("64qam", Awgn(), 16.0)],
+)
+def test_receptions_have_the_expected_errors_of_their_fades(small_grids, modulation, channel, snr_db):
+    grid, trials = small_grids[modulation], range(20)
+    counted = sum(receive(grid, SMALL, channel, snr_db, trial=trial).ber for trial in trials)
     expected, known = (
-        sum(expected_ber("16qam", SMALL, channel, 12.0, knowledge=knowledge, trial=trial) for trial in trials)
+        sum(
+            expected_ber(modulation, SMALL, channel, snr_db, knowledge=knowledge, trial=trial)
+            for trial in trials
+        )
         for knowledge in ("prs", "perfect")
     )
-    # Some 400 000 errors; what the estimate adds is several times what is allowed.
+    # Some 100 000 errors and more; what the estimate adds is several times what is allowed.
     assert counted == pytest.approx(expected, rel=0.005)
     assert expected > 1.01 * known
 
