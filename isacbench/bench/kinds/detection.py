@@ -46,7 +46,7 @@ from isacbench.specifications import SpelledVariant, spec_variants
 
 Pfa = Annotated[float, Field(gt=0, lt=1)]
 
-Labelled = tuple[str, float, Any]
+LabelledPlugin = tuple[str, float, Any]
 """Text of a detector, its nominal rate, and the plugin that has it."""
 
 COUNTS = ["n_targets", "n_hits", "n_clear", "n_false"]
@@ -340,7 +340,7 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     return found | statistics.deviation_columns(part)
 
 
-def _alone(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[Labelled]:
+def _alone(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
     """Every detector at every nominal rate, at its own where none is given."""
     for text, (name, params) in detectors:
         for own in [{"pfa": rate} for rate in suite.pfa] or [{}]:
@@ -348,7 +348,7 @@ def _alone(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterat
             yield text, detector.pfa, detector
 
 
-def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[Labelled]:
+def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
     """Every estimator behind every detector."""
     for build, (text, (name, params)) in product(_builders(suite), detectors):
         detector = get_detector(name, **params)
@@ -376,7 +376,7 @@ def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
             )
 
 
-def _entries(plugins: Iterable[Labelled]) -> list[Entry[Any]]:
+def _entries(plugins: Iterable[LabelledPlugin]) -> list[Entry[Any]]:
     """Entries of plugins, labelled with the text of their detector and its nominal rate."""
     entries = ((text, scenes.entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in plugins)
     return scenes.distinct_entries("detector", entries)

@@ -95,7 +95,7 @@ class EfficiencyKind(Kind):
         times = statistics.time_notes(rows, CURVE)
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
-            Column("missed", form=_missed),
+            Column("missed", form=_missed_text),
             Column("false: points", "n_false"),
             *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in UNITS),
         ]
@@ -165,7 +165,7 @@ def _with_shares(summary: pd.DataFrame) -> pd.DataFrame:
     return summary.assign(**columns)
 
 
-def _missed(row: Mapping[Any, Any]) -> str:
+def _missed_text(row: Mapping[Any, Any]) -> str:
     return charts.with_failures(f"{row['n_misses'] / row['n_trials']:.3f}", row["n_failed"])
 
 

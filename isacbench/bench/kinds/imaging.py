@@ -128,8 +128,8 @@ class ImagingKind(Kind):
         note = statistics.mean_of_trials(int(summary["n_cells"].max()))
         found = [deviation_charts(summary, lines, note)]
         for name, stem, part in kind.title_stems(summary, "scenario"):
-            drawn = [score for score in SCORE_AXES if f"{score}_mean" in part]
-            found.append(score_charts(part, drawn, f"curves-{stem}", lines, scenarios.get(name)))
+            names = [score for score in SCORE_AXES if f"{score}_mean" in part]
+            found.append(score_charts(part, names, f"curves-{stem}", lines, scenarios.get(name)))
         return [*found, *time_charts(rows, lines)]
 
 
@@ -145,7 +145,7 @@ def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note:
 
 def score_charts(
     part: pd.DataFrame,
-    shown: Sequence[str],
+    names: Sequence[str],
     stem: str,
     lines: Mapping[Variant, Line],
     scenario: Scenario | None,
@@ -158,7 +158,7 @@ def score_charts(
     if scenario is not None:
         title += f"\na median scatterer after all gains: SNR {median_gain_db(scenario):+.1f} dB"
     panels = []
-    for score in shown:
+    for score in names:
         heading, name, is_log = SCORE_AXES.get(score, ScoreAxis(score, score))
         scale: scores.Scale = "share" if score in SHARES else "log" if is_log else "linear"
         column = f"{score}_mean"
@@ -176,7 +176,7 @@ def _estimators_over_snr(
 ) -> list[Table]:
     """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with times."""
     summary = summary.assign(spatial_mean=summary["hausdorff_sum_m_mean"] + summary["density_mean"])
-    shown = {score: one for score, one in IMAGE_COLUMNS.items() if f"{score}_mean" in summary}
+    further = {score: one for score, one in IMAGE_COLUMNS.items() if f"{score}_mean" in summary}
     lines = charts.spread_rows(summary.sort_values("snr_db", kind="stable"), ["snr_db"], VARIANT)
     times_s = statistics.median_times(rows, VARIANT)[f"{statistics.TIME}_median"]
     lines.append({"snr_db": "time [ms]", **{one: {"time_s": time_s} for one, time_s in times_s.items()}})
@@ -185,7 +185,7 @@ def _estimators_over_snr(
         columns = [Column("SNR [dB]", "snr_db", "{:g}", part=0)]
         for part, variant in enumerate(batch, start=1):
             columns.append(Column(f"{labels[variant]}: deviation", variant, deviation_text, part=part))
-            for score, (heading, optional) in shown.items():
+            for score, (heading, optional) in further.items():
                 form = "{:.1e}" if score == "velocity_nmse" else "{:.2f}"
                 write = partial(_mean_text, f"{score}_mean", form)
                 columns.append(Column(heading, variant, write, optional=optional, part=part))

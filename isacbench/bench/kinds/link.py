@@ -196,10 +196,12 @@ class LinkKind(Kind):
             title = (
                 f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
                 f"{counted(part['n_cells'].max(), 'frame')}"
-            ) + _expectation(outside.reindex(part.index).dropna())
+            ) + _counts_text(outside.reindex(part.index).dropna())
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
             lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], ["modulation"])
-            found += charts.tables_of_columns(title, first, lines, headings, _reception, MODULATIONS_A_TABLE)
+            found += charts.tables_of_columns(
+                title, first, lines, headings, _reception_text, MODULATIONS_A_TABLE
+            )
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -242,9 +244,9 @@ def _error_series(part: pd.DataFrame) -> list[Series]:
             found.append(Series(label, rows["snr_db"], rows["ber"], *limits, style=style))
         snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
-        drawn = np.where(rates >= LOWEST_BER, rates, np.nan)
+        rates[rates < LOWEST_BER] = np.nan
         label = f"{modulation.upper()}, closed form in white noise"
-        found.append(Series(label, snrs_db, drawn, style=LineStyle(colour, "dot", "")))
+        found.append(Series(label, snrs_db, rates, style=LineStyle(colour, "dot", "")))
     return found
 
 
@@ -327,7 +329,7 @@ def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     }
 
 
-def _expectation(outside: pd.Series[bool]) -> str:
+def _counts_text(outside: pd.Series[bool]) -> str:
     """Say whether counts of errors are as expected; empty where nothing is known to expect."""
     if outside.empty:
         return ""
@@ -336,7 +338,7 @@ def _expectation(outside: pd.Series[bool]) -> str:
     return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
 
 
-def _reception(entry: Mapping[Any, Any]) -> str:
+def _reception_text(entry: Mapping[Any, Any]) -> str:
     """Bit error rate beside the expected one, EVM and rate; and what failed."""
     if math.isnan(entry["ber"]):
         return charts.with_failures("", entry["n_failed"])

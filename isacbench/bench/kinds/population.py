@@ -373,9 +373,9 @@ def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, 
     """Scores of some scenes, a row an estimator."""
     # Where all cells failed, an empty column has their number.
     has_values = part.notna().any()
-    shown = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
-    first, *others = _score_columns(shown, part)
-    first = replace(first, form=partial(_score_and_failures, shown[0]))
+    numbers = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
+    first, *others = _score_columns(numbers, part)
+    first = replace(first, form=partial(_score_and_failures, numbers[0]))
     times = Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3)
     return _table(part, labels, title, [first, *others, times])
 
@@ -385,10 +385,10 @@ def _target_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str)
     return _table(part, labels, f"Targets of {title}", _score_columns(TARGET_SCORES, part))
 
 
-def _score_columns(shown: Iterable[Score], part: pd.DataFrame) -> list[Column]:
+def _score_columns(numbers: Iterable[Score], part: pd.DataFrame) -> list[Column]:
     return [
         Column(_marked(one.heading, one, part), form=partial(_score_text, one), optional=one.optional)
-        for one in shown
+        for one in numbers
     ]
 
 
@@ -403,12 +403,12 @@ def _table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, column
 
 def _ratio_table(parts: Mapping[str, pd.DataFrame], labels: Mapping[Variant, str], title: str) -> list[Table]:
     """Median ratios with quartiles, a column for each of some parts; nothing where there are none."""
-    shown = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
-    if len(shown) < 2:
+    parts = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
+    if len(parts) < 2:
         return []
     columns = [Column("estimator", "label", part=0)]
     rows: dict[Variant, dict[str, Any]] = {variant: {"label": label} for variant, label in labels.items()}
-    for place, (name, part) in enumerate(shown.items(), start=1):
+    for place, (name, part) in enumerate(parts.items(), start=1):
         columns.append(Column(_marked(name, RATIO, part), name, _ratio_text, part=place))
         for entry in part.to_dict("records"):
             rows[entry["estimator"], entry["params"]][name] = entry

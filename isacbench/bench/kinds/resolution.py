@@ -128,7 +128,9 @@ class ResolutionKind(Kind):
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
             times_s = {one: {"time_s": times.get((*key, *one), math.nan)} for one in headings}
             lines.append({"heading": "time [ms]", **times_s})
-            found += charts.tables_of_columns(title, columns, lines, headings, _shares, ESTIMATORS_A_TABLE)
+            found += charts.tables_of_columns(
+                title, columns, lines, headings, _shares_text, ESTIMATORS_A_TABLE
+            )
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -200,7 +202,7 @@ def measure_resolution(dimension: Dimension, image: MeasuredImage) -> dict[str, 
     return {"resolved": bool(is_resolved.all()), "n_false": len(image.cloud) - int(is_resolved.sum())}
 
 
-def _shares(entry: Mapping[Any, Any]) -> str:
+def _shares_text(entry: Mapping[Any, Any]) -> str:
     """Share of resolved pairs, mean and worst phase, and what failed; or the time of an image."""
     if "time_s" in entry:
         return charts.number_or_blank(1e3 * entry["time_s"], "{:.1f}")

@@ -269,9 +269,9 @@ def channel_response(system: System, paths: Paths) -> Complex:
         return (along_delay @ gain)[:, None]
     share = paths.doppler_hz / system.subcarrier_spacing_hz
     # The FFT over a symbol that turns loses this.
-    kept = np.sinc(share) / np.sinc(share / system.n_subcarriers)
+    useful = np.sinc(share) / np.sinc(share / system.n_subcarriers)
     time_s = system.symbol_time_s * np.arange(system.n_symbols)
-    along_time = np.exp(2j * np.pi * np.outer(time_s, paths.doppler_hz)) * (kept * gain)
+    along_time = np.exp(2j * np.pi * np.outer(time_s, paths.doppler_hz)) * (useful * gain)
     by_symbol: Complex = along_time @ along_delay.T
     return by_symbol.T
 
