@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -219,10 +219,7 @@ class PopulationKind(Kind):
         """
         summary = summarise_population(rows)
         summary["sees_truth"] = summary["estimator"].isin(find_limits(rows))
-        summary["near_chance"] = ""
-        for _, part in summary.groupby(PART, sort=False, dropna=False):
-            summary.loc[part.index, "near_chance"] = json.dumps(near_chance(part))
-        return summary
+        return summary.assign(near_chance=near_chance(summary))
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """All scenes, ratios by family and by frame and phases, and lone scatterers.
@@ -444,21 +441,24 @@ def _ratio_text(entry: Mapping[Any, Any]) -> str:
     return f"{middle} ({low}-{high})" if middle else ""
 
 
-def near_chance(part: pd.DataFrame) -> list[str]:
-    """Find the numbers in which the better one of the baselines comes near the estimators of some scenes.
-
-    Of rows of the summary with ``sees_truth``, one an estimator; its columns are returned.
-    """
-    compared = [one for one in TABLE_SCORES if one.column in part]
+def near_chance(summary: pd.DataFrame) -> list[str]:
+    """List for each row, as JSON, the numbers in which a baseline comes near the estimators on its scenes."""
+    compared = [one for one in TABLE_SCORES if one.column in summary]
     columns = [one.column for one in compared]
-    is_baseline = part["estimator"].isin(BASELINES)
-    typical = part.loc[~is_baseline & ~part["sees_truth"], columns].median().to_numpy()
+    is_baseline = summary["estimator"].isin(BASELINES)
+    of_scenes = [column for _, column in summary[PART].fillna({"snr_db": EVERY_SNR}).items()]
+
+    def over_rows(is_counted: pd.Series[bool], function: Literal["median", "max", "min"]) -> Floats:
+        values = summary[columns].where(is_counted, axis=0).groupby(of_scenes, sort=False)
+        return values.transform(function).to_numpy()
+
+    typical = over_rows(~is_baseline & ~summary["sees_truth"], "median")
     higher = np.array([one.is_higher_better for one in compared])
-    found = part.loc[is_baseline, columns]
-    guessed = np.where(higher, found.max().to_numpy(), found.min().to_numpy())
+    guessed = np.where(higher, over_rows(is_baseline, "max"), over_rows(is_baseline, "min"))
     # Without either number nothing is near.
     is_near = np.where(higher, guessed >= (1 - NEAR) * typical, guessed <= (1 + NEAR) * typical)
-    return [column for column, near in zip(columns, is_near, strict=True) if near]
+    names = np.array(columns)
+    return [json.dumps(names[row].tolist()) for row in is_near]
 
 
 def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
@@ -486,7 +486,8 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     for name in MEDIANS:
         for share in (25, 75):
             found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
-        limits = [statistics.median_interval(values.dropna().to_numpy()) for _, values in groups[name]]
+        numbers = (values.to_numpy() for _, values in groups[name])
+        limits = [statistics.median_interval(each[~np.isnan(each)]) for each in numbers]
         found[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
     found = found.join(statistics.means_and_bands(groups, means)).reset_index()
     # A group of times needs a number where a row is over all SNRs.
