@@ -20,7 +20,7 @@ from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_cov
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.partial_dft import doppler_rows, range_rows
 from isacbench.errors import InputError
-from isacbench.link.waveform.figures_of_merit import hard_decision_capacity, papr_ccdf
+from isacbench.link.waveform.figures_of_merit import hard_decision_capacity
 from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.qam import awgn_ber, modulate_bits
 from isacbench.model.cloud import PointCloud
@@ -74,7 +74,6 @@ DOORS = {
     "elements": lambda make: EMPTY.array.in_frame(make(np.ones((2, 2), int))),
     "bit error rates": lambda make: hard_decision_capacity(make(np.zeros(2))),
     "levels of noise": lambda make: awgn_ber("qpsk", make(np.zeros(2))),
-    "peak-to-average power ratios": lambda make: papr_ccdf(make(np.zeros(2)), 8),
     "a waveform": lambda make: demodulate(make(np.ones(9)), System()),
 }
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import scipy.fft
 
-from isacbench.link.waveform.figures_of_merit import frame_rates, papr_ccdf, symbol_papr_db
-from isacbench.link.waveform.ofdm import mean_power, modulate, power_density
+from isacbench.link.waveform.figures_of_merit import frame_rates
+from isacbench.link.waveform.ofdm import modulate
 from isacbench.link.waveform.qam import BITS
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.numerology import System
@@ -25,6 +26,63 @@ SPACINGS = (1, 10, 100, 1000)
 """Subcarrier spacings beyond the edge of the band at which levels are printed."""
 
 N_FRAMES = 45
+
+
+def window_spectrum(system: System, frequency_hz: np.ndarray) -> np.ndarray:
+    """Fourier transform of the transmit window in s, referred to its middle.
+
+    The window is a rectangle of the symbol time T_OFDM, smoothed by half a sine wave as long as the suffix.
+    Its transform is the product of theirs, T_OFDM sinc(f T_OFDM) cos(π f T_CS) / (1 - (2 f T_CS)²).
+    """
+    suffix_time_s = system.cyclic_suffix_ratio / system.subcarrier_spacing_hz
+    place = np.abs(frequency_hz) * suffix_time_s
+    # The same as cos(πx) / (1 - 4x²), without its 0/0 at x = 1/2.
+    smoothing = np.pi / 2 * np.sinc(0.5 - place) / (1 + 2 * place)
+    return system.symbol_time_s * np.sinc(frequency_hz * system.symbol_time_s) * smoothing
+
+
+def power_density(system: System, frequency_hz: np.ndarray) -> np.ndarray:
+    """Power spectral density in 1/Hz of the waveform of independent symbols of unit power.
+
+    Every subcarrier adds the spectrum of the transmit window, S(f) = Σ_n |W(f - n Δf)|² / (N T_OFDM). Van
+    Waterschoot et al., "Power spectral density of cyclic prefixed OFDM signals", EURASIP J. Wireless Commun.
+    Netw. (2010), have it for a rectangular window.
+    """
+    density = np.zeros(frequency_hz.shape)
+    for subcarrier in range(system.n_subcarriers):
+        density += window_spectrum(system, frequency_hz - subcarrier * system.subcarrier_spacing_hz) ** 2
+    return density / (system.n_subcarriers * system.symbol_time_s)
+
+
+def mean_power(system: System) -> float:
+    """Mean power of that waveform, 1 - T_CS / (4 T_OFDM): where two symbols overlap, windows sum to 1."""
+    return 1 - system.cyclic_suffix_ratio / (4 * (1 + system.cyclic_prefix_ratio))
+
+
+def symbol_papr_db(symbols: np.ndarray, oversampling: int = OVERSAMPLING) -> np.ndarray:
+    """Largest power of the useful part of every OFDM symbol over the mean power of all, in dB.
+
+    At the critical rate peaks between the samples are missed, at 4 times it about 0.05 dB of their height is.
+    """
+    samples = scipy.fft.ifft(symbols.T, oversampling * len(symbols), axis=1, norm="forward")
+    peak = (np.abs(samples) ** 2).max(axis=1) / len(symbols)
+    return 10 * np.log10(peak / np.mean(np.abs(symbols) ** 2))
+
+
+def papr_ccdf(papr_db: np.ndarray, n_subcarriers: int, *, oversampled: bool = True) -> np.ndarray:
+    """Probability that the peak-to-average power ratio of a symbol is exceeded, for Gaussian samples.
+
+    At the critical rate the N samples are independent, and one of them exceeds γ with the probability
+    1 - (1 - exp(-γ))^N. Of the continuous envelope N √(πγ/3) exp(-γ) upward crossings of a high level γ are
+    expected, of a process with a flat spectrum (Rice, Bell Syst. Tech. J. 27, 1948); rare ones are Poisson
+    (Ochiai and Imai, IEEE Trans. Commun. 49, 2001).
+    """
+    power = 10 ** (papr_db / 10)
+    if oversampled:
+        expected = n_subcarriers * np.sqrt(np.pi / 3 * power) * np.exp(-power)
+    else:
+        expected = -n_subcarriers * np.log1p(-np.exp(-power))
+    return -np.expm1(-expected)
 
 
 def relative_db(system: System, density: np.ndarray) -> np.ndarray:

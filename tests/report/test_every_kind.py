@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from isacbench.bench.kinds.link_scenes import LinkSuite
+from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.report.figures import draw_charts, styled

@@ -32,7 +32,7 @@ from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, nea
 from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
-from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.checked_arrays import Mask
 from isacbench.choices import MapName
 from isacbench.dsp.cfar.detection_rates import detection_rate
@@ -40,11 +40,14 @@ from isacbench.errors import InputError
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
-from isacbench.plugins.contracts import Detection, Detector, Diagnoser, Estimator
+from isacbench.plugins.contracts import Detection, Detector, Diagnoser
 from isacbench.plugins.registry import get_detector, get_estimator
 from isacbench.specifications import SpelledVariant, spec_variants
 
 Pfa = Annotated[float, Field(gt=0, lt=1)]
+
+LabelledPlugin = tuple[str, float, Any]
+"""Text of a detector, its nominal rate, and the plugin that has it."""
 
 COUNTS = ["n_targets", "n_hits", "n_clear", "n_false"]
 """Cells with a target, those of them detected, clear cells, and those of them detected."""
@@ -105,7 +108,7 @@ class DetectionKind(Kind):
     def scenes(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Scene]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
-        alone, behind = _alone(detectors, suite.pfa), _behind(detectors, suite)
+        alone, behind = _entries(_alone(suite, detectors)), _entries(_behind(suite, detectors))
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
         maps = [MapScene(suite, name, alone) for name in suite.maps]
@@ -115,14 +118,11 @@ class DetectionKind(Kind):
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probabilities of detection and of false alarm, and the deviation of what was imaged.
 
-        Returns
-        -------
-        DataFrame
-            One row for each scenario or map, estimator (with its parameters), detector, nominal rate ``pfa``
-            and SNR: ``snr_gain_db``, ``n_cells``, ``n_failed`` and the counts, summed over trials; ``pd`` and
-            ``pfa_measured`` with 95 % intervals, ``..._low`` and ``..._high`` (Wilson); ``deviation_mean``
-            with the half width of its 95 % interval ``deviation_band`` (Student's t), NaN for a map;
-            ``time_estimate_s_median``. Fewer than five trials have no intervals.
+        One row for each scenario or map, estimator, detector, nominal rate ``pfa`` and SNR:
+        ``snr_gain_db``, ``n_cells``, ``n_failed`` and the counts, summed over trials; ``pd`` and
+        ``pfa_measured`` with 95 % intervals, ``..._low`` and ``..._high`` (Wilson); ``deviation_mean`` with
+        the half width of its 95 % interval ``deviation_band`` (Student's t), NaN for a map;
+        ``time_estimate_s_median``. Fewer than five trials have no intervals.
         """
         return statistics.summarise(rows, GROUP, _numbers)
 
@@ -135,13 +135,13 @@ class DetectionKind(Kind):
             if scenario in MAPS:
                 part = part[part["pfa"] == reference_rate(part["pfa"])]
                 title = f"{scenario}: P_d and P_fa of a nominal {part['pfa'].iloc[0]:g}"
-                write, n_columns = _rates_text, DETECTORS_A_TABLE
+                form, n_columns = _rates_text, DETECTORS_A_TABLE
             else:
                 title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
-                write, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
+                form, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
             lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT)
-            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), write, n_columns)
+            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), form, n_columns)
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -150,26 +150,19 @@ class DetectionKind(Kind):
         summary = self.summary(rows)
         summary["false"] = summary["pfa_measured"].clip(lower=NONE_FOUND / summary["n_clear"].clip(lower=1))
         is_on_map = summary["scenario"].isin(list(MAPS))
-        on_maps, found = summary[is_on_map], []
-        if len(on_maps):
-            found = [_map_charts(on_maps), _roc_charts(on_maps)]
         imaged = kind.title_stems(summary[~is_on_map], "scenario")
-        return [*found, *(_image_charts(part, name, stem) for name, stem, part in imaged)]
+        on_maps = _map_charts(summary[is_on_map]) if is_on_map.any() else []
+        return [*on_maps, *(_image_charts(part, name, stem) for name, stem, part in imaged)]
 
 
-def _detector_series(
-    summary: pd.DataFrame, part: pd.DataFrame, x: str, y: str, stem: str | None = None
-) -> list[Series]:
-    """Lines of the detectors of a summary by how the suite writes them, the same for every nominal rate."""
-    texts = summary["detector"].unique()
-    lines = charts.assign_lines({(text.partition("[")[0], text): text for text in texts})
-    named = part.assign(estimator=part["detector"], params="")
-    by_text = dict(zip([(text, "") for text in texts], lines.values(), strict=True))
-    return charts.line_series(named, by_text, x, y, stem)
+def _map_charts(summary: pd.DataFrame) -> list[ChartGroup]:
+    """Detection and false alarms over SNR, and over each other; a column a map.
 
-
-def _map_charts(summary: pd.DataFrame) -> ChartGroup:
-    """Probabilities of detection above, of false alarm below, over SNR, a column a map."""
+    Detectors have their lines by how the suite writes them, the same for every nominal rate.
+    """
+    names = summary["detector"].str.partition("[")[0]
+    summary = summary.assign(estimator=names, params=summary["detector"])
+    lines = charts.assign_lines({variant: variant[1] for variant in charts.variants_in(summary)})
     rate = reference_rate(summary["pfa"])
     part = summary[summary["pfa"] == rate]
     x, false = Axis("SNR of a target in its cell [dB]"), _false_axis(part)
@@ -178,16 +171,17 @@ def _map_charts(summary: pd.DataFrame) -> ChartGroup:
     limit = Series(KNOWN_NOISE, snrs_db, detection_rate(snrs_db, rate, swerling=1), style=KNOWN_NOISE_STYLE)
     above, below = [], []
     for name, own in part.groupby("scenario", sort=False):
-        series = _detector_series(summary, own, "snr_gain_db", "pd", "pd")
+        series = charts.line_series(own, lines, "snr_gain_db", "pd", "pd")
         above.append(Chart(str(name), x, DETECTED_AXIS, [*series, limit]))
-        series = _detector_series(summary, own, "snr_gain_db", "false", "pfa_measured")
+        series = charts.line_series(own, lines, "snr_gain_db", "false", "pfa_measured")
         below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
     trials = statistics.trials_and_band(int(part["n_cells"].max()))
     title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials}"
-    return ChartGroup("maps", title, [*above, *below], n_columns=len(above))
+    over_snr = ChartGroup("maps", title, [*above, *below], n_columns=len(above))
+    return [over_snr, _roc_charts(summary, lines)]
 
 
-def _roc_charts(summary: pd.DataFrame) -> ChartGroup:
+def _roc_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGroup:
     """Probability of detection over the measured one of false alarm, a column a map, a row an SNR."""
     names, x, panels = list(summary["scenario"].unique()), _false_axis(summary), []
     rates = np.geomspace(summary["pfa"].min() / 3, 0.3, 61)
@@ -195,7 +189,7 @@ def _roc_charts(summary: pd.DataFrame) -> ChartGroup:
     for snr_db, name in product(snrs_db, names):
         part = summary[(summary["snr_gain_db"] == snr_db) & (summary["scenario"] == name)]
         limit = [float(detection_rate(snr_db, rate, swerling=1)) for rate in rates.tolist()]
-        series = _detector_series(summary, part, "false", "pd")
+        series = charts.line_series(part, lines, "false", "pd")
         series.append(Series(KNOWN_NOISE, rates, limit, style=KNOWN_NOISE_STYLE))
         panels.append(Chart(f"{name}, {snr_db:.4g} dB", x, DETECTED_AXIS, series))
     title = "Detection over measured false alarms, a point a nominal P_fa"
@@ -206,10 +200,8 @@ def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
     """Effect of detectors on estimators: deviation, detection and false alarms over SNR."""
     labels = entry_labels(part)
     detectors = part.drop_duplicates(VARIANT)["detector"].str.partition("[")[0]
-    named = {
-        (detector, str(place)): label
-        for place, (detector, label) in enumerate(zip(detectors, labels.values(), strict=True))
-    }
+    places = map(str, range(len(labels)))
+    named = dict(zip(zip(detectors, places, strict=True), labels.values(), strict=True))
     lines = dict(zip(labels, charts.assign_lines(named).values(), strict=True))
     over_snr, snr = partial(charts.line_series, part, lines, "snr_db"), Axis("SNR [dB]")
     deviation, rates = Axis("imaging deviation", log=True), sorted(part["pfa"].unique())
@@ -258,13 +250,7 @@ def _deviation_and_rates(entry: Mapping[Any, Any]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SharedMap(SharedObservation):
-    """Map that detectors test.
-
-    Attributes
-    ----------
-    power : ndarray of float64
-        Of the map at the SNR, read-only.
-    """
+    """Map that detectors test, and its power at the SNR, read-only."""
 
     drawn: PowerMap
     power: NDArray[np.float64]
@@ -325,28 +311,23 @@ class MapScene(Scene):
         return SharedMap(self._key(snr_db, trial), labels, n_true, drawn, power)
 
 
-def count_cells(shot: MeasuredImage) -> dict[str, int]:
-    """Count cells of the range-Doppler map that an estimator's detector tested.
+def count_cells(image: MeasuredImage) -> dict[str, int]:
+    """Count cells of the range-Doppler map that an estimator's detector tested, the columns `COUNTS`.
 
-    Returns
-    -------
-    dict of str to int
-        ``n_targets``, cells nearest to a scatterer, and ``n_hits`` of them
-        detected; ``n_clear``, cells more than three away from all of those,
-        and ``n_false`` of them detected. Nothing where the estimator is no
-        `Diagnoser`, or there is no observation.
+    Targets are the cells nearest to a scatterer; clear ones are more than three away from all of those.
+    Nothing where the estimator is no `Diagnoser`, or there is no observation.
     """
-    if shot.observation is None or not isinstance(shot.estimator, Diagnoser):
+    if image.observation is None or not isinstance(image.estimator, Diagnoser):
         return {}
-    diagnosis, system = shot.estimator.diagnose(shot.observation), shot.scenario.system
-    truth = shot.scenario.truth
-    range_m = np.linalg.norm(truth.xyz - shot.scenario.base_station_m, axis=1)
+    diagnosis, system = image.estimator.diagnose(image.observation), image.scenario.system
+    truth = image.scenario.truth
+    range_m = np.linalg.norm(truth.xyz - image.scenario.base_station_m, axis=1)
     rows = np.rint(range_m / system.range_bin_m).astype(np.int64) - diagnosis.range_bins[0]
     columns = np.rint(truth.velocity / system.velocity_bin_mps).astype(np.int64) - diagnosis.doppler_bins[0]
     mask = diagnosis.detection.mask
-    inside = (rows >= 0) & (rows < mask.shape[0]) & (columns >= 0) & (columns < mask.shape[1])
+    is_inside = (rows >= 0) & (rows < mask.shape[0]) & (columns >= 0) & (columns < mask.shape[1])
     targets = np.zeros_like(mask)
-    targets[rows[inside], columns[inside]] = True
+    targets[rows[is_inside], columns[is_inside]] = True
     return _counts(mask, targets, ~near(targets, CLEAR_CELLS))
 
 
@@ -359,24 +340,21 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     return found | statistics.deviation_columns(part)
 
 
-def _alone(detectors: Sequence[SpelledVariant], rates: Sequence[float]) -> list[Entry[Detector]]:
+def _alone(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
     """Every detector at every nominal rate, at its own where none is given."""
-    built = []
     for text, (name, params) in detectors:
-        chosen = [{"pfa": rate} for rate in rates] or [{}]
-        built += [(text, get_detector(name, **{**params, **own})) for own in chosen]
-    return _labelled_entries((text, detector.pfa, detector) for text, detector in built)
+        for own in [{"pfa": rate} for rate in suite.pfa] or [{}]:
+            detector = get_detector(name, **{**params, **own})
+            yield text, detector.pfa, detector
 
 
-def _behind(detectors: Sequence[SpelledVariant], suite: DetectionSuite) -> list[Entry[Estimator]]:
+def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
     """Every estimator behind every detector."""
-    built = []
     for build, (text, (name, params)) in product(_builders(suite), detectors):
         detector = get_detector(name, **params)
         estimator = build(detector=detector)
         own_pfa = getattr(estimator, "pfa", None)
-        built.append((text, detector.pfa if own_pfa is None else own_pfa, estimator))
-    return _labelled_entries(built)
+        yield text, detector.pfa if own_pfa is None else own_pfa, estimator
 
 
 def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
@@ -398,9 +376,9 @@ def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
             )
 
 
-def _labelled_entries(built: Iterable[tuple[str, float, Any]]) -> list[Entry[Any]]:
+def _entries(plugins: Iterable[LabelledPlugin]) -> list[Entry[Any]]:
     """Entries of plugins, labelled with the text of their detector and its nominal rate."""
-    entries = ((text, scenes.entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in built)
+    entries = ((text, scenes.entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in plugins)
     return scenes.distinct_entries("detector", entries)
 
 

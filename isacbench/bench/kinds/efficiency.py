@@ -48,14 +48,13 @@ BOUNDS = [f"bound_{column}" for column, _ in UNITS.values()]
 
 CURVE = ["scenario", "estimator", "params"]
 
-RATIO_LIMITS = 0.7, 10.0
-"""Ends of an axis of errors over their bound: ten times are far from it, however far."""
-
 FEWEST_FALSE = 0.1
 """Fewer false points a trial do not stretch their axis."""
 
 BOUND_STYLE = LineStyle("", "dash", "")
-SNR_AXIS = Axis("SNR after gain [dB]")
+SNR_AXIS, SHARE_AXIS = Axis("SNR after gain [dB]"), Axis("share of trials", limits=charts.SHARE_LIMITS)
+RATIO_AXIS = Axis("error over bound", log=True, limits=(0.7, 10.0))
+"""Ten times the bound are far from it, however far."""
 
 
 class EfficiencyKind(Kind):
@@ -72,25 +71,21 @@ class EfficiencyKind(Kind):
 
     def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
         """Plan one scene a scenario: one scatterer in its region."""
-        entries = build_estimators(suite)
+        entries, found = build_estimators(suite), []
         for scenario in scenarios.values():
             scenario.require_default("the Cramér-Rao bound", "noise")
-        return [
-            ImagedScene(suite, one, entries, draw=partial(_draw, one, suite.seed), measure=measure_efficiency)
-            for one in scenarios.values()
-        ]
+            draw = partial(_draw, scenario, suite.seed)
+            found.append(ImagedScene(suite, scenario, entries, draw=draw, measure=measure_efficiency))
+        return found
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Root mean square errors over the bound, of every estimator at every SNR.
 
-        Returns
-        -------
-        DataFrame
-            One row for each scenario, estimator (with its parameters) and SNR: ``snr_gain_db``; the counts
-            ``n_trials``, ``n_failed``, ``n_misses`` (without failures) and ``n_false``; for each of range,
-            velocity, u and w ``rmse_<x>`` and ``bound_<x>`` in its unit and ``ratio_<x>`` of the two with its
-            95 % interval ``ratio_<x>_low``, ``ratio_<x>_high``, all of the trials with a hit, the interval of
-            five or more; ``time_estimate_s_median``.
+        One row for each scenario, estimator and SNR: ``snr_gain_db``; the counts ``n_trials``, ``n_failed``,
+        ``n_misses`` (without failures) and ``n_false``; for each of range, velocity, u and w ``rmse_<x>`` and
+        ``bound_<x>`` in its unit and ``ratio_<x>`` of the two with its 95 % interval ``ratio_<x>_low``,
+        ``ratio_<x>_high``, all of the trials with a hit, the interval of five or more;
+        ``time_estimate_s_median``.
         """
         return statistics.summarise(rows, [*CURVE, "snr_db"], _numbers)
 
@@ -100,7 +95,7 @@ class EfficiencyKind(Kind):
         times = statistics.time_notes(rows, CURVE)
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
-            Column("missed", form=_missed),
+            Column("missed", form=_missed_text),
             Column("false: points", "n_false"),
             *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in UNITS),
         ]
@@ -113,65 +108,55 @@ class EfficiencyKind(Kind):
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Errors beside their bound, errors over it, misses and false points, over SNR."""
-        summary, lines, found = _drawn(self.summary(rows)), kind.lines_of(rows), []
+        summary, lines, found = _with_shares(self.summary(rows)), kind.lines_of(rows), []
         for scenario, stem, part in kind.title_stems(summary, "scenario"):
             over_snr = partial(charts.line_series, part, lines, "snr_gain_db")
             bounds = part.drop_duplicates("snr_gain_db").sort_values("snr_gain_db")
-            above, below = [], []
+            errors, ratios = [], []
             for name, (column, unit) in UNITS.items():
-                title, bound = TITLES[name], bounds[f"bound_{column}"]
-                errors = over_snr(f"rmse_{column}", f"rmse_{column}")
-                errors.append(Series("Cramér-Rao bound", bounds["snr_gain_db"], bound, style=BOUND_STYLE))
+                title, of_bound = TITLES[name], (bounds["snr_gain_db"], bounds[f"bound_{column}"])
+                series = over_snr(f"rmse_{column}", f"rmse_{column}")
+                series.append(Series("Cramér-Rao bound", *of_bound, style=BOUND_STYLE))
                 axis = Axis(f"root mean square error{unit}", log=True)
-                above.append(Chart(title, SNR_AXIS, axis, errors))
-                ratios = over_snr(f"ratio_{name}", f"ratio_{name}")
-                axis = Axis("error over bound", log=True, limits=RATIO_LIMITS)
-                below.append(Chart(f"{title}: error over the bound", SNR_AXIS, axis, ratios, lines=[1.0]))
-            shares = Axis("share of trials", limits=charts.SHARE_LIMITS)
-            above.append(Chart("Missed", SNR_AXIS, shares, over_snr("missed")))
+                errors.append(Chart(title, SNR_AXIS, axis, series))
+                series = over_snr(f"ratio_{name}", f"ratio_{name}")
+                ratios.append(Chart(f"{title}: error over the bound", SNR_AXIS, RATIO_AXIS, series, [1.0]))
+            missed = Chart("Missed", SNR_AXIS, SHARE_AXIS, over_snr("missed"))
             top = max(1.06 * float(part["false"].max()), FEWEST_FALSE)
-            numbers = Axis("number a trial", limits=(-0.03 * top, top))
-            below.append(Chart("False points", SNR_AXIS, numbers, over_snr("false")))
+            axis = Axis("number a trial", limits=(-0.03 * top, top))
+            false = Chart("False points", SNR_AXIS, axis, over_snr("false"))
             trials = statistics.trials_and_band(int(part["n_trials"].max()))
             title = f"{scenario}: one scatterer, errors where it was found; {trials}"
-            found.append(ChartGroup(f"efficiency-{stem}", title, [*above, *below], n_columns=5))
+            panels = [*errors, missed, *ratios, false]
+            found.append(ChartGroup(f"efficiency-{stem}", title, panels, n_columns=5))
         return found
 
 
-def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
-    """Measure an image of one scatterer.
+def measure_efficiency(image: MeasuredImage) -> dict[str, Any]:
+    """Measure an image of one scatterer: hit or miss, false points, errors of the hit, and their bounds.
 
-    Returns
-    -------
-    dict
-        ``hit``, whether a point lies within one Rayleigh cell of the
-        scatterer in range, velocity, u and w; ``n_false``, all points but
-        one of those; the errors of the nearest, counted in cells; and the
-        Cramér-Rao bounds, standard deviations in the same units.
+    A hit is a point within one Rayleigh cell of the scatterer in range, velocity, u and w. The nearest one
+    has the errors, the distance counted in cells; all other points are false.
     """
-    scenario = shot.scenario
+    scenario = image.scenario
     cells = rayleigh_cells(scenario)
-    error = radio_places(scenario, shot.cloud) - radio_places(scenario, scenario.scatterers)
-    inside = np.flatnonzero((np.abs(error) < cells).all(axis=1))
-    measured: dict[str, Any] = {"hit": inside.size > 0, "n_false": len(error) - (inside.size > 0)}
-    bound = single_bound(
-        scenario.system, scenario.array.shape, 10 ** (shot.snr_db / 10) / scenario.array.n_turns
-    )
+    error = radio_places(scenario, image.cloud) - radio_places(scenario, scenario.scatterers)
+    hits = np.flatnonzero((np.abs(error) < cells).all(axis=1))
+    element_snr = 10 ** (image.snr_db / 10) / scenario.array.n_turns
+    bound = single_bound(scenario.system, scenario.array.shape, element_snr)
+    measured: dict[str, Any] = {"hit": hits.size > 0, "n_false": len(error) - (hits.size > 0)}
     measured |= dict(zip(BOUNDS, np.sqrt(np.diag(bound.covariance)).tolist(), strict=True))
-    if inside.size:
-        nearest = inside[np.argmin(np.sum((error[inside] / cells) ** 2, axis=1))]
+    if hits.size:
+        nearest = hits[np.argmin(np.sum((error[hits] / cells) ** 2, axis=1))]
         measured |= dict(zip(ERRORS, error[nearest].tolist(), strict=True))
     return measured
 
 
-def _drawn(summary: pd.DataFrame) -> pd.DataFrame:
+def _with_shares(summary: pd.DataFrame) -> pd.DataFrame:
     """Add shares, and give errors the relative band of their ratio; leave out those of one hit of many."""
-    n_hits = summary["n_trials"] - summary["n_failed"] - summary["n_misses"]
-    is_measured = (n_hits > 1) | (summary["n_trials"] == 1)
-    columns: dict[str, Any] = {
-        "missed": summary["n_misses"] / summary["n_trials"],
-        "false": summary["n_false"] / summary["n_trials"],
-    }
+    n_trials = summary["n_trials"]
+    is_measured = (n_trials - summary["n_failed"] - summary["n_misses"] > 1) | (n_trials == 1)
+    columns = {"missed": summary["n_misses"] / n_trials, "false": summary["n_false"] / n_trials}
     for name, (column, _) in UNITS.items():
         for end in ("", "_low", "_high"):
             ratio = summary[f"ratio_{name}{end}"].where(is_measured)
@@ -180,7 +165,7 @@ def _drawn(summary: pd.DataFrame) -> pd.DataFrame:
     return summary.assign(**columns)
 
 
-def _missed(row: Mapping[Any, Any]) -> str:
+def _missed_text(row: Mapping[Any, Any]) -> str:
     return charts.with_failures(f"{row['n_misses'] / row['n_trials']:.3f}", row["n_failed"])
 
 

@@ -14,11 +14,11 @@ from isacbench.bench import statistics
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import MANY_SCENARIOS, average_scenarios, summarise_scores
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, SNR_AXIS, average_scenarios, summarise_scores
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, Table, Variant
+from isacbench.charts import VARIANT, Chart, ChartGroup, Column, Line, Table, Variant
 from isacbench.metrics.paper import Paper
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.radio_coordinates import median_gain_db
@@ -77,7 +77,6 @@ SCORE_AXES = {
     ),
     "recall": ScoreAxis("Share of true scatterers within {radius_m:g} m of an estimated point", "recall"),
 }
-SNR_AXIS = Axis("SNR [dB]")
 SHARES = "f_score", "objects_detected", "precision", "recall"
 
 
@@ -129,24 +128,24 @@ class ImagingKind(Kind):
         note = statistics.mean_of_trials(int(summary["n_cells"].max()))
         found = [deviation_charts(summary, lines, note)]
         for name, stem, part in kind.title_stems(summary, "scenario"):
-            drawn = [score for score in SCORE_AXES if f"{score}_mean" in part]
-            found.append(score_charts(part, drawn, f"curves-{stem}", lines, scenarios.get(name)))
+            names = [score for score in SCORE_AXES if f"{score}_mean" in part]
+            found.append(score_charts(part, names, f"curves-{stem}", lines, scenarios.get(name)))
         return [*found, *time_charts(rows, lines)]
 
 
 def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note: str) -> ChartGroup:
     """Deviation over SNR, a chart a scenario, all on one scale."""
-    y = Axis("imaging deviation", limits=charts.linear_limits(summary, "deviation_mean", "deviation"))
-    panels = []
-    for name, part in summary.groupby("scenario", sort=False):
+    title, name, _ = SCORE_AXES["deviation"]
+    y, panels = scores.score_axis(name, "linear", summary, "deviation_mean", "deviation"), []
+    for scenario, part in summary.groupby("scenario", sort=False):
         series = charts.line_series(part, lines, "snr_db", "deviation_mean", "deviation")
-        panels.append(Chart(str(name), SNR_AXIS, y, series))
-    return ChartGroup("deviation", f"{SCORE_AXES['deviation'].title}\n{note}", panels)
+        panels.append(Chart(str(scenario), SNR_AXIS, y, series))
+    return ChartGroup("deviation", f"{title}\n{note}", panels)
 
 
 def score_charts(
     part: pd.DataFrame,
-    shown: Sequence[str],
+    names: Sequence[str],
     stem: str,
     lines: Mapping[Variant, Line],
     scenario: Scenario | None,
@@ -159,19 +158,16 @@ def score_charts(
     if scenario is not None:
         title += f"\na median scatterer after all gains: SNR {median_gain_db(scenario):+.1f} dB"
     panels = []
-    for score in shown:
+    for score in names:
         heading, name, is_log = SCORE_AXES.get(score, ScoreAxis(score, score))
-        mean = part[f"{score}_mean"]
-        if is_log:
-            limits = charts.decades(mean, PRACTICALLY_ZERO)
-            name += " (less: at the edge)" if (mean < limits[0]).any() else ""
-        elif score in SHARES:
-            limits = charts.SHARE_LIMITS
-        else:
-            limits = charts.linear_limits(part, f"{score}_mean", score)
+        scale: scores.Scale = "share" if score in SHARES else "log" if is_log else "linear"
+        column = f"{score}_mean"
+        y = scores.score_axis(name, scale, part, column, score, PRACTICALLY_ZERO)
+        if is_log and y.limits is not None and (part[column] < y.limits[0]).any():
+            y = replace(y, title=f"{name} (less: at the edge)")
         heading = heading.replace("{radius_m:g}", f"{scenario.radius_m:g}" if scenario else "1")
-        series = charts.line_series(part, lines, "snr_db", f"{score}_mean", score)
-        panels.append(Chart(heading, SNR_AXIS, Axis(name, is_log, limits), series))
+        series = charts.line_series(part, lines, "snr_db", column, score)
+        panels.append(Chart(heading, SNR_AXIS, y, series))
     return ChartGroup(stem, title, panels)
 
 
@@ -180,7 +176,7 @@ def _estimators_over_snr(
 ) -> list[Table]:
     """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with times."""
     summary = summary.assign(spatial_mean=summary["hausdorff_sum_m_mean"] + summary["density_mean"])
-    shown = {score: one for score, one in IMAGE_COLUMNS.items() if f"{score}_mean" in summary}
+    further = {score: one for score, one in IMAGE_COLUMNS.items() if f"{score}_mean" in summary}
     lines = charts.spread_rows(summary.sort_values("snr_db", kind="stable"), ["snr_db"], VARIANT)
     times_s = statistics.median_times(rows, VARIANT)[f"{statistics.TIME}_median"]
     lines.append({"snr_db": "time [ms]", **{one: {"time_s": time_s} for one, time_s in times_s.items()}})
@@ -189,7 +185,7 @@ def _estimators_over_snr(
         columns = [Column("SNR [dB]", "snr_db", "{:g}", part=0)]
         for part, variant in enumerate(batch, start=1):
             columns.append(Column(f"{labels[variant]}: deviation", variant, deviation_text, part=part))
-            for score, (heading, optional) in shown.items():
+            for score, (heading, optional) in further.items():
                 form = "{:.1e}" if score == "velocity_nmse" else "{:.2f}"
                 write = partial(_mean_text, f"{score}_mean", form)
                 columns.append(Column(heading, variant, write, optional=optional, part=part))
@@ -205,6 +201,4 @@ def deviation_text(entry: Mapping[Any, Any]) -> str:
     """Mean deviation of some trials with its band and the trials that failed, or the time of an image."""
     if "time_s" in entry:
         return f"{1e3 * entry['time_s']:.1f}"
-    mean = charts.number_or_blank(entry["deviation_mean"], "{:.2f}")
-    band = charts.number_or_blank(entry["deviation_band"], " ±{:.2f}")
-    return charts.with_failures(mean + band, entry["n_failed"])
+    return charts.with_failures(scores.mean_text("deviation", entry), entry["n_failed"])

@@ -9,9 +9,14 @@ of them came out wrong.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
 from typing import Any, ClassVar, get_args
 
 import numpy as np
@@ -20,16 +25,32 @@ from scipy.special import bdtr, bdtrc
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.record import failed
-from isacbench.bench.kinds import kind
+from isacbench.bench.cells.cell import Found, array_digest
+from isacbench.bench.cells.record import Row, failed, status_of
+from isacbench.bench.kinds import kind, scenes
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.link_scenes import LinkSuite, plan_scenes
-from isacbench.bench.kinds.scenes import Scene
+from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
+from isacbench.bench.suites.scenario_digest import described_fields, digest
+from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
-from isacbench.choices import Modulation
+from isacbench.choices import Division, Modulation, Sensing
+from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import counted
+from isacbench.link.reception.channel import Awgn, Channel, TappedDelay, TwoRay, require_closed_form
+from isacbench.link.reception.channel_estimation import require_estimable
+from isacbench.link.reception.receiver import Knowledge, Reception, expected_ber, receive
+from isacbench.link.sensing.division import Signal
+from isacbench.link.sensing.link_observation import SignalSimulator
+from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.qam import awgn_ber
+from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
+from isacbench.model.cloud import PointCloud
+from isacbench.model.echo import random_stream
+from isacbench.model.numerology import System
+from isacbench.model.scene import Scenario
+from isacbench.plugins.registry import canonical_params, construct
+from isacbench.specifications import parse_spec
 
 IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
@@ -45,7 +66,6 @@ KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
 DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
 RECEIVER_DASHES = "solid", "dash", "dashdot"
-PRS_STYLE = LineStyle("", "dashdot", "diamond")
 
 LOWEST_BER = 1e-6
 """A frame has a few million bits: fewer errors are not seen."""
@@ -53,6 +73,54 @@ LOWEST_BER = 1e-6
 TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
 SNR_AXIS = Axis("SNR of a resource element [dB]")
 PANEL_IN = 3.1, 2.5
+
+
+class LinkSuite(Suite):
+    """Suite of the kind ``link``.
+
+    Attributes
+    ----------
+    modulations : tuple of {"qpsk", "16qam", "64qam", "256qam"}
+        Modulations of the data that are sent, received, and sensed with.
+    sensing : tuple of {"all", "prs"}
+        Resource elements that are sensed with.
+    divisions : tuple of {"reciprocal", "matched", "wiener"}
+        Divisions of the echo by symbols of unequal power.
+    channels : tuple of str
+        Channels to the user as ``name[param=value,...]``: ``awgn``,
+        ``two_ray`` and ``tapped_delay``, see `isacbench.link.reception.channel`.
+    receivers : tuple of str
+        Receivers of the user, likewise: ``one_tap``, see `OneTap`.
+    """
+
+    kind: str = "link"
+    modulations: Listed[Modulation] = get_args(Modulation)
+    sensing: Listed[Sensing] = get_args(Sensing)
+    divisions: Listed[Division] = get_args(Division)
+    channels: Distinct[str] = ("awgn", "two_ray", "tapped_delay")
+    receivers: Listed[str] = ("one_tap[knowledge=perfect]", "one_tap")
+
+
+@dataclass(frozen=True)
+class OneTap:
+    """Receiver of the user: one division a resource element, decisions symbol by symbol.
+
+    Attributes
+    ----------
+    knowledge : {"prs", "perfect"}
+        Source of its knowledge of the channel.
+    time_order : int
+        Order of the polynomial that the estimated channel follows in time.
+    """
+
+    name: ClassVar[str] = "one_tap"
+
+    knowledge: Knowledge = "prs"
+    time_order: int = 0
+
+
+CHANNELS: dict[str, type[Channel]] = {kind.name: kind for kind in (Awgn, TwoRay, TappedDelay)}
+RECEIVERS = {OneTap.name: OneTap}
 
 
 class LinkKind(Kind):
@@ -72,22 +140,38 @@ class LinkKind(Kind):
     }
 
     def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Scene]:
-        """Plan every scenario with every signal, and every channel with every modulation."""
-        return plan_scenes(suite, scenarios)
+        """Plan every scenario with every signal, and every channel with every modulation.
+
+        What would fail in every cell is refused.
+        """
+        if suite.snr_db is None:
+            raise InputError(
+                "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
+            )
+        entries = scenes.build_estimators(suite)
+        found: list[Scene] = []
+        for scenario in scenarios.values():
+            scenario.require_default("a suite of the kind link", "noise", "mimo")
+            found += _signal_scenes(suite, scenario, entries)
+        (first, scenario), *others = scenarios.items()
+        for name, other in others:
+            if other.system != scenario.system:
+                raise InputError(
+                    f"scenarios: {first!r} and {name!r} have different systems; a suite of the kind link "
+                    "takes scenarios of one system, whose frame the user receives"
+                )
+        return [*found, *_user_scenes(suite, scenario.system)]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
 
-        Returns
-        -------
-        DataFrame
-            One row for each scene, estimator or receiver (with its parameters) and SNR: what tells the
-            scenes apart, ``n_cells``, ``n_failed``. Of images ``deviation_mean`` with the half width of its
-            95 % interval ``deviation_band`` (Student's t), ``n_estimated_mean``, ``precision_mean`` and
-            ``recall_mean``. Of what was received ``n_bits`` and ``n_bit_errors`` of all trials, ``ber`` with
-            its 95 % interval ``ber_low``, ``ber_high`` (Wilson, as if bits were independent),
-            ``ber_expected``, ``evm_db`` and ``channel_error_db`` (of mean powers) and ``rate_bps``, the mean.
-            Of all ``time_estimate_s_median``. Fewer than five trials have no intervals.
+        One row for each scene, estimator or receiver and SNR: what tells the scenes apart, ``n_cells``,
+        ``n_failed``. Of images ``deviation_mean`` with the half width of its 95 % interval ``deviation_band``
+        (Student's t), ``n_estimated_mean``, ``precision_mean`` and ``recall_mean``. Of what was received
+        ``n_bits`` and ``n_bit_errors`` of all trials, ``ber`` with its 95 % interval ``ber_low``,
+        ``ber_high`` (Wilson, as if bits were independent), ``ber_expected``, ``evm_db`` and
+        ``channel_error_db`` (of mean powers) and ``rate_bps``, the mean. Of all ``time_estimate_s_median``.
+        Fewer than five trials have no intervals.
         """
         return statistics.summarise(rows, GROUP, _numbers)
 
@@ -112,10 +196,12 @@ class LinkKind(Kind):
             title = (
                 f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
                 f"{counted(part['n_cells'].max(), 'frame')}"
-            ) + _expectation(outside.reindex(part.index).dropna())
+            ) + _counts_text(outside.reindex(part.index).dropna())
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
             lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], ["modulation"])
-            found += charts.tables_of_columns(title, first, lines, headings, _reception, MODULATIONS_A_TABLE)
+            found += charts.tables_of_columns(
+                title, first, lines, headings, _reception_text, MODULATIONS_A_TABLE
+            )
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -158,9 +244,9 @@ def _error_series(part: pd.DataFrame) -> list[Series]:
             found.append(Series(label, rows["snr_db"], rows["ber"], *limits, style=style))
         snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
-        drawn = np.where(rates >= LOWEST_BER, rates, np.nan)
+        rates[rates < LOWEST_BER] = np.nan
         label = f"{modulation.upper()}, closed form in white noise"
-        found.append(Series(label, snrs_db, drawn, style=LineStyle(colour, "dot", "")))
+        found.append(Series(label, snrs_db, rates, style=LineStyle(colour, "dot", "")))
     return found
 
 
@@ -176,9 +262,10 @@ def _signal_series(part: pd.DataFrame) -> list[Series]:
 
 def _signal_style(signal: tuple[Any, ...]) -> LineStyle:
     sensing, modulation, division = signal
+    colour = MODULATION_COLOURS.get(modulation, "")
     if sensing == "prs":
-        return PRS_STYLE
-    return LineStyle(MODULATION_COLOURS[modulation], DIVISION_DASHES[division], "circle")
+        return LineStyle(colour, "dashdot", "diamond")
+    return LineStyle(colour, DIVISION_DASHES[division], "circle")
 
 
 def _trade_charts(
@@ -191,18 +278,15 @@ def _trade_charts(
     rates = charts.rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
     panels = []
     for variant in charts.variants_in(sensed):
-        series = []
+        series, top = [], 0.0
         for key, rows in _trade_points(charts.rows_of(sensed, variant), rates).groupby(SIGNAL, sort=False):
-            sensing, modulation, division = key
-            style = _signal_style(key)
-            if sensing == "prs":
-                style = LineStyle(MODULATION_COLOURS[modulation], "dashdot", "diamond")
+            sensing, _, division = key
             is_named = sensing != "prs" and division in ("", "reciprocal")
             texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]] if is_named else []
-            x, y = rows["rate_gbps"], rows["deviation_mean"]
-            series.append(Series(signal_label(key), x, y, style=style, texts=texts))
-        top = 1.06 * max((float(np.nanmax(np.append(one.y, 0.0))) for one in series), default=0.0) or 1.0
-        axis = Axis("imaging deviation", limits=(0.0, top))
+            x, y = rows["rate_bps"] / 1e9, rows["deviation_mean"]
+            series.append(Series(signal_label(key), x, y, style=_signal_style(key), texts=texts))
+            top = max(top, float(y.fillna(0.0).max()))
+        axis = Axis("imaging deviation", limits=(0.0, 1.06 * top or 1.0))
         rate = Axis("achievable bit rate [Gbit/s]")
         panels.append(Chart(f"Image by {labels[variant]}", rate, axis, series))
     title = (
@@ -214,13 +298,10 @@ def _trade_charts(
 
 def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
     """Deviations of one estimator and bit rates at the same SNR; those of the PRS for every modulation."""
-    of_prs, part = part["sensing"] == "prs", part.drop(columns="rate_bps", errors="ignore")
-    modulations = rates[["modulation"]].drop_duplicates()
+    part = part.loc[part["snr_db"].isin(TRADE_SNRS_DB), [*SIGNAL, "snr_db", "deviation_mean"]]
+    of_prs, modulations = part["sensing"] == "prs", rates[["modulation"]].drop_duplicates()
     prs = part[of_prs].drop(columns="modulation").merge(modulations, how="cross")
-    points = pd.concat([part[~of_prs], prs]).merge(rates, on=["modulation", "snr_db"])
-    points = points[points["snr_db"].isin(TRADE_SNRS_DB)]
-    path = points.groupby(SIGNAL, sort=False).ngroup()
-    return points.assign(rate_gbps=points["rate_bps"] / 1e9, path=path).sort_values(["path", "snr_db"])
+    return pd.concat([part[~of_prs], prs]).merge(rates, on=["modulation", "snr_db"])
 
 
 def signal_label(signal: tuple[Any, ...]) -> str:
@@ -248,7 +329,7 @@ def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     }
 
 
-def _expectation(outside: pd.Series[bool]) -> str:
+def _counts_text(outside: pd.Series[bool]) -> str:
     """Say whether counts of errors are as expected; empty where nothing is known to expect."""
     if outside.empty:
         return ""
@@ -257,7 +338,7 @@ def _expectation(outside: pd.Series[bool]) -> str:
     return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
 
 
-def _reception(entry: Mapping[Any, Any]) -> str:
+def _reception_text(entry: Mapping[Any, Any]) -> str:
     """Bit error rate beside the expected one, EVM and rate; and what failed."""
     if math.isnan(entry["ber"]):
         return charts.with_failures("", entry["n_failed"])
@@ -274,14 +355,12 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
 
 
 def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
-    """Tell which counts of bit errors lie outside the family-wise interval of what was expected.
+    """Mark the counts of bit errors that lie outside the family-wise interval of what was expected.
 
-    Of receivers that know the channel: given the fade, errors of bits are those
-    of the closed form, and nearly independent. The family is all their counts.
-
-    The interval is that of the binomial distribution with Šidák's level for
-    99 % of the family. Over several fades the expected rate is a mean: counts
-    then vary less than binomially, and the interval errs by being wide.
+    Of receivers that know the channel: given the fade, errors of bits are those of the closed form, and
+    nearly independent. The family is all their counts. The interval is that of the binomial distribution with
+    Šidák's level for 99 % of the family. Over several fades the expected rate is a mean: counts then vary
+    less than binomially, and the interval errs by being wide.
     """
     received = summary[summary["channel"] != ""]
     if received.empty:  # of a suite without channels there are no columns of bits
@@ -317,5 +396,155 @@ def _received(part: pd.DataFrame) -> dict[str, float]:
 
 def _mean_db(values: pd.Series[Any]) -> float:
     """Mean of powers in dB."""
-    mean = (10 ** (values / 10)).mean()
-    return float(10 * np.log10(mean)) if mean > 0 else (-math.inf if mean == 0 else math.nan)
+    with np.errstate(divide="ignore"):
+        return float(10 * np.log10((10 ** (values / 10)).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival(SharedObservation):
+    """Frame on its way to the user, which receivers receive."""
+
+    grid: ResourceGrid
+    system: System
+    channel: Channel
+
+    def digest(self) -> str:
+        """Digest of the frame."""
+        return digest([array_digest(self.grid.symbols), array_digest(self.grid.bits)])
+
+    def call(self, plugin: OneTap) -> Reception:
+        """Receive the frame."""
+        return receive(self.grid, self.system, self.channel, self.key["snr_db"], **self._given(plugin))
+
+    def score(self, plugin: OneTap, answer: Reception) -> Found:
+        """Count bits that came out right and wrong, and derive rates and errors."""
+        modulation, n_right = self.grid.modulation, answer.n_bits - answer.n_bit_errors
+        rates = frame_rates(self.system, modulation)
+        ber_expected = expected_ber(
+            modulation, self.system, self.channel, self.key["snr_db"], **self._given(plugin)
+        )
+        return {
+            "status": status_of(n_right),
+            "n_estimated": n_right,
+            "n_bits": answer.n_bits,
+            "n_bit_errors": answer.n_bit_errors,
+            "ber_expected": ber_expected,
+            "rate_bps": float(rates.achievable_rate_bps(min(answer.ber, 0.5))),
+            "evm_db": answer.evm_db,
+            "channel_error_db": answer.channel_error_db,
+        }, PointCloud.empty()
+
+    def n_differing(self, answers: Sequence[Reception], row: Row) -> int:
+        """Count the receptions with other bit errors than a row."""
+        return sum(answer.n_bit_errors != row.found["n_bit_errors"] for answer in answers)
+
+    def _given(self, receiver: OneTap) -> dict[str, Any]:
+        """Conditions of a reception besides frame, channel and SNR."""
+        return {**dataclasses.asdict(receiver), "trial": self.key["trial"], "seed": self.key["seed"]}
+
+
+class UserScene(Scene):
+    """Channel (`text` as the suite writes it), modulation, and the receivers behind them."""
+
+    def __init__(
+        self,
+        suite: LinkSuite,
+        system: System,
+        channel: Channel,
+        text: str,
+        modulation: Modulation,
+        entries: Sequence[Entry[OneTap]],
+    ) -> None:
+        self._system, self._channel = system, channel
+        self._labels = {"channel": text, "modulation": modulation}
+        super().__init__(
+            suite,
+            f"user-{text}-{modulation}",
+            entries,
+            suite.snr_db or (),
+            lambda trial: draw_grid(system, modulation, seed=suite.seed, trial=trial),
+        )
+
+    @cached_property
+    def content(self) -> str:
+        """Digest of radio, channel and modulation, from which all rows follow."""
+        system = described_fields(self._system)
+        return digest([self._suite.kind, system, canonical_params(self._channel), self._labels])
+
+    def observe(self, snr_db: float, trial: int) -> Arrival:
+        """Send a frame, for all receivers."""
+        grid, key = self._drawn_once(trial), self._key(snr_db, trial)
+        return Arrival(key, self._labels, grid.bits.size, grid, self._system, self._channel)
+
+
+def signals_of(suite: LinkSuite) -> dict[str, Signal]:
+    """Signals that the scenarios of a suite are sensed with, each once, by names as ``all-16qam-matched``.
+
+    Where all symbols that are sensed with have the same power, all divisions
+    are the same; and of the PRS, which is QPSK always, all modulations.
+    """
+    signals: dict[str, Signal] = {}
+    for sensing, modulation, division in product(suite.sensing, suite.modulations, suite.divisions):
+        signal = Signal(modulation, sensing, division)
+        name = "prs" if sensing == "prs" else f"{sensing}-{modulation}"
+        if not signal.has_unit_modulus:
+            name += f"-{division}"
+        signals.setdefault(name, signal)
+    return signals
+
+
+def _signal_scenes(
+    suite: LinkSuite, scenario: Scenario, entries: Sequence[Entry[Any]]
+) -> Iterator[ImagedScene]:
+    """A scenario with every signal."""
+    for short, signal in signals_of(suite).items():
+        labels = {
+            "template": scenario.name,
+            "modulation": "" if signal.sensing == "prs" else signal.modulation,
+            "sensing": signal.sensing,
+            "division": "" if signal.has_unit_modulus else signal.division,
+        }
+        name, simulator = f"{scenario.name}-{short}", partial(SignalSimulator, signal=signal)
+        yield ImagedScene(suite, scenario, entries, name=name, simulator=simulator, labels=labels)
+
+
+def _user_scenes(suite: LinkSuite, system: System) -> list[UserScene]:
+    """Every channel with every modulation, all receivers behind them.
+
+    Refused are unknown channels and receivers, a channel that the closed form does not hold for, and a
+    receiver that cannot estimate the channel from the PRS. Of a channel that moves only the first fade is
+    looked at; a later one with more Doppler fails in its own cells.
+    """
+    channels: dict[str, Channel] = {text: _construct("channel", text, CHANNELS) for text in suite.channels}
+    receivers: dict[str, OneTap] = {text: _construct("receiver", text, RECEIVERS) for text in suite.receivers}
+    written = ((text, scenes.entry_of(receiver)) for text, receiver in receivers.items())
+    entries = scenes.distinct_entries("receiver", written)
+    for text, channel in channels.items():
+        with _naming(f"channels: {text!r}"):
+            stream = random_stream("channel", 0, suite.seed, channel.name)
+            require_closed_form(system, channel.paths(system, stream))
+    for text, receiver in receivers.items():
+        if channels and receiver.knowledge == "prs":
+            with _naming(f"receivers: {text!r}"):
+                require_estimable(system, receiver.time_order)
+    return [
+        UserScene(suite, system, channel, text, modulation, entries)
+        for (text, channel), modulation in product(channels.items(), suite.modulations)
+    ]
+
+
+def _construct(what: str, text: str, classes: Mapping[str, type[Any]]) -> Any:
+    """Channel or receiver that ``name[param=value,...]`` describes."""
+    name, params = parse_spec(text)
+    if name not in classes:
+        raise unknown_name(what, name, classes)
+    return construct(what, name, classes[name], params)
+
+
+@contextmanager
+def _naming(what: str) -> Iterator[None]:
+    """Put what an error is about in front of its reason."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,7 +35,7 @@ from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, over_snrs
+from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, SNR_AXIS, over_snrs
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
@@ -52,6 +52,9 @@ from isacbench.model.scenes.scene_families import use_of_seed
 
 ALL = "all"
 """Value of `family`, `frame` and `phases` in a row over all of them."""
+
+EVERY_SNR = math.inf
+"""Stands for the SNR of a row over all SNRs, NaN, where rows are grouped by it."""
 
 HAND_MADE = "hand-made"
 """Value of `family` of scenes that no family made."""
@@ -104,41 +107,44 @@ class Score(NamedTuple):
         How early a terminal leaves it out.
     axis : str
         In charts; empty: not there.
-    scale : {"share", "positive", "log"}
-        Of the axis.
     """
 
     heading: str
-    column: str
+    name: str
     is_higher_better: bool = False
     optional: int = 0
     axis: str = ""
-    scale: str = "share"
+    scale: scores.Scale = "share"
+
+    @property
+    def column(self) -> str:
+        """Column of the summary."""
+        return f"{self.name}_median" if self.name in MEDIANS else f"{self.name}_mean"
 
 
 RATIO_AXIS = "ratio to the oracle"
-RATIO = Score("median: ratio", "ratio_median", axis=RATIO_AXIS, scale="log")
-HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m_mean")
+RATIO = Score("median: ratio", "ratio", axis=RATIO_AXIS, scale="log")
+HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m")
 SPEED = "velocity error [m/s]"
 SCORES = (
     RATIO,
     HAUSDORFF,
-    Score("F-score", "f_score_mean", is_higher_better=True, axis="F-score"),
-    Score("objects: F-score", "objects_f_score_mean", is_higher_better=True),
-    Score("", "objects_detected_mean", axis="objects detected"),
-    Score("GOSPA: skill", "gospa_skill_mean", is_higher_better=True, optional=1),
-    Score("velocity: error [m/s]", "velocity_error_mps_mean", optional=2, axis=SPEED, scale="positive"),
-    Score("precision", "precision_mean", is_higher_better=True, optional=4, axis="precision"),
-    Score("recall", "recall_mean", is_higher_better=True, optional=3, axis="recall"),
+    Score("F-score", "f_score", is_higher_better=True, axis="F-score"),
+    Score("objects: F-score", "objects_f_score", is_higher_better=True),
+    Score("", "objects_detected", axis="objects detected"),
+    Score("GOSPA: skill", "gospa_skill", is_higher_better=True, optional=1),
+    Score("velocity: error [m/s]", "velocity_error_mps", optional=2, axis=SPEED, scale="linear"),
+    Score("precision", "precision", is_higher_better=True, optional=4, axis="precision"),
+    Score("recall", "recall", is_higher_better=True, optional=3, axis="recall"),
 )
-AIMED = (
-    Score("false points: an image", "n_false_mean", axis="false points an image", scale="positive"),
-    Score("images: without any", "share_clean_mean", True, axis="images without false points"),
-    Score("scatterers: resolved", "share_resolved_mean", True, axis="scatterers resolved"),
-    Score("images: all met", "share_met_mean", True, axis="images with all met"),
+TARGET_SCORES = (
+    Score("false points: an image", "n_false", axis="false points an image", scale="linear"),
+    Score("images: without any", "share_clean", True, axis="images without false points"),
+    Score("scatterers: resolved", "share_resolved", True, axis="scatterers resolved"),
+    Score("images: all met", "share_met", True, axis="images with all met"),
 )
-JUDGED = [one for one in (*SCORES, Score("deviation", "deviation_mean"), *AIMED) if one.heading]
-DRAWN = [one for one in SCORES if one.axis]
+TABLE_SCORES = [one for one in (*SCORES, Score("deviation", "deviation"), *TARGET_SCORES) if one.heading]
+CHART_SCORES = [one for one in SCORES if one.axis]
 
 
 class PopulationSuite(Suite):
@@ -167,7 +173,7 @@ class PopulationSuite(Suite):
             raise InputError(f"suite {self.name} has no blocks: it lacks the key block_seeds")
         shift = number * self.block_seeds
 
-        def moved(match: re.Match[str]) -> str:
+        def shifted(match: re.Match[str]) -> str:
             seeds = [int(seed) for seed in match[1].split(":")]
             if any(use_of_seed(seed + shift) != use_of_seed(seed) for seed in seeds):
                 raise InputError(
@@ -176,7 +182,7 @@ class PopulationSuite(Suite):
                 )
             return "seed=" + ":".join(str(seed + shift) for seed in seeds)
 
-        scenarios = [re.sub(r"seed=(\d+(?::\d+)?)", moved, text) for text in self.scenarios]
+        scenarios = [re.sub(r"seed=(\d+(?::\d+)?)", shifted, text) for text in self.scenarios]
         return self.replace(scenarios=scenarios) if shift else self
 
 
@@ -207,19 +213,13 @@ class PopulationKind(Kind):
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Summarise a population, and mark the numbers in which a baseline comes near the estimators.
 
-        Returns
-        -------
-        DataFrame
-            As `summarise_population` returns it, with the further columns ``sees_truth`` and
-            ``near_chance``, the names of the marked columns as JSON: the better one of `chance` and `empty`
-            is better than, or within 20 % of, the median of the estimators that do not see the truth.
+        As `summarise_population`, with the further columns ``sees_truth`` and ``near_chance``, the names of
+        the marked columns as JSON: the better one of `chance` and `empty` is better than, or within 20 % of,
+        the median of the estimators that do not see the truth.
         """
         summary = summarise_population(rows)
         summary["sees_truth"] = summary["estimator"].isin(find_limits(rows))
-        summary["near_chance"] = ""
-        for _, part in summary.groupby(PART, sort=False, dropna=False):
-            summary.loc[part.index, "near_chance"] = json.dumps(near_chance(part))
-        return summary
+        return summary.assign(near_chance=near_chance(summary))
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """All scenes, ratios by family and by frame and phases, and lone scatterers.
@@ -227,33 +227,33 @@ class PopulationKind(Kind):
         As details each family on its own, over all SNRs and at each.
         """
         summary = self.summary(rows)
+        parts = dict(iter(summary.fillna({"snr_db": EVERY_SNR}).groupby(PART, sort=False)))
         labels = _row_labels(kind.labels_of(rows), summary)
         snrs_db = sorted(summary["snr_db"].dropna().unique())
         over = over_snrs(snrs_db)
         # A heading of all tables of scores: times of cells that ran beside others mislead.
         words = "time [ms]" + statistics.time_words(rows).removeprefix("median processor time")
+        of_family = {name: parts[name, ALL, ALL, EVERY_SNR] for name in summary["family"].unique()}
         found = kind.number_tables(rows)
-        found.append(_score_table(_part(summary), labels, f"All scenes, {over}", words))
-        families = [name for name in summary["family"].unique() if name != ALL]
-        lone = [name for name in families if _part(summary, name)["n_false_mean"].notna().any()]
-        scattered = {name: _part(summary, name) for name in families if name not in lone}
+        found.append(_score_table(of_family[ALL], labels, f"All scenes, {over}", words))
+        lone = [name for name, part in of_family.items() if part["n_false_mean"].notna().any()]
+        scattered = {name: part for name, part in of_family.items() if name not in (ALL, *lone)}
         found += _ratio_table(scattered, labels, f"Median ratio by family, {over}")
-        conditions = {
-            f"{frame}, {phases}": _part(summary, ALL, frame, phases)
-            for frame, phases in product(("panel", "paper"), PHASES.values())
-        }
+        conditions = {}
+        for frame, phases in product(("panel", "paper"), PHASES.values()):
+            if (ALL, frame, phases, EVERY_SNR) in parts:
+                conditions[f"{frame}, {phases}"] = parts[ALL, frame, phases, EVERY_SNR]
         found += _ratio_table(conditions, labels, f"Median ratio by frame and phases, {over}")
-        found += [_target_table(_part(summary, name), labels, f"{name}, {over}") for name in lone]
+        found += [_target_table(of_family[name], labels, f"{name}, {over}") for name in lone]
         found += scores.object_tables(rows, labels)
-        for name, snr_db in product((ALL, *families), (math.nan, *snrs_db)):
-            part = _part(summary, name, snr_db=snr_db)
-            if part.empty:  # the run was interrupted before
+        for name, snr_db in product(of_family, (EVERY_SNR, *snrs_db)):
+            if (name, ALL, ALL, snr_db) not in parts:  # the run was interrupted before
                 continue
-            heading = over if math.isnan(snr_db) else f"{snr_db:g} dB"
+            part, heading = parts[name, ALL, ALL, snr_db], over if snr_db == EVERY_SNR else f"{snr_db:g} dB"
             title = f"{'All scenes' if name == ALL else name}, {heading}"
-            if (name, heading) != (ALL, over):
+            if (name, snr_db) != (ALL, EVERY_SNR):
                 found.append(replace(_score_table(part, labels, title, words), is_detail=True))
-            if name in lone and heading != over:
+            if name in lone and snr_db != EVERY_SNR:
                 found.append(replace(_target_table(part, labels, title), is_detail=True))
         return found
 
@@ -270,7 +270,7 @@ class PopulationKind(Kind):
         lone = by_snr.loc[by_snr["n_false_mean"].notna(), "family"].unique()
         for family, stem in file_stems(lone).items():
             part = by_snr[by_snr["family"] == family]
-            panels = [_over_snr(one.axis, one, part, lines, part) for one in AIMED]
+            panels = [_over_snr(one.axis, one, part, lines, part) for one in TARGET_SCORES]
             title = f"{family}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
             found.append(ChartGroup(f"targets-{stem}", title, panels))
         return [*found, *time_charts(rows, lines)]
@@ -329,10 +329,11 @@ def _strip(part: pd.DataFrame, place: int, line: Line) -> Iterable[Series]:
 def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGroup:
     """Scores over SNR, a row of charts for each score, a column for each family."""
     families = list(by_snr["family"].unique())
-    seeing = {variant[0] for variant, line in lines.items() if line.is_reference}
-    compared = by_snr[~by_snr["estimator"].isin(seeing)]
-    panels = []
-    for one in (one for one in DRAWN if one.column in by_snr and by_snr[one.column].notna().any()):
+    references = {variant[0] for variant, line in lines.items() if line.is_reference}
+    compared, panels = by_snr[~by_snr["estimator"].isin(references)], []
+    for one in CHART_SCORES:
+        if one.column not in by_snr or by_snr[one.column].isna().all():
+            continue
         for family in families:
             part, title = by_snr[by_snr["family"] == family], "all scenes" if family == ALL else str(family)
             panels.append(_over_snr(title, one, part, lines, compared))
@@ -343,30 +344,19 @@ def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartG
 def _over_snr(
     title: str, one: Score, part: pd.DataFrame, lines: Mapping[Variant, Line], compared: pd.DataFrame
 ) -> Chart:
-    """One number of a part over SNR; charts of positive ones share the scale of all that is compared."""
-    stem, series = one.column.removesuffix("_mean").removesuffix("_median"), []
+    """One number of a part over SNR; charts of linear ones share the scale of all that is compared."""
+    series = []
     if part[one.column].notna().any():
-        series = charts.line_series(part, lines, "snr_db", one.column, stem)
-    limits = charts.SHARE_LIMITS
-    if one.scale == "positive":
-        limits = charts.linear_limits(compared, one.column, stem)
-    elif one.scale == "log":
-        limits = charts.decades(part[one.column])
-    return Chart(title, Axis("SNR [dB]"), Axis(one.axis, one.scale == "log", limits), series)
+        series = charts.line_series(part, lines, "snr_db", one.column, one.name)
+    scaling = compared if one.scale == "linear" else part
+    return Chart(
+        title, SNR_AXIS, scores.score_axis(one.axis, one.scale, scaling, one.column, one.name), series
+    )
 
 
 def _bands(part: pd.DataFrame) -> str:
     """Say that there are bands, if there are."""
     return ", 95 % confidence bands" if part["recall_band"].notna().any() else ""
-
-
-def _part(
-    summary: pd.DataFrame, family: str = ALL, frame: str = ALL, phases: str = ALL, snr_db: float = math.nan
-) -> pd.DataFrame:
-    """Rows of some scenes at one SNR, or over all SNRs."""
-    is_snr = summary["snr_db"].isna() if math.isnan(snr_db) else summary["snr_db"] == snr_db
-    chosen = (summary["family"] == family) & (summary["frame"] == frame) & (summary["phases"] == phases)
-    return summary[is_snr & chosen]
 
 
 def _row_labels(labels: Mapping[Variant, str], summary: pd.DataFrame) -> dict[Variant, str]:
@@ -380,48 +370,43 @@ def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, 
     """Scores of some scenes, a row an estimator."""
     # Where all cells failed, an empty column has their number.
     has_values = part.notna().any()
-    shown = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
-    columns = _score_columns(shown, part)
-
-    def with_failures(row: Mapping[Any, Any]) -> str:
-        return charts.with_failures(_number(shown[0], row), int(row["n_failed"]))
-
-    columns[0] = replace(columns[0], form=with_failures)
-    columns.append(Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3))
-    return _table(part, labels, title, columns)
+    numbers = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
+    first, *others = _score_columns(numbers, part)
+    first = replace(first, form=partial(_score_and_failures, numbers[0]))
+    times = Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3)
+    return _table(part, labels, title, [first, *others, times])
 
 
 def _target_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
     """Absolute targets of lone scatterers, a row an estimator."""
-    return _table(part, labels, f"Targets of {title}", _score_columns(AIMED, part))
+    return _table(part, labels, f"Targets of {title}", _score_columns(TARGET_SCORES, part))
 
 
-def _score_columns(shown: Iterable[Score], part: pd.DataFrame) -> list[Column]:
+def _score_columns(numbers: Iterable[Score], part: pd.DataFrame) -> list[Column]:
     return [
-        Column(_marked(one.heading, one, part), form=partial(_number, one), optional=one.optional)
-        for one in shown
+        Column(_marked(one.heading, one, part), form=partial(_score_text, one), optional=one.optional)
+        for one in numbers
     ]
 
 
 def _table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, columns: Iterable[Column]) -> Table:
     """Rows of a part in the order of the labels, with the number of scenes, which decides about bands."""
-    entries = {(entry["estimator"], entry["params"]): entry for entry in part.to_dict("records")}
-    rows = [{**entries[one], "label": label} for one, label in labels.items() if one in entries]
     n_scenes, least = int(part["n_scenes"].max()), statistics.MIN_TRIALS
     band = "95 % confidence band" if n_scenes >= least else f"no confidence band below {least}"
     columns = [Column("estimator", "label", part=0), *columns]
-    return Table(_noted(f"{title}: {counted(n_scenes, 'scene')}, {band}", columns), columns, rows)
+    title = _noted(f"{title}: {counted(n_scenes, 'scene')}, {band}", columns)
+    return Table(title, columns, scores.labelled_rows(part, labels))
 
 
 def _ratio_table(parts: Mapping[str, pd.DataFrame], labels: Mapping[Variant, str], title: str) -> list[Table]:
     """Median ratios with quartiles, a column for each of some parts; nothing where there are none."""
-    shown = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
-    if len(shown) < 2:
+    parts = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
+    if len(parts) < 2:
         return []
     columns = [Column("estimator", "label", part=0)]
     rows: dict[Variant, dict[str, Any]] = {variant: {"label": label} for variant, label in labels.items()}
-    for place, (name, part) in enumerate(shown.items(), start=1):
-        columns.append(Column(_marked(name, RATIO, part), name, _ratio, part=place))
+    for place, (name, part) in enumerate(parts.items(), start=1):
+        columns.append(Column(_marked(name, RATIO, part), name, _ratio_text, part=place))
         for entry in part.to_dict("records"):
             rows[entry["estimator"], entry["params"]][name] = entry
     return [Table(_noted(f"{title} (quartiles)", columns), columns, list(rows.values()))]
@@ -438,34 +423,42 @@ def _marked(heading: str, one: Score, part: pd.DataFrame) -> str:
     return heading + MARK if one.column in json.loads(part["near_chance"].iloc[0]) else heading
 
 
-def _number(one: Score, entry: Mapping[Any, Any]) -> str:
-    """Number of one estimator, a mean with its band."""
-    text, stem = charts.number_or_blank(entry[one.column], "{:.2f}"), one.column.removesuffix("_mean")
-    return text if stem == one.column else text + charts.number_or_blank(entry[f"{stem}_band"], " ±{:.2f}")
+def _score_text(one: Score, entry: Mapping[Any, Any]) -> str:
+    """Score of one estimator, a mean with its band."""
+    if one.name in MEDIANS:
+        return charts.number_or_blank(entry[one.column], "{:.2f}")
+    return scores.mean_text(one.name, entry)
 
 
-def _ratio(entry: Mapping[Any, Any]) -> str:
+def _score_and_failures(one: Score, entry: Mapping[Any, Any]) -> str:
+    return charts.with_failures(_score_text(one, entry), int(entry["n_failed"]))
+
+
+def _ratio_text(entry: Mapping[Any, Any]) -> str:
     """Median ratio and its quartiles."""
     numbers = (charts.number_or_blank(entry[f"ratio_{end}"], "{:.2f}") for end in ("median", "q25", "q75"))
     middle, low, high = numbers
     return f"{middle} ({low}-{high})" if middle else ""
 
 
-def near_chance(part: pd.DataFrame) -> list[str]:
-    """Find the numbers in which the better one of the baselines comes near the estimators of some scenes.
+def near_chance(summary: pd.DataFrame) -> list[str]:
+    """List for each row, as JSON, the numbers in which a baseline comes near the estimators on its scenes."""
+    compared = [one for one in TABLE_SCORES if one.column in summary]
+    columns = [one.column for one in compared]
+    is_baseline = summary["estimator"].isin(BASELINES)
+    of_scenes = [column for _, column in summary[PART].fillna({"snr_db": EVERY_SNR}).items()]
 
-    Of rows of the summary with ``sees_truth``, one an estimator; its columns are returned.
-    """
-    judged = [one for one in JUDGED if one.column in part]
-    columns = [one.column for one in judged]
-    is_baseline = part["estimator"].isin(BASELINES)
-    typical = part.loc[~is_baseline & ~part["sees_truth"], columns].median().to_numpy()
-    higher = np.array([one.is_higher_better for one in judged])
-    found = part.loc[is_baseline, columns]
-    guessed = np.where(higher, found.max().to_numpy(), found.min().to_numpy())
+    def over_rows(is_counted: pd.Series[bool], function: Literal["median", "max", "min"]) -> Floats:
+        values = summary[columns].where(is_counted, axis=0).groupby(of_scenes, sort=False)
+        return values.transform(function).to_numpy()
+
+    typical = over_rows(~is_baseline & ~summary["sees_truth"], "median")
+    higher = np.array([one.is_higher_better for one in compared])
+    guessed = np.where(higher, over_rows(is_baseline, "max"), over_rows(is_baseline, "min"))
     # Without either number nothing is near.
     is_near = np.where(higher, guessed >= (1 - NEAR) * typical, guessed <= (1 + NEAR) * typical)
-    return [column for column, near in zip(columns, is_near, strict=True) if near]
+    names = np.array(columns)
+    return [json.dumps(names[row].tolist()) for row in is_near]
 
 
 def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
@@ -474,37 +467,32 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     Scores are averaged within a scene first; failed cells have none. Medians, means and intervals
     are over scenes.
 
-    Returns
-    -------
-    DataFrame
-        One row for each ``family``, ``frame``, ``phases`` (``"in phase"`` or ``"carrier"``),
-        ``snr_db`` and estimator with its parameters. ``"all"``, and an SNR of NaN, stand for a
-        row over all; hand-made scenes have the family ``"hand-made"``. Columns: the counts
-        ``n_scenes``, ``n_cells``, ``n_no_detection`` and ``n_failed``; of the ratio to the oracle
-        (none for families of lone scatterers) and of ``velocity_nmse`` ``..._median`` with its
-        95 % interval ``..._low``, ``..._high``, and the quartiles ``..._q25`` and ``..._q75``; of
-        other scores ``..._mean`` and ``..._band``, half its 95 % interval (Student's t), from five
-        scenes on; of families of lone scatterers likewise ``n_false``, false points an image,
-        ``share_clean``, images without any, ``share_resolved``, resolvable scatterers that were
-        resolved, and ``share_met``, images with both targets met; ``time_estimate_s_median``.
+    One row for each ``family``, ``frame``, ``phases`` (``"in phase"`` or ``"carrier"``), ``snr_db`` and
+    estimator. ``"all"``, and an SNR of NaN, stand for a row over all; hand-made scenes have the family
+    ``"hand-made"``. Columns: the counts ``n_scenes``, ``n_cells``, ``n_no_detection`` and ``n_failed``; of
+    the ratio to the oracle (none for families of lone scatterers) and of ``velocity_nmse`` ``..._median``
+    with its 95 % interval ``..._low``, ``..._high``, and the quartiles ``..._q25`` and ``..._q75``; of other
+    scores ``..._mean`` and ``..._band``, half its 95 % interval (Student's t), from five scenes on; of
+    families of lone scatterers likewise ``n_false``, false points an image, ``share_clean``, images without
+    any, ``share_resolved``, resolvable scatterers that were resolved, and ``share_met``, images with both
+    targets met; ``time_estimate_s_median``.
     """
-    cells = spread_levels(scene_cells(rows))
+    cells = with_totals(scene_cells(rows))
     by = [*PART, *VARIANT]
     means = [*(name for name in scores.averaged_columns(rows) if name not in MEDIANS), *TARGETS]
-    of_scenes = cells.groupby([*by, "scenario"], sort=False, dropna=False)
-    scenes = of_scenes[COUNTS].sum().join(of_scenes[[*MEDIANS, *means]].mean()).reset_index()
-    groups = scenes.groupby(by, sort=False, dropna=False)
+    groups = scores.grouped_scenarios(cells, by, [*MEDIANS, *means])
     found = groups[COUNTS].sum()
     found.insert(0, "n_scenes", groups.size())
     for name in MEDIANS:
         for share in (25, 75):
             found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
-        limits = [statistics.median_interval(values.dropna().to_numpy()) for _, values in groups[name]]
+        numbers = (values.to_numpy() for _, values in groups[name])
+        limits = [statistics.median_interval(each[~np.isnan(each)]) for each in numbers]
         found[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
     found = found.join(statistics.means_and_bands(groups, means)).reset_index()
     # A group of times needs a number where a row is over all SNRs.
-    timed = cells.assign(snr_db=cells["snr_db"].fillna(np.inf))
-    times = statistics.median_times(timed, by).reset_index().replace({"snr_db": {np.inf: np.nan}})
+    timed = cells.fillna({"snr_db": EVERY_SNR})
+    times = statistics.median_times(timed, by).reset_index().replace({"snr_db": {EVERY_SNR: np.nan}})
     return found.merge(times, how="left", on=by)
 
 
@@ -531,7 +519,7 @@ def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def spread_levels(cells: pd.DataFrame) -> pd.DataFrame:
+def with_totals(cells: pd.DataFrame) -> pd.DataFrame:
     """Repeat the rows of `scene_cells` for every level of the summary that they belong to.
 
     Each eight times: with its own family or ``"all"``, its own frame and phases or ``"all"``, its own SNR
@@ -543,44 +531,29 @@ def spread_levels(cells: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([levels.assign(snr_db=np.nan), levels], ignore_index=True)
 
 
-def measure_lone_scatterers(shot: MeasuredImage) -> dict[str, Any]:
-    """Measure an image of lone scatterers.
+def measure_lone_scatterers(image: MeasuredImage) -> dict[str, Any]:
+    """Count the resolvable scatterers of an image, those of them that are resolved, and its false points.
 
-    Returns
-    -------
-    dict
-        ``n_resolvable``; ``n_resolved``, those of them whose point is within 3
-        standard deviations of the bound in range, velocity, u and w; and
-        ``n_false``, the points without a scatterer of their own.
+    One is resolved by a point within 3 standard deviations of the bound in range, velocity, u and w.
     """
-    scenario = shot.scenario
-    bound = scene_bound(scenario, shot.snr_db)
-    resolvable = np.all(bound <= RESOLVABLE_CELLS * rayleigh_cells(scenario), axis=1)
-    error = radio_places(scenario, shot.cloud)[:, None] - radio_places(scenario, scenario.scatterers)
-    points, scatterers = match_points(error / rayleigh_cells(scenario))
+    scenario = image.scenario
+    bound, cells = scene_bound(scenario, image.snr_db), rayleigh_cells(scenario)
+    is_resolvable = np.all(bound <= RESOLVABLE_CELLS * cells, axis=1)
+    error = radio_places(scenario, image.cloud)[:, None] - radio_places(scenario, scenario.scatterers)
+    points, scatterers = match_points(error / cells)
     is_exact = np.all(np.abs(error[points, scatterers]) <= MOST_DEVIATIONS * bound[scatterers], axis=1)
     return {
-        "n_resolvable": int(resolvable.sum()),
-        "n_resolved": int((is_exact & resolvable[scatterers]).sum()),
-        "n_false": len(shot.cloud) - len(points),
+        "n_resolvable": int(is_resolvable.sum()),
+        "n_resolved": int((is_exact & is_resolvable[scatterers]).sum()),
+        "n_false": len(image.cloud) - len(points),
     }
 
 
 def scene_bound(scenario: Scenario, snr_db: float) -> Floats:
     """Cramér-Rao bound of all scatterers of a scene together, without errors of the array.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Its scatterers have amplitudes other than 0.
-    snr_db : float
-        Per resource element and virtual element.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 4)
-        Standard deviations of range in m, velocity in m/s, u and w; infinite where
-        scatterers cannot be told apart.
+    Standard deviations (n, 4) of range in m, velocity in m/s, u and w; infinite where scatterers cannot be
+    resolved. Their amplitudes must not be 0. The SNR is that per resource element and virtual element.
     """
     gain = echo_parameters(scenario).gain
     noise_power = float(np.sum(np.abs(gain) ** 2)) / 10 ** (snr_db / 10) * scenario.array.n_turns
@@ -592,20 +565,13 @@ def scene_bound(scenario: Scenario, snr_db: float) -> Floats:
 def match_points(error_cells: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Match points and scatterers one to one: as many as possible, then at the least sum of distances.
 
-    Parameters
-    ----------
-    error_cells : ndarray of float64, shape (n_points, n_scatterers, 4)
-        Differences of their coordinates in Rayleigh cells; a pair is possible if all are below 1.
-
-    Returns
-    -------
-    points, scatterers : ndarray of int, shape (n,)
-        Indices of the pairs.
+    Takes differences (n_points, n_scatterers, 4) of their coordinates in Rayleigh cells, and returns the
+    indices of the pairs, points and scatterers. A pair is possible if all differences are below 1.
     """
     is_possible: NDArray[np.bool_] = np.asarray(np.all(np.abs(error_cells) < 1, axis=2))
     distance = np.linalg.norm(error_cells, axis=2)
     # A possible pair is at most 2 cells long: no sum of them is worth an impossible one.
     impossible = 2.0 * (1 + min(is_possible.shape))
     points, scatterers = linear_sum_assignment(np.where(is_possible, distance, impossible))
-    kept = is_possible[points, scatterers]
-    return points[kept], scatterers[kept]
+    is_pair = is_possible[points, scatterers]
+    return points[is_pair], scatterers[is_pair]

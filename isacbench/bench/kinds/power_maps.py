@@ -46,17 +46,17 @@ N_INTERFERERS = 6
 
 @dataclass(frozen=True, eq=False)
 class PowerMap:
-    """Noise and echoes of a map, from which its power at any SNR follows.
+    """Noise and echoes of a map, from which its power at any SNR follows; arrays (n_range, n_doppler).
 
     Attributes
     ----------
-    noise : ndarray of complex128, shape (n_range, n_doppler)
+    noise : ndarray of complex128
         Noise of power 1, or clutter and noise together where there is clutter.
-    echo : ndarray of complex128, same shape
+    echo : ndarray of complex128
         Echoes of mean power 1, zero where there is none.
-    targets : ndarray of bool, same shape
+    targets : ndarray of bool
         Cells that should be detected.
-    clear : ndarray of bool, same shape
+    clear : ndarray of bool
         Cells without an echo in which false alarms are counted.
     """
 
@@ -66,17 +66,7 @@ class PowerMap:
     clear: Mask
 
     def power(self, snr_db: float) -> NDArray[np.float64]:
-        """Power of every cell.
-
-        Parameters
-        ----------
-        snr_db : float
-            Mean power of targets over that of noise, in dB.
-
-        Returns
-        -------
-        ndarray of float64, shape (n_range, n_doppler)
-        """
+        """Power of every cell, with targets of a mean power over that of noise."""
         cells = self.noise + 10 ** (snr_db / 20) * self.echo
         power: NDArray[np.float64] = cells.real**2 + cells.imag**2
         return power
@@ -95,16 +85,11 @@ class _Layout:
 def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
     """Draw a map.
 
-    Parameters
-    ----------
-    name : {"homogeneous", "clutter-edge", "close-targets", "interferers"}
-        ``homogeneous``: noise, and one target a site; false alarms are
-        counted out of reach of targets. ``clutter-edge``: half of the map is
-        15 dB of clutter, targets lie in noise three cells before it; false
-        alarms are counted in the first four cells of clutter.
-        ``close-targets``: two targets two to four cells apart.
-        ``interferers``: six of them two to four cells around each target. In
-        both, false alarms are counted up to four cells around targets.
+    ``homogeneous``: noise, and one target a site; false alarms are counted out of reach of targets.
+    ``clutter-edge``: half of the map is 15 dB of clutter, targets lie in noise three cells before it; false
+    alarms are counted in the first four cells of clutter. ``close-targets``: two targets two to four cells
+    apart. ``interferers``: six of them two to four cells around each target. In both, false alarms are
+    counted up to four cells around targets.
     """
     layout = MAPS[name](random_stream(name, trial, seed, "layout"))
     shape, echoes = layout.background.shape, layout.targets | layout.interferers
@@ -114,23 +99,12 @@ def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
 
 
 def near(mask: Mask, distance: int) -> Mask:
-    """Mark the cells near those of a mask.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (n_range, n_doppler)
-    distance : int
-        Largest distance in cells; a diagonal step counts as one.
-
-    Returns
-    -------
-    ndarray of bool, same shape
-    """
+    """Mark the cells at most so far from those of a mask; a diagonal step counts as one."""
     return np.asarray(ndimage.maximum_filter(mask, size=2 * distance + 1, mode="constant"), dtype=np.bool_)
 
 
 def _homogeneous(rng: np.random.Generator) -> _Layout:
-    targets = _marked(_centres())
+    targets = _mask(_centres())
     return _Layout(np.ones(targets.shape), targets, np.zeros_like(targets), ~near(targets, REACH))
 
 
@@ -140,21 +114,21 @@ def _clutter_edge(rng: np.random.Generator) -> _Layout:
     for first in range(SITE, clutter.shape[0], 2 * SITE):
         clutter[first : first + SITE] = True
     before = rows // SITE % 2 == 0
-    targets = _marked(((rows[before] // SITE + 1) * SITE - EDGE_DISTANCE, columns[before]))
+    targets = _mask(((rows[before] // SITE + 1) * SITE - EDGE_DISTANCE, columns[before]))
     edge = clutter & ~np.roll(clutter, EDGE_CELLS, axis=0)
     background = np.where(clutter, 10 ** (EDGE_DB / 10), 1.0)
     return _Layout(background, targets, np.zeros_like(targets), edge & ~near(targets, REACH))
 
 
 def _close_targets(rng: np.random.Generator) -> _Layout:
-    first = _marked(_centres())
+    first = _mask(_centres())
     targets = first | _around(rng, 1)
     clear = near(targets, NEIGHBOURS[1]) & ~targets
     return _Layout(np.ones(first.shape), targets, np.zeros_like(first), clear)
 
 
 def _interferers(rng: np.random.Generator) -> _Layout:
-    targets, interferers = _marked(_centres()), _around(rng, N_INTERFERERS)
+    targets, interferers = _mask(_centres()), _around(rng, N_INTERFERERS)
     clear = near(targets, NEIGHBOURS[1]) & ~targets & ~interferers
     return _Layout(np.ones(targets.shape), targets, interferers, clear)
 
@@ -173,7 +147,7 @@ def _centres() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return rows, columns
 
 
-def _marked(cells: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Mask:
+def _mask(cells: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Mask:
     """Mask of some cells."""
     mask = np.zeros(SHAPE, dtype=np.bool_)
     mask[cells] = True
@@ -188,4 +162,4 @@ def _around(rng: np.random.Generator, n: int) -> Mask:
     rows, columns = _centres()
     order = rng.permuted(np.tile(np.arange(len(offsets)), (rows.size, 1)), axis=1)[:, :n]
     chosen = offsets[order]
-    return _marked((rows[:, None] + chosen[..., 0], columns[:, None] + chosen[..., 1]))
+    return _mask((rows[:, None] + chosen[..., 0], columns[:, None] + chosen[..., 1]))

@@ -33,7 +33,7 @@ from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
 from isacbench.choices import Dimension
 from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase
-from isacbench.model.radio_coordinates import DIMENSIONS, radio_places, rayleigh_cells
+from isacbench.model.radio_coordinates import DIMENSIONS, radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers, Scenario, warned_before
 
 Separation = Annotated[float, Field(gt=0, le=10)]
@@ -90,7 +90,7 @@ class ResolutionKind(Kind):
         for template, (dimension, cells, phase_deg) in product(scenarios.values(), pairs):
             name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
             own: dict[str, Any] = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
-            draw = partial(_draw, partial(pair, template, name, **own), template, suite)
+            draw = partial(_draw, suite, template, partial(pair, template, name, **own))
             with warned_before():
                 renamed = dataclasses.replace(template, name=name)
             labels, measure = {"template": template.name, **own}, partial(measure_resolution, dimension)
@@ -100,15 +100,11 @@ class ResolutionKind(Kind):
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probability of resolution of every estimator over the distance.
 
-        Returns
-        -------
-        DataFrame
-            One row for each template, estimator (with its parameters), SNR, dimension and distance:
-            ``n_cells``, ``n_trials``, ``n_failed`` (not resolved either) and ``n_false``; ``resolved``, the
-            share over all relative phases, ``resolved_worst`` that of the phase with the smallest,
-            ``worst_phase_deg``, and ``resolved_in_phase`` that of phase 0 if it was run; the first and the
-            last with 95 % intervals, ``..._low`` and ``..._high`` (Wilson) from five trials on;
-            ``time_estimate_s_median``.
+        One row for each template, estimator, SNR, dimension and distance: ``n_cells``, ``n_trials``,
+        ``n_failed`` (not resolved either) and ``n_false``; ``resolved``, the share over all relative phases,
+        ``resolved_worst`` that of the phase with the smallest, ``worst_phase_deg``, and ``resolved_in_phase``
+        that of phase 0 if it was run; the first and the last with 95 % intervals, ``..._low`` and
+        ``..._high`` (Wilson) from five trials on; ``time_estimate_s_median``.
         """
         return statistics.summarise(rows, GROUP, _numbers)
 
@@ -129,22 +125,20 @@ class ResolutionKind(Kind):
             for line, before in zip(lines, [{}, *lines], strict=False):
                 # A dimension is named where its rows start.
                 line["heading"] = "" if line["dimension"] == before.get("dimension") else line["dimension"]
-            variants = charts.variants_in(part)
-            times_s = {one: {"time_s": times.get((*key, *one), math.nan)} for one in variants}
+            headings = {variant: labels[variant] for variant in charts.variants_in(part)}
+            times_s = {one: {"time_s": times.get((*key, *one), math.nan)} for one in headings}
             lines.append({"heading": "time [ms]", **times_s})
-            headings = {one: labels[one] for one in variants}
-            found += charts.tables_of_columns(title, columns, lines, headings, _shares, ESTIMATORS_A_TABLE)
+            found += charts.tables_of_columns(
+                title, columns, lines, headings, _shares_text, ESTIMATORS_A_TABLE
+            )
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Share of pairs that are found over their distance, a chart a dimension."""
-        summary, lines, found = self.summary(rows), kind.lines_of(rows), []
-        in_phase = {
-            variant: line._replace(
-                label=f"{line.label}, in phase", style=dataclasses.replace(line.style, dash="dash", symbol="")
-            )
-            for variant, line in lines.items()
-        }
+        summary, lines, in_phase, found = self.summary(rows), kind.lines_of(rows), {}, []
+        for variant, line in lines.items():
+            style = dataclasses.replace(line.style, dash="dash", symbol="")
+            in_phase[variant] = line._replace(label=f"{line.label}, in phase", style=style)
         x = Axis("distance [Rayleigh cells]", log=True)
         y = Axis("share of pairs found", limits=charts.SHARE_LIMITS)
         for template, stem, of_template in kind.title_stems(summary, "template"):
@@ -164,7 +158,7 @@ class ResolutionKind(Kind):
         return found
 
 
-def _draw(make: Callable[..., Scenario], template: Scenario, suite: ResolutionSuite, trial: int) -> Scenario:
+def _draw(suite: ResolutionSuite, template: Scenario, make: Callable[..., Scenario], trial: int) -> Scenario:
     """Scenario of a trial: a pair around a place that leaves room for the farthest one."""
     margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
     return make(centre=radio_coordinates.draw_place(template, trial, suite.seed, margin_cells))
@@ -178,59 +172,37 @@ def pair(
     separation_cells: float,
     phase_deg: float,
 ) -> Scenario:
-    """Scenario of two unit scatterers around a place.
+    """Scenario of two unit scatterers around a place, `centre`: range in m, velocity in m/s, u and w.
 
-    Parameters
-    ----------
-    template : Scenario
-        Its radio and its region.
-    name : str
-        Of the new scenario.
-    centre : ndarray of float64, shape (4,)
-        Range in m, velocity in m/s, u and w of the middle.
-    dimension : {"range", "velocity", "u", "w"}
-        In which they differ.
-    separation_cells : float
-        By how many Rayleigh cells.
-    phase_deg : float
-        Phase between the echoes at the centre of resource grid and array.
+    They differ in one dimension by so many Rayleigh cells; the phase is that between the echoes at the centre
+    of resource grid and array.
     """
     index = DIMENSIONS.index(dimension)
     places = np.stack([centre, centre])
     places[:, index] += np.array([-0.5, 0.5]) * separation_cells * rayleigh_cells(template)[index]
-    xyz, velocity = radio_coordinates.space_places(template, places)
-    scatterers = Scatterers(xyz, velocity, np.ones(2))
+    scatterers = Scatterers(*space_places(template, places), np.ones(2))
     scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
     phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
     with warned_before():
         return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
 
 
-def measure_resolution(dimension: Dimension, shot: MeasuredImage) -> dict[str, Any]:
-    """Measure an image of two scatterers.
+def measure_resolution(dimension: Dimension, image: MeasuredImage) -> dict[str, Any]:
+    """Measure an image of two scatterers: whether both are resolved, and all points but one for each.
 
-    Parameters
-    ----------
-    dimension : {"range", "velocity", "u", "w"}
-        In which they differ.
-
-    Returns
-    -------
-    dict
-        ``resolved``, whether each scatterer has a point within half their
-        distance along that dimension and within one Rayleigh cell in the
-        others; ``n_false``, all points but one for each that has.
+    One is resolved by a point within half their distance along that dimension and within one Rayleigh cell
+    in the others.
     """
-    index, limits = DIMENSIONS.index(dimension), rayleigh_cells(shot.scenario)
-    true = radio_places(shot.scenario, shot.scenario.scatterers)
+    index, limits = DIMENSIONS.index(dimension), rayleigh_cells(image.scenario)
+    true = radio_places(image.scenario, image.scenario.scatterers)
     limits[index] = abs(true[1, index] - true[0, index]) / 2
-    error = radio_places(shot.scenario, shot.cloud)[:, None] - true
+    error = radio_places(image.scenario, image.cloud)[:, None] - true
     # Their neighbourhoods do not overlap, so that no point stands for both.
-    found = (np.abs(error) < limits).all(axis=2).any(axis=0)
-    return {"resolved": bool(found.all()), "n_false": len(shot.cloud) - int(found.sum())}
+    is_resolved = (np.abs(error) < limits).all(axis=2).any(axis=0)
+    return {"resolved": bool(is_resolved.all()), "n_false": len(image.cloud) - int(is_resolved.sum())}
 
 
-def _shares(entry: Mapping[Any, Any]) -> str:
+def _shares_text(entry: Mapping[Any, Any]) -> str:
     """Share of resolved pairs, mean and worst phase, and what failed; or the time of an image."""
     if "time_s" in entry:
         return charts.number_or_blank(1e3 * entry["time_s"], "{:.1f}")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import Any, Literal
 
 import pandas as pd
 
+from isacbench import charts
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS, failed
 from isacbench.bench.kinds.kind import SNR_GAIN
 from isacbench.bench.statistics import means_and_bands, median_times
-from isacbench.charts import VARIANT, Column, Table, Variant
+from isacbench.charts import VARIANT, Axis, Column, Table, Variant
 from isacbench.files.escaping import counted
 from isacbench.metrics.object_scores import ERRORS, UNITS
 from isacbench.metrics.paper import PROJECTIONS
@@ -35,6 +37,9 @@ SMALLEST_ORACLE_M = 0.3
 
 POINT_FAMILIES = ("sparse",)
 """Families without ratios: their targets are absolute."""
+
+SNR_AXIS = Axis("SNR [dB]")
+Scale = Literal["share", "linear", "log"]
 
 DETECTED = "detected_"
 PERCENT = "{:.0f} %"
@@ -61,17 +66,11 @@ def with_counts(rows: pd.DataFrame) -> pd.DataFrame:
 def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
     """Average the trials of every scenario, estimator and SNR.
 
-    Returns
-    -------
-    DataFrame
-        One row for each scenario, estimator (with its parameters) and SNR:
-        the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every
-        score ``<score>_mean`` and ``<score>_band``, the half width of the
-        95 % confidence interval of the mean (Student's t), over the cells
-        that did not fail, the band over five or more of them; of a reference
-        the band is the mean spread over its realisations; and
-        ``time_estimate_s_median`` as `isacbench.bench.statistics.median_times`
-        has it.
+    One row for each: the counts ``n_cells``, ``n_no_detection`` and ``n_failed``; for every score
+    ``<score>_mean`` and ``<score>_band``, the half width of the 95 % confidence interval of the mean
+    (Student's t), over the cells that did not fail, the band over five or more of them; of a reference the
+    band is the mean spread over its realisations; and ``time_estimate_s_median`` as
+    `isacbench.bench.statistics.median_times` has it.
     """
     groups, averaged = with_counts(rows).groupby(GROUP, sort=False), averaged_columns(rows)
     found = groups[COUNTS].sum().join(means_and_bands(groups, averaged))
@@ -84,33 +83,58 @@ def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
 def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
     """Average scores over scenarios, each of which counts once however many trials it has.
 
-    Returns
-    -------
-    DataFrame
-        As `summarise_scores` returns it, one row for each estimator (with its parameters) and SNR,
-        with means and bands over the scenarios' means. ``scenario`` says how many there are, and counts
-        are sums.
+    As `summarise_scores`, one row for each estimator and SNR, with means and bands over the scenarios' means.
+    ``scenario`` says how many there are, and counts are sums.
     """
-    by = [*VARIANT, "snr_db"]
-    summary = summarise_scores(rows).rename(columns=lambda name: name.removesuffix("_mean"))
-    groups = summary.groupby(by, sort=False)
-    found = groups[COUNTS].sum().join(means_and_bands(groups, averaged_columns(rows)))
+    by, names = [*VARIANT, "snr_db"], averaged_columns(rows)
+    groups = grouped_scenarios(with_counts(rows), by, names)
+    found = groups[COUNTS].sum().join(means_and_bands(groups, names))
     found = found.join(median_times(rows, by)).reset_index()
     return found.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
 
 
-def hausdorff_ratios(records: pd.DataFrame, without: Collection[str] = ()) -> pd.Series[float]:
+def grouped_scenarios(rows: pd.DataFrame, by: Sequence[str], names: Sequence[str]) -> Any:
+    """Group the scenarios of rows with counts: the sums of their counts, and their means of some columns."""
+    cells = rows.groupby([*by, "scenario"], sort=False, dropna=False)
+    scenarios = cells[COUNTS].sum().join(cells[[*names]].mean()).reset_index()
+    return scenarios.groupby([*by], sort=False, dropna=False)
+
+
+def hausdorff_ratios(rows: pd.DataFrame, without: Collection[str] = ()) -> pd.Series[float]:
     """Divide the Hausdorff sum of each row by that of the oracle at the same scenario, SNR and trial.
 
     Scenarios `without` get none, such as those of `POINT_FAMILIES`. NaN without scores or without a row of
     the oracle; the denominator is at least `SMALLEST_ORACLE_M`.
     """
     keys = ["scenario", "snr_db", "trial"]
-    cell = records["params"].map(lambda params: json.loads(params or "{}").get("cell", 1.0))
-    oracle = records[(records["estimator"] == "oracle") & (cell == 1)]
+    cell = rows["params"].map(lambda params: json.loads(params or "{}").get("cell", 1.0))
+    oracle = rows[(rows["estimator"] == "oracle") & (cell == 1)]
     oracle_m = oracle.groupby(keys)["hausdorff_sum_m"].mean().clip(lower=SMALLEST_ORACLE_M)
-    below = oracle_m.reindex(pd.MultiIndex.from_frame(records[keys])).set_axis(records.index)
-    return (records["hausdorff_sum_m"] / below).where(~records["scenario"].isin(list(without)))
+    denominator_m = oracle_m.reindex(pd.MultiIndex.from_frame(rows[keys])).set_axis(rows.index)
+    return (rows["hausdorff_sum_m"] / denominator_m).where(~rows["scenario"].isin(list(without)))
+
+
+def score_axis(
+    title: str, scale: Scale, table: pd.DataFrame, column: str, score: str, least: float = 0.0
+) -> Axis:
+    """Axis of a column of a score: of shares from 0 to 1, linear from 0, or logarithmic in whole decades."""
+    if scale == "share":
+        return Axis(title, limits=charts.SHARE_LIMITS)
+    if scale == "linear":
+        return Axis(title, limits=charts.linear_limits(table, column, score))
+    return Axis(title, log=True, limits=charts.decades(table[column], least))
+
+
+def mean_text(score: str, entry: Mapping[Any, Any]) -> str:
+    """Mean of a score with its band."""
+    mean = charts.number_or_blank(entry[f"{score}_mean"], "{:.2f}")
+    return mean + charts.number_or_blank(entry[f"{score}_band"], " ±{:.2f}")
+
+
+def labelled_rows(table: pd.DataFrame, labels: Mapping[Variant, str]) -> list[dict[Any, Any]]:
+    """Rows of a table, one an estimator, in the order of the labels, each with its ``label``."""
+    entries = {(entry["estimator"], entry["params"]): entry for entry in table.to_dict("records")}
+    return [{**entries[one], "label": label} for one, label in labels.items() if one in entries]
 
 
 def with_references(labels: Mapping[Variant, str], references: Collection[str]) -> dict[Variant, str]:
@@ -128,12 +152,12 @@ def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Tab
         return []
     without = [name for name in rows["scenario"].unique() if name not in set(scored["scenario"])]
     lack = f"; without {', '.join(without)}, whose points belong to no object" if without else ""
-    scenes = counted(scored["scenario"].nunique(), "scene")
+    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, "
     snrs_db = sorted(scored["snr_db"].unique())
-    found = [_object_table(scored, labels, f"Objects, {scenes}, {over_snrs(snrs_db)}{lack}")]
+    found = [_object_table(scored, labels, title + over_snrs(snrs_db) + lack)]
     for snr_db in snrs_db if len(snrs_db) > 1 else ():
-        part, title = scored[scored["snr_db"] == snr_db], f"Objects, {scenes}, {snr_db:g} dB{lack}"
-        found.append(replace(_object_table(part, labels, title), is_detail=True))
+        part = scored[scored["snr_db"] == snr_db]
+        found.append(replace(_object_table(part, labels, f"{title}{snr_db:g} dB{lack}"), is_detail=True))
     return found
 
 
@@ -154,19 +178,17 @@ def object_means(rows: pd.DataFrame) -> pd.DataFrame:
 
 def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
     means = object_means(rows)
-    kinds = [name for name in map(str, means) if name.startswith(DETECTED)]
     columns = [
         Column("estimator", "label", part=0),
         Column("F-score", "objects_f_score", "{:.2f}"),
         Column("detected", "objects_detected", PERCENT, scale=100),
         Column("false: an image", "n_objects_false", "{:.2f}"),
     ]
-    for optional, kind in enumerate(kinds, start=2):
+    for kind in [name for name in map(str, means) if name.startswith(DETECTED)]:
         heading = kind.removeprefix(DETECTED).replace("_", " ")
-        columns.append(Column(heading, kind, PERCENT, scale=100, optional=optional))
+        columns.append(Column(heading, kind, PERCENT, scale=100, optional=len(columns) - 2))
+    least = len(columns) - 2
     for error, unit in ERRORS:
         heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
-        columns.append(Column(heading, column, "{:.2f}", optional=2 + len(kinds)))
-    entries = means.to_dict("index")
-    shown = [{"label": label, **entries[one]} for one, label in labels.items() if one in entries]
-    return Table(title, columns, shown)
+        columns.append(Column(heading, column, "{:.2f}", optional=least))
+    return Table(title, columns, labelled_rows(means.reset_index(), labels))

@@ -119,11 +119,6 @@ class TwoRay:
         Of the ground in S/m; the default is that of concrete at 70 GHz.
     polarization : {"vertical", "horizontal"}
 
-    Raises
-    ------
-    InputError
-        If a value is not allowed.
-
     References
     ----------
     ITU-R P.2040, table 3 (concrete: 5.24, and 0.0462 f^0.7822 with f in GHz).
@@ -189,11 +184,6 @@ class TappedDelay:
     speed_mps : float
         Of the user. Every tap of a moving one is a sum of rays from
         directions all around it.
-
-    Raises
-    ------
-    InputError
-        If a value is not allowed.
 
     References
     ----------
@@ -279,21 +269,15 @@ def channel_response(system: System, paths: Paths) -> Complex:
         return (along_delay @ gain)[:, None]
     share = paths.doppler_hz / system.subcarrier_spacing_hz
     # The FFT over a symbol that turns loses this.
-    kept = np.sinc(share) / np.sinc(share / system.n_subcarriers)
+    useful = np.sinc(share) / np.sinc(share / system.n_subcarriers)
     time_s = system.symbol_time_s * np.arange(system.n_symbols)
-    along_time = np.exp(2j * np.pi * np.outer(time_s, paths.doppler_hz)) * (kept * gain)
+    along_time = np.exp(2j * np.pi * np.outer(time_s, paths.doppler_hz)) * (useful * gain)
     by_symbol: Complex = along_time @ along_delay.T
     return by_symbol.T
 
 
 def require_closed_form(system: System, paths: Paths) -> None:
-    """Refuse paths that no factor of single resource elements describes.
-
-    Raises
-    ------
-    InputError
-        As `channel_response`.
-    """
+    """Refuse paths that no factor of single resource elements describes, see `channel_response`."""
     latest_s, limit_s = float(paths.delay_s.max()), system.isi_free_delay_s
     if latest_s > limit_s:
         raise InputError(
@@ -325,8 +309,7 @@ class Profile:
     power : ndarray of float64, shape (n_taps,)
         Mean powers, together 1.
     has_line_of_sight : bool
-        True if the first tap is a constant ray. All other taps are Rayleigh
-        fading.
+        Whether the first tap is a constant ray; all others are Rayleigh fading.
     """
 
     delay: Floats
@@ -336,16 +319,6 @@ class Profile:
 
 def delay_profile(name: ProfileName) -> Profile:
     """Look up the taps of a profile.
-
-    Parameters
-    ----------
-    name : {"tdl_a", "tdl_b", "tdl_c", "tdl_d", "tdl_e"}
-        The last two have a line of sight.
-
-    Raises
-    ------
-    InputError
-        If there is no such profile.
 
     References
     ----------

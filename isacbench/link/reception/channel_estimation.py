@@ -118,13 +118,7 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
 
 
 def require_estimable(system: System, time_order: int = 0) -> None:
-    """Refuse what `prs_estimator` cannot estimate, without building it.
-
-    Raises
-    ------
-    InputError
-        As `prs_estimator`.
-    """
+    """Refuse what `prs_estimator` cannot estimate, without building it."""
     bursts = _bursts(prs_elements(system))
     if not bursts:
         raise InputError(
@@ -169,9 +163,9 @@ def _basis(n_subcarriers: int, latest: float) -> Complex:
         return np.eye(n_subcarriers, dtype=np.complex128)
     n_most = min(int(np.ceil(width)) + MOST_BESIDES, n_subcarriers)
     sequences, concentration = dpss(n_subcarriers, width / 2, n_most, norm=2, return_ratios=True)
-    kept = sequences[concentration >= LEAST_CONCENTRATION].T
+    concentrated = sequences[concentration >= LEAST_CONCENTRATION].T
     # The sequences are symmetric about delay 0, the prefix about half of its length.
     turn = np.exp(-1j * np.pi * latest / n_subcarriers * np.arange(n_subcarriers))
-    basis: Complex = kept * turn[:, None]
+    basis: Complex = concentrated * turn[:, None]
     basis.setflags(write=False)
     return basis

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from isacbench.checked_arrays import Complex, Floats
@@ -125,7 +124,7 @@ def receive(
     0
     """
     _require_allowed(grid, system, snr_db, knowledge)
-    response = drawn_response(system, channel, trial, seed)
+    response = _drawn_response(system, channel, trial, seed)
     received = _received(grid.symbols, response, snr_db, trial, seed)
     power = _power(response)
     known, error_db = response, float("nan")
@@ -148,24 +147,8 @@ def receive(
     )
 
 
-def drawn_response(system: System, channel: Channel, trial: int = 0, seed: int = 0) -> Complex:
-    """Draw the channel on every resource element, as `receive` does.
-
-    Parameters
-    ----------
-    trial, seed : int
-        Which fade, not negative.
-
-    Returns
-    -------
-    ndarray of complex128, shape (n_subcarriers, n_symbols) or (n_subcarriers, 1)
-        As `isacbench.link.reception.channel.channel_response` returns it.
-
-    Raises
-    ------
-    InputError
-        As `receive`, if the closed form does not hold.
-    """
+def _drawn_response(system: System, channel: Channel, trial: int, seed: int) -> Complex:
+    """Channel of a trial, as `channel_response` returns it."""
     paths = channel.paths(system, random_stream("channel", trial, seed, channel.name))
     return channel_response(system, paths)
 
@@ -183,59 +166,18 @@ def expected_ber(
 ) -> float:
     """Predict the bit error rate of `receive`, given the fade and not the noise.
 
-    Parameters
-    ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    system, channel, snr_db, knowledge, time_order, trial, seed
-        As for `receive`.
-
-    Returns
-    -------
-    float
-        The mean over data elements of the closed form in white noise. An
-        estimate of the channel adds to the noise what it takes of it, which
-        holds where it follows the channel.
-
-    Raises
-    ------
-    InputError
-        As `receive`.
+    It is the mean over data elements of the closed form in white noise. An estimate of the channel adds to
+    the noise what it takes of it, which holds where it follows the channel. Parameters are as of `receive`.
     """
-    response = drawn_response(system, channel, trial, seed)
+    response = _drawn_response(system, channel, trial, seed)
     if knowledge == "prs":
         snr_db = effective_snr_db(modulation, snr_db, prs_estimator(system, time_order).noise_gain)
+    with np.errstate(divide="ignore"):
+        element_snr_db = snr_db + 20 * np.log10(np.abs(response))
+    error_rates = awgn_ber if response.size <= MOST_SUMMED else _interpolated_ber
     is_data = ~prs_elements(system)
     n_symbols = is_data.sum(axis=1, keepdims=True) if response.shape[1] == 1 else is_data
-    return response_ber(modulation, response, snr_db, n_symbols)
-
-
-def response_ber(
-    modulation: Modulation, response: ArrayLike, snr_db: float, n_symbols: ArrayLike | None = None
-) -> float:
-    """Predict the bit error rate over a known channel: the mean over its elements, each in white noise.
-
-    Parameters
-    ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-    response : array_like of complex, any shape
-        Of the elements that carry data.
-    snr_db : float
-        Of an element whose response is 1.
-    n_symbols : array_like, shape of `response`, optional
-        Data symbols that each element of the response stands for; the same
-        for all unless given.
-
-    Raises
-    ------
-    InputError
-        If there is no such modulation.
-    """
-    with np.errstate(divide="ignore"):
-        gain_db = 20 * np.log10(np.abs(np.asarray(response)))
-    element_snr_db = snr_db + gain_db
-    error_rates = awgn_ber if element_snr_db.size <= MOST_SUMMED else _interpolated_ber
-    weights = None if n_symbols is None else np.asarray(n_symbols, dtype=np.float64)
-    return float(np.average(error_rates(modulation, element_snr_db), weights=weights))
+    return float(np.average(error_rates(modulation, element_snr_db), weights=n_symbols))
 
 
 def _interpolated_ber(modulation: Modulation, snr_db: Floats) -> Floats:
@@ -264,7 +206,6 @@ def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -
 
     Parameters
     ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
     noise_gain : float
         Of the estimator, `PrsEstimator.noise_gain`.
 
@@ -272,11 +213,6 @@ def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -
     -------
     float
         To first order in the noise gain, which is small.
-
-    Raises
-    ------
-    InputError
-        If there is no such modulation.
 
     Examples
     --------

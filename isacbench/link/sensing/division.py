@@ -151,11 +151,6 @@ def division_weights(moduli: Floats, division: Division, snr_db: float = np.inf)
     snr_db : float
         SNR that Wiener division takes as known. With infinite SNR it becomes
         reciprocal, with a very low SNR matched.
-
-    Raises
-    ------
-    InputError
-        If there is no such division.
     """
     sensed = moduli > 0
     divisor = np.where(sensed, moduli, 1.0)
@@ -198,11 +193,6 @@ def division_factors(
     ndarray of complex128, same shape
         0 where an element is not used for sensing. The weights of the echo have
         mean 1.
-
-    Raises
-    ------
-    InputError
-        If there is no such division.
     """
     sent = np.where(sensed, symbols, 1)
     if division == "reciprocal":

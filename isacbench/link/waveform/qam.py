@@ -17,17 +17,7 @@ BITS: dict[Modulation, int] = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 
 
 def bits_per_symbol(modulation: Modulation) -> int:
-    """Count the bits of a symbol.
-
-    Parameters
-    ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-
-    Raises
-    ------
-    InputError
-        If there is no such modulation.
-    """
+    """Count the bits of a symbol; an `InputError` where there is no such modulation."""
     if modulation not in BITS:
         raise unknown_name("modulation", modulation, get_args(Modulation))
     return BITS[modulation]
@@ -36,18 +26,9 @@ def bits_per_symbol(modulation: Modulation) -> int:
 def constellation(modulation: Modulation) -> Complex:
     """List the symbols of unit mean power, by the number that their bits spell, first bit highest.
 
-    Parameters
-    ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
-
     Returns
     -------
     ndarray of complex128, shape (2 ** bits_per_symbol,)
-
-    Raises
-    ------
-    InputError
-        If there is no such modulation.
 
     References
     ----------
@@ -67,7 +48,6 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> Complex:
     Parameters
     ----------
     bits : array_like of 0 and 1, shape (n * bits_per_symbol,)
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
 
     Returns
     -------
@@ -97,7 +77,6 @@ def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]
     ----------
     symbols : array_like of complex, any shape
         Not NaN; infinite parts are nearest to the outermost levels.
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
 
     Returns
     -------
@@ -132,18 +111,12 @@ def awgn_ber(modulation: Modulation, snr_db: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    modulation : {"qpsk", "16qam", "64qam", "256qam"}
     snr_db : array_like, any shape
         Mean symbol power over noise power, E_s/N_0.
 
     Returns
     -------
     ndarray of float64, same shape
-
-    Raises
-    ------
-    InputError
-        If there is no such modulation.
 
     References
     ----------

@@ -6,10 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.compare.comparison import direction
-from isacbench.bench.kinds.link import LinkKind, outside_interval, receiver_labels, signal_label
-from isacbench.bench.kinds.link_scenes import LinkSuite, signals_of
+from isacbench.bench.kinds.link import (
+    LinkKind,
+    LinkSuite,
+    outside_interval,
+    receiver_labels,
+    signal_label,
+    signals_of,
+)
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError
@@ -45,6 +49,7 @@ def test_rows_are_those_of_every_signal_and_of_every_channel_modulation_and_rece
     assert len(sensed) == 4 * 2 * 2
     assert set(sensed["template"]) == {"tiny"}
     assert np.isfinite(sensed["deviation"]).all()
+    assert sensed.query("snr_db == 0 and trial == 0")["deviation"].nunique() == 4
     assert len(received) == 2 * 2 * 2 * 2 * 2
     assert set(received["estimator"]) == {"one_tap"}
     assert set(received["modulation"]) == {"qpsk", "64qam"}
@@ -56,12 +61,6 @@ def test_the_whole_grid_of_qpsk_is_what_an_ordinary_run_images(records, tiny):
     plain = run(Suite(**SHARED, scenarios=[str(tiny)]))
     linked = records[records["scenario"] == "tiny-all-qpsk"]
     assert linked["deviation"].tolist() == plain["deviation"].tolist()
-
-
-def test_what_is_sensed_with_changes_the_image_and_the_draw_of_the_noise_does_not(records):
-    sensed = records.query("channel == '' and snr_db == 0 and trial == 0").set_index("scenario")
-    deviations = sensed["deviation"]
-    assert deviations.nunique() == 4
 
 
 def test_a_user_gets_all_bits_but_those_of_the_prs_and_errors_as_theory_has_them(records, tiny):
@@ -139,13 +138,8 @@ def test_a_mistake_is_named(suite, changes, message):
 
 
 def test_scenarios_of_different_systems_are_refused(suite, tiny):
-    other = tiny.with_name("other.toml")
-    text = (
-        tiny.read_text()
-        .replace('name = "tiny"', 'name = "other"')
-        .replace("n_symbols = 32", "n_symbols = 64")
-    )
-    other.write_text(text)
+    other, text = tiny.with_name("other.toml"), tiny.read_text().replace('name = "tiny"', 'name = "other"')
+    other.write_text(text.replace("n_symbols = 32", "n_symbols = 64"))
     with pytest.raises(InputError, match="'tiny' and 'other' have different systems"):
         run(suite.replace(scenarios=[str(tiny), str(other)]))
 
@@ -222,18 +216,7 @@ def test_the_trade_puts_deviations_over_the_rates_of_the_same_snr(records):
         assert (label, [rate_gbps], [imaged[image]]) in points
         # Whatever modulation the data have, the PRS images the same.
         assert ("PRS alone", [rate_gbps], [imaged["tiny-prs"]]) in points
-    assert {one.label: one.texts for one in chart.series if one.texts} == {
-        "QPSK": ["0"],
-        "64QAM, reciprocal": ["0"],
-    }
+    texts = {one.label: one.texts for one in chart.series if one.texts}
+    assert texts == {"QPSK": ["0"], "64QAM, reciprocal": ["0"]}
     assert "numbers are SNRs in dB" in LinkKind().charts(records)[1].title
     assert chart.y.limits == (0, pytest.approx(1.06 * max(y for _, _, (y,) in points)))
-
-
-def test_columns_of_the_link_have_the_direction_that_is_better():
-    columns = [*COLUMNS, *LinkKind.columns]
-    assert direction("rate_bps", DESCRIBED, columns) == "higher"
-    assert {direction(name, DESCRIBED, columns) for name in ("n_bit_errors", "evm_db")} == {"lower"}
-    for name in ("n_bits", "ber_expected"):
-        with pytest.raises(InputError, match=name):
-            direction(name, DESCRIBED, columns)

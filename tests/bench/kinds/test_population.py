@@ -8,17 +8,18 @@ import pytest
 from isacbench.bench.kinds import population
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
-    AIMED,
     ALL,
-    DRAWN,
+    CHART_SCORES,
     LARGEST_RATIO,
+    TABLE_SCORES,
+    TARGET_SCORES,
     PopulationKind,
     PopulationSuite,
     near_chance,
     ratio_charts,
     scene_cells,
-    spread_levels,
     summarise_population,
+    with_totals,
 )
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
@@ -64,11 +65,8 @@ def test_every_level_has_its_own_scenes(population_rows):
     assert (paper["n_scenes"], paper["gospa_m_mean"]) == (2, 5.0)  # the scenes 3 and 7
     levels = summary.groupby("estimator").size()
     assert (levels == 3 * 5 * 3).all()  # families, frames with phases, SNRs, each with all of them
-
-
-def test_rows_repeat_for_each_of_eight_levels(population_rows):
-    cells = scene_cells(population_rows(a=1.0))
-    assert len(spread_levels(cells)) == 8 * len(cells)
+    cells = scene_cells(rows)
+    assert len(with_totals(cells)) == 8 * len(cells)
 
 
 def test_lone_scatterers_have_targets_and_no_ratio_and_others_have_ratios_and_no_targets(population_rows):
@@ -96,11 +94,6 @@ def test_a_failed_cell_of_lone_scatterers_meets_no_target(population_rows):
     assert found["n_failed"] == 2
     assert found["n_false_mean"] == 0  # what failed has no points, and is not counted
     assert found[["share_clean_mean", "share_resolved_mean", "share_met_mean"]].tolist() == [7 / 8] * 3
-
-
-def test_hand_made_scenes_have_a_family_of_their_own_name(population_rows):
-    summary = summarise_population(population_rows(families=["", "town"], a=1.0))
-    assert summary["family"].unique().tolist() == ["all", "hand-made", "town"]
 
 
 def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_path, monkeypatch):
@@ -131,44 +124,43 @@ def records(population_rows):
     return population_rows(["town", "crowd", "sparse"], blob=4.0, nomp4d=3.0, oracle=2.0, chance=9.0)
 
 
-def part(higher=(), **scores):
+def part(**scores):
     """Rows of a summary in which all is equal but what is given for blob, nomp4d, esprit2d and chance."""
     names = ["blob", "nomp4d", "esprit2d", "chance"]
-    low = ["ratio_median", "hausdorff_sum_m_mean", "velocity_error_mps_mean", "deviation_mean"]
-    high = ["precision_mean", "recall_mean", "share_clean_mean", "share_resolved_mean", "share_met_mean"]
     table = pd.DataFrame({"estimator": names, "sees_truth": [False, False, False, True]})
-    for name in [*low, "n_false_mean"]:
-        table[name] = [1.0, 2.0, 3.0, 100.0]
-    for name in high:
-        table[name] = [0.3, 0.5, 0.9, 0.0]
-    return table.assign(**scores)
+    for one in TABLE_SCORES:
+        table[one.column] = [0.3, 0.5, 0.9, 0.0] if one.is_higher_better else [1.0, 2.0, 3.0, 100.0]
+    return table.assign(family=ALL, frame=ALL, phases=ALL, snr_db=np.nan, **scores)
 
 
-def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on():
-    assert near_chance(part()) == []
-    for column, chance, is_near in (
+def near(table):
+    """Numbers in which a baseline comes near, the same in all rows."""
+    (names,) = set(near_chance(table))
+    return json.loads(names)
+
+
+@pytest.mark.parametrize(
+    ("column", "chance", "is_near"),
+    [
         ("hausdorff_sum_m_mean", 0.5, True),
         ("hausdorff_sum_m_mean", 2.39, True),
         ("hausdorff_sum_m_mean", 2.41, False),
         ("precision_mean", 0.95, True),
         ("precision_mean", 0.41, True),
         ("precision_mean", 0.39, False),
-    ):
-        table = part()
-        table.loc[3, column] = chance
-        assert near_chance(table) == ([column] if is_near else []), (column, chance)
+    ],
+)
+def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on(column, chance, is_near):
+    table = part()
+    table.loc[3, column] = chance
+    assert near(table) == ([column] if is_near else [])
 
 
-def test_the_better_one_of_chance_and_no_point_at_all_counts():
-    table = pd.concat(
-        [part(), part().iloc[3:].assign(estimator="empty", n_false_mean=0.0)], ignore_index=True
-    )
-    assert near_chance(table) == ["n_false_mean"]
-
-
-def test_nothing_is_near_chance_without_chance_or_without_numbers():
-    assert near_chance(part().query("estimator != 'chance'")) == []
-    assert near_chance(part(ratio_median=np.nan)) == []
+def test_the_better_one_of_chance_and_no_point_at_all_counts_and_without_both_nothing_is_near():
+    empty = part().iloc[3:].assign(estimator="empty", n_false_mean=0.0)
+    assert near(pd.concat([part(), empty], ignore_index=True)) == ["n_false_mean"]
+    assert near(part()) == near(part(ratio_median=np.nan)) == []
+    assert near(part().query("estimator != 'chance'")) == []
 
 
 def test_the_summary_marks_families_where_chance_comes_near(population_rows):
@@ -211,23 +203,19 @@ def test_what_is_printed_has_references_below_and_details_are_for_the_file(recor
     assert ratios.texts[0] == ["blob", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
 
 
-def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_a_band(population_rows):
-    for n, band in ((4, "4 scenes, no confidence band below 5"), (5, "5 scenes, 95 % confidence band")):
-        table = PopulationKind().tables(population_rows(["town"], n_scenes=n, blob=1.0))[0]
-        assert table.title == f"All scenes, mean over 0, 10 dB: {band}"
+@pytest.mark.parametrize(
+    ("n", "band"), [(4, "4 scenes, no confidence band below 5"), (5, "5 scenes, 95 % confidence band")]
+)
+def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_a_band(
+    population_rows, n, band
+):
+    rows = population_rows(["", "town"], n_scenes=n, blob=1.0)
+    assert summarise_population(rows)["family"].unique().tolist() == ["all", "hand-made", "town"]
+    titles = [table.title for table in PopulationKind().tables(rows)]
+    assert f"hand-made, mean over 0, 10 dB: {band}" in titles
 
 
-def test_a_population_in_which_all_cells_failed_is_told_without_numbers(population_rows):
-    records = population_rows(["town"], snrs_db=[10.0], blob=4.0, oracle=2.0)
-    scores = records.select_dtypes("float").columns.difference(["snr_db"])
-    records[scores] = np.nan
-    records["status"] = "error"
-    tables = PopulationKind().tables(records)
-    assert tables[0].headings[:2] == ["estimator", "Hausdorff [m]"]
-    assert all("failed" in row[1] for row in tables[0].texts)
-
-
-def test_a_population_that_was_interrupted_has_tables_of_what_there_is_and_tells_failed_cells(records):
+def test_failed_cells_are_counted_and_an_interrupted_population_has_tables_of_what_there_is(records):
     lost = (records["family"] == "crowd") & (records["snr_db"] == records["snr_db"].max())
     records.loc[(records["estimator"] == "blob") & (records["family"] == "town"), "status"] = "timeout"
     tables = PopulationKind().tables(records[~lost])
@@ -235,6 +223,11 @@ def test_a_population_that_was_interrupted_has_tables_of_what_there_is_and_tells
     assert f"crowd, {records['snr_db'].min():g} dB" in titles
     assert f"crowd, {records['snr_db'].max():g} dB" not in titles
     assert "(16 failed)" in tables[0].texts[0][1]
+    # Where all failed, there are no numbers.
+    records[records.select_dtypes("float").columns.difference(["snr_db"])] = np.nan
+    table = PopulationKind().tables(records.assign(status="error"))[0]
+    assert table.headings[:2] == ["estimator", "Hausdorff [m]"]
+    assert all("failed" in row[1] for row in table.texts)
 
 
 KIND = PopulationKind()
@@ -283,7 +276,7 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
     assert (ratios.stem, scores.n_columns) == ("ratios", 4)
     panels = np.reshape(np.array(scores.charts, dtype=object), (-1, 4))
     assert [chart.title for chart in panels[0]] == ["all scenes", "town", "crowd", "sparse"]
-    axes = [one.axis for one in DRAWN]
+    axes = [one.axis for one in CHART_SCORES]
     assert [chart.y.title for chart in panels[:, 0]] == axes
     assert list(panels[0, 1].series[0].y) == pytest.approx([2.75, 2.75])
     assert not panels[0, 3].series
@@ -296,7 +289,7 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
 def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
     drawn.loc[drawn["family"] == "sparse", "n_false"] = 2
     targets = KIND.charts(drawn)[-1]
-    assert [chart.y.title for chart in targets.charts] == [one.axis for one in AIMED]
+    assert [chart.y.title for chart in targets.charts] == [one.axis for one in TARGET_SCORES]
     assert list(targets.charts[0].series[0].y) == [2, 2]
     assert targets.title == "sparse: means over 8 scenes, 95 % confidence bands"
 

@@ -104,12 +104,14 @@ def test_a_map_follows_from_name_trial_and_seed():
 @pytest.mark.parametrize("snr_db", [5.0, 12.0, 20.0])
 def test_cell_averaging_on_the_homogeneous_map_detects_as_often_as_its_closed_form_says(snr_db):
     detector, snr = get_detector("ca", pfa=1e-3), 10 ** (snr_db / 10)
-    hits, false, targets, clear = 0, 0, 0, 0
+    counts = np.zeros(4)
     for trial in range(6):
         drawn = draw_power_map("homogeneous", trial, 0)
         mask = detector.detect(drawn.power(snr_db)).mask
-        hits, targets = hits + (mask & drawn.targets).sum(), targets + drawn.targets.sum()
-        false, clear = false + (mask & drawn.clear).sum(), clear + drawn.clear.sum()
+        counts += [
+            np.sum(one) for one in (mask & drawn.targets, drawn.targets, mask & drawn.clear, drawn.clear)
+        ]
+    hits, targets, false, clear = counts
     expected = (1 + (1e-3 ** (-1 / 72) - 1) / (1 + snr)) ** -72
     assert hits / targets == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / targets))
     # Cells share training cells: their false alarms are not independent.

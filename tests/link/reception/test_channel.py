@@ -199,8 +199,9 @@ def test_reflection_obeys_the_laws_of_fresnel(permittivity):
 
 
 def test_a_metal_ground_reflects_everything():
-    assert reflection_coefficient(0.5, 1.0, 1e12, 70e9, "horizontal") == pytest.approx(-1, abs=1e-4)
-    assert reflection_coefficient(0.5, 1.0, 1e12, 70e9, "vertical") == pytest.approx(1, abs=1e-4)
+    for polarization, coefficient in (("horizontal", -1), ("vertical", 1)):
+        found = reflection_coefficient(0.5, 1.0, 1e12, 70e9, polarization)
+        assert found == pytest.approx(coefficient, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -229,3 +230,18 @@ def test_paths_beyond_the_prefix_and_fast_ones_have_no_closed_form():
     fast = Paths(np.ones((1, 1), complex), np.zeros(1), np.array([5000.0]))
     with pytest.raises(InputError, match=r"Doppler of 0\.0208 subcarrier spacings"):
         channel_response(SMALL, fast)
+
+
+@pytest.mark.parametrize(
+    ("gain", "delay_s", "doppler_hz", "message"),
+    [
+        (np.ones(2), np.zeros(2), np.zeros(2), r"paths: gain \(2,\), delay_s \(2,\)"),
+        (np.ones((2, 1)), np.zeros(2), np.zeros(3), r"doppler_hz \(3,\); allowed are the shapes"),
+        ([[np.nan]], [0.0], [0.0], "paths.gain holds nan; allowed are finite numbers"),
+        ([[1.0]], [-1e-9], [0.0], "paths.delay_s holds -1e-09; allowed are finite numbers of 0 and more"),
+        ([[1.0]], [0.0], [np.inf], "paths.doppler_hz holds inf; allowed are finite numbers"),
+    ],
+)
+def test_paths_that_are_none_are_refused(gain, delay_s, doppler_hz, message):
+    with pytest.raises(InputError, match=message):
+        Paths(gain, delay_s, doppler_hz)

@@ -8,16 +8,10 @@ from scipy.stats import binom
 from isacbench.errors import InputError
 from isacbench.link.reception.channel import Awgn, TappedDelay, TwoRay, channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
-from isacbench.link.reception.receiver import (
-    drawn_response,
-    effective_snr_db,
-    expected_ber,
-    receive,
-    response_ber,
-)
+from isacbench.link.reception.receiver import effective_snr_db, expected_ber, receive
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits
 from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
-from isacbench.model.echo import random_stream, white_gaussian
+from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System, prs_elements
 
 MODULATIONS = ("qpsk", "16qam", "64qam", "256qam")
@@ -35,6 +29,11 @@ def grids():
 @pytest.fixture(scope="module")
 def small_grids():
     return {modulation: draw_grid(SMALL, modulation) for modulation in MODULATIONS}
+
+
+def drawn_response(channel, system=SMALL, trial=0):
+    """Channel on every resource element, as a reception has it."""
+    return channel_response(system, channel.paths(system, random_stream("channel", trial, 0, channel.name)))
 
 
 def is_likely(n_errors, n_bits, ber, n_family):
@@ -85,12 +84,9 @@ FADED = [
 def test_bit_errors_over_a_known_channel_are_those_of_its_elements(small_grids, modulation, channel, snr_db):
     grid = small_grids[modulation]
     reception = receive(grid, SMALL, channel, snr_db, knowledge="perfect")
-    paths = channel.paths(SMALL, random_stream("channel", 0, 0, channel.name))
-    response = channel_response(SMALL, paths)
-    # All symbols see one response, and all subcarriers carry as many data symbols.
-    ber = response_ber(modulation, response[:, 0], snr_db)
+    ber = expected_ber(modulation, SMALL, channel, snr_db, knowledge="perfect")
     assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(FADED))
-    response = np.broadcast_to(response, grid.is_prs.shape)[~grid.is_prs]
+    response = np.broadcast_to(drawn_response(channel), grid.is_prs.shape)[~grid.is_prs]
     # Errors of weak elements count most: the kurtosis of the mean is that of 1/|H|².
     inverse = 1 / np.abs(response) ** 2
     deviation = np.sqrt(np.sum(inverse**2)) / np.sum(inverse)
@@ -120,32 +116,6 @@ def turned_ber(modulation, gain, snr):
                 share = ndtr((edges[j + 1] - middle) / sigma) - ndtr((edges[j] - middle) / sigma)
                 wrong_bits += share * np.count_nonzero(decided[part::2] != sent[part::2])
     return wrong_bits / points.size / n_bits
-
-
-# All modulations at all SNRs, and both channels with all of either.
-ESTIMATED = [
-    *(("qpsk", Awgn(), 4.0), ("16qam", Awgn(), 10.0), ("64qam", Awgn(), 16.0)),
-    *(("qpsk", TAPPED, 10.0), ("16qam", TAPPED, 16.0), ("64qam", TAPPED, 4.0)),
-]
-
-
-@pytest.mark.parametrize(("modulation", "channel", "snr_db"), ESTIMATED)
-def test_bit_errors_with_an_estimate_are_those_of_the_estimates_error(
-    small_grids, modulation, channel, snr_db
-):
-    """Noise on data is independent of the estimate, so that errors given the estimate have a closed form."""
-    grid = small_grids[modulation]
-    reception = receive(grid, SMALL, channel, snr_db)
-    paths = channel.paths(SMALL, random_stream("channel", 0, 0, channel.name))
-    response, noise_power = channel_response(SMALL, paths)[:, 0], 10 ** (-snr_db / 10)
-    noise = white_gaussian(random_stream("user", 0, 0), (224, 256)).T
-    received = response[:, None] * grid.symbols + np.sqrt(noise_power) * noise
-    estimate = prs_estimator(SMALL).estimate(received, grid.symbols)[:, 0]
-    # All subcarriers carry as many data symbols.
-    ber = turned_ber(modulation, response / estimate, np.abs(estimate) ** 2 / noise_power).mean()
-    assert is_likely(reception.n_bit_errors, reception.n_bits, ber, len(ESTIMATED))
-    error = np.mean(np.abs(estimate - response) ** 2) / np.mean(np.abs(response) ** 2)
-    assert reception.channel_error_db == pytest.approx(10 * np.log10(error))
 
 
 @pytest.mark.parametrize(
@@ -194,14 +164,21 @@ def test_without_noise_no_bit_is_wrong(small_grids, modulation, channel):
     assert estimated.channel_error_db < -80
 
 
-def test_receptions_have_the_expected_errors_of_their_fades(small_grids):
-    channel, trials = TappedDelay("tdl_c", 80e-9), range(20)
-    counted = sum(receive(small_grids["16qam"], SMALL, channel, 12.0, trial=trial).ber for trial in trials)
+@pytest.mark.parametrize(
+    ("modulation", "channel", "snr_db"),
+    [("qpsk", TAPPED, 5.0), ("16qam", TappedDelay("tdl_c", 80e-9), 12.0), ("64qam", Awgn(), 16.0)],
+)
+def test_receptions_have_the_expected_errors_of_their_fades(small_grids, modulation, channel, snr_db):
+    grid, trials = small_grids[modulation], range(20)
+    counted = sum(receive(grid, SMALL, channel, snr_db, trial=trial).ber for trial in trials)
     expected, known = (
-        sum(expected_ber("16qam", SMALL, channel, 12.0, knowledge=knowledge, trial=trial) for trial in trials)
+        sum(
+            expected_ber(modulation, SMALL, channel, snr_db, knowledge=knowledge, trial=trial)
+            for trial in trials
+        )
         for knowledge in ("prs", "perfect")
     )
-    # Some 400 000 errors; what the estimate adds is several times what is allowed.
+    # Some 100 000 errors and more; what the estimate adds is several times what is allowed.
     assert counted == pytest.approx(expected, rel=0.005)
     assert expected > 1.01 * known
 
@@ -277,19 +254,16 @@ def test_what_cannot_be_received_is_refused(small_grids):
         receive(grid, SMALL, TappedDelay("tdl_e"), 10.0)
 
 
-def test_prs_is_not_counted_as_data():
-    assert receive(draw_grid(SMALL), SMALL, Awgn(), 10.0).n_bits == 2 * np.sum(~prs_elements(SMALL))
-
-
 # Of one response, and of so many that rates are read from a table.
 @pytest.mark.parametrize(
-    ("modulation", "speed_mps", "n_symbols"), [("qpsk", 0.0, 224), ("qpsk", 5.0, 10), ("256qam", 5.0, 113)]
+    ("modulation", "speed_mps", "shape"),
+    [("qpsk", 0.0, (1024, 224)), ("qpsk", 5.0, (1024, 10)), ("256qam", 5.0, (64, 113))],
 )
-def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(modulation, speed_mps, n_symbols):
+def test_the_expected_error_rate_is_the_mean_over_all_data_and_nothing_else(modulation, speed_mps, shape):
     """Counts of a frame tell a mean over some symbols from that over all: fades move through the frame."""
-    system = System(n_subcarriers=1024, n_symbols=n_symbols)
+    system = System(n_subcarriers=shape[0], n_symbols=shape[1])
     channel = TappedDelay("tdl_a", 53e-9, speed_mps)
-    response = np.broadcast_to(drawn_response(system, channel, trial=3), (1024, n_symbols))
+    response = np.broadcast_to(drawn_response(channel, system, trial=3), shape)
     with np.errstate(divide="ignore"):
         snr_db = 20.0 + 20 * np.log10(np.abs(response[~prs_elements(system)]))
     expected = expected_ber(modulation, system, channel, 20.0, knowledge="perfect", trial=3)

@@ -14,14 +14,7 @@ P a matter of windows alone: the window of the receiver holds samples g_i of the
 import numpy as np
 
 from isacbench.link.waveform.ofdm import layout, transmit_window
-from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from tests.link.sensing.propagation import delay_samples, shown_lags
-
-
-def echo_interference(system, range_m, velocity_mps):
-    """Useful gain and interference power of the echo of one scatterer."""
-    delay_s = 2 * range_m / SPEED_OF_LIGHT_MPS
-    return path_interference(system, delay_s, 2 * velocity_mps * system.carrier_hz / SPEED_OF_LIGHT_MPS)
 
 
 def path_interference(system, delay_s, doppler_hz, n_previous=None):

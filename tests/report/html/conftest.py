@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from isacbench.bench.kinds.detection import DetectionSuite
-from isacbench.bench.kinds.link_scenes import LinkSuite
+from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import Execution, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
