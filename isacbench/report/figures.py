@@ -345,6 +345,10 @@ def _scale(axes: Axes, name: str, axis: Axis) -> None:
 
 def _tick_places(axes: Axes, chart: Chart) -> None:
     """Put ticks at the places of the points, where these are few."""
+    ticks = {one.tick for one in chart.series if one.tick is not None}
+    if ticks:
+        axes.set_xticks(sorted(ticks))
+        return
     places = np.unique([x for one in chart.series if one.mark == "line" for x in np.asarray(one.x).tolist()])
     is_even = places.size and np.array_equal(places, np.round(places, 6))
     if 1 < places.size <= MOST_TICKS and is_even:
