@@ -396,23 +396,10 @@ def interval(table: pd.DataFrame, column: str, stem: str = "") -> tuple[pd.Serie
 def line_series(
     table: pd.DataFrame, lines: Mapping[Variant, Line], x: str, y: str, stem: str | None = None
 ) -> list[Series]:
-    """Draw a column of a summary over another, a line an estimator.
+    """Draw a column of a summary over another, a line for each estimator that the table has.
 
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns ``estimator`` and ``params``.
-    lines : mapping of (str, str) to Line
-    x, y : str
-        Columns.
-    stem : str, optional
-        Of the columns of the interval, see `interval`; without it there is none.
-
-    Returns
-    -------
-    list of Series
-        Of the estimators that the table has. At a single SNR estimators stand side by side, and what sees the
-        truth is a level line.
+    The stem names the columns of the interval, see `interval`; without it there is none. At a single SNR
+    estimators stand side by side, and what sees the truth is a level line.
     """
     found = []
     is_single = x in SNR_COLUMNS and table[x].nunique() == 1
