@@ -91,6 +91,8 @@ class Series:
     style : LineStyle
     texts : sequence of str
         Beside the points, or empty.
+    tick : float or None
+        Place on the x axis that the points stand for, where those of several series stand side by side.
     """
 
     label: str
@@ -103,6 +105,7 @@ class Series:
     mark: Literal["line", "points", "step", "bar"] = "line"
     style: LineStyle = LineStyle()
     texts: Sequence[str] = ()
+    tick: float | None = None
 
 
 @dataclass(frozen=True)
@@ -393,28 +396,16 @@ def interval(table: pd.DataFrame, column: str, stem: str = "") -> tuple[pd.Serie
 def line_series(
     table: pd.DataFrame, lines: Mapping[Variant, Line], x: str, y: str, stem: str | None = None
 ) -> list[Series]:
-    """Draw a column of a summary over another, a line an estimator.
+    """Draw a column of a summary over another, a line for each estimator that the table has.
 
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns ``estimator`` and ``params``.
-    lines : mapping of (str, str) to Line
-    x, y : str
-        Columns.
-    stem : str, optional
-        Of the columns of the interval, see `interval`; without it there is none.
-
-    Returns
-    -------
-    list of Series
-        Of the estimators that the table has. At a single SNR estimators stand side by side, and what sees the
-        truth is a level line.
+    The stem names the columns of the interval, see `interval`; without it there is none. At a single SNR
+    estimators stand side by side, and what sees the truth is a level line.
     """
     found = []
     is_single = x in SNR_COLUMNS and table[x].nunique() == 1
     own = [variant for variant, line in lines.items() if not line.is_reference]
     half = 0.05 * max(len(own), 2)
+    tick = float(table[x].iloc[0]) if is_single else None
     for variant, line in lines.items():
         rows = rows_of(table, variant).sort_values(x, kind="stable")
         if rows.empty:
@@ -427,7 +418,7 @@ def line_series(
             at = at + 0.1 * (own.index(variant) - (len(own) - 1) / 2)
         low, high = interval(rows, y, stem) if stem is not None else ((), ())
         label = line.label if rows[y].notna().any() else line.label + NO_SCORE
-        found.append(Series(label, at, rows[y], low, high, style=line.style))
+        found.append(Series(label, at, rows[y], low, high, style=line.style, tick=tick))
     return found
 
 

@@ -115,6 +115,7 @@ def test_at_a_single_snr_estimators_stand_side_by_side_and_references_are_level_
     assert [one.x.item() for one in found] == pytest.approx([-0.1, 0.0])
     a, b = line_series(single, assign_lines(labels_of("a", "b"), ["a"]), "snr_db", "error_mean", "error")
     assert b.x.item() == 0.0
+    assert (a.tick, b.tick) == (0.0, 0.0)
     assert (list(a.x), list(a.y), list(a.low)) == ([-0.1, 0.1], [2.0, 2.0], [1.5, 1.5])
 
 

@@ -85,18 +85,9 @@ def new_figure(
     title: str = "",
     layout: Literal["constrained"] | None = "constrained",
 ) -> Figure:
-    """Make a figure on a canvas that needs no display.
+    """Make a figure on a canvas that needs no display, of a size without the legend below the panels.
 
-    Parameters
-    ----------
-    width_in, height_in : float
-        Size in inches, without the legend.
-    legend : sequence of Artist
-        Entries of a legend below the panels, with their labels.
-    title : str
-        Title above the panels.
-    layout : {"constrained"} or None
-        Layout engine of matplotlib; None leaves the margins to the caller.
+    A layout of None leaves the margins to the caller.
     """
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
@@ -118,23 +109,7 @@ def _add_legend(figure: Figure, entries: Sequence[Artist]) -> None:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure in the format that the suffix of its path names.
-
-    Parameters
-    ----------
-    path : Path
-        An older file of that name is replaced.
-
-    Returns
-    -------
-    Path
-        The same path.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a figure, or replace an older one, in the format that the suffix names; return the path."""
     with replacing(path, afterwards="") as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix(".").lower())
     return path
@@ -156,12 +131,7 @@ def drawable(text: str) -> str:
 def velocity_colours(fastest_mps: float) -> ScalarMappable:
     """Map radial velocities to colours: 0 in the middle, slow ones spread to differ visibly from it.
 
-    Unknown velocities, NaN, have a colour of their own.
-
-    Parameters
-    ----------
-    fastest_mps : float
-        Speed in m/s at both ends of the colours.
+    The fastest speed is at both ends. Unknown velocities, NaN, have a colour of their own.
     """
     fastest_mps = max(SLOW_MPS, fastest_mps)
     colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS).with_extremes(bad=UNKNOWN)
@@ -345,6 +315,10 @@ def _scale(axes: Axes, name: str, axis: Axis) -> None:
 
 def _tick_places(axes: Axes, chart: Chart) -> None:
     """Put ticks at the places of the points, where these are few."""
+    ticks = {one.tick for one in chart.series if one.tick is not None}
+    if ticks:
+        axes.set_xticks(sorted(ticks))
+        return
     places = np.unique([x for one in chart.series if one.mark == "line" for x in np.asarray(one.x).tolist()])
     is_even = places.size and np.array_equal(places, np.round(places, 6))
     if 1 < places.size <= MOST_TICKS and is_even:

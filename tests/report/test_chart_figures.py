@@ -58,6 +58,11 @@ def test_a_single_place_is_seen_and_its_interval_upright(symbol):
     np.testing.assert_array_equal(axes.collections[0].get_segments(), [[[3, 1], [3, 4]]])
 
 
+def test_series_side_by_side_share_the_tick_of_their_place():
+    axes = drawn(Series("a", [9.9], [2.0], tick=10.0), Series("b", [10.0, 10.2], [1.0, 1.0], tick=10.0))
+    assert list(axes.get_xticks()) == [10.0]
+
+
 def test_what_lies_beyond_the_limits_is_at_the_edge_on_a_logarithmic_axis_zero_too():
     x = [0, 1, 2, 3]
     axes = drawn(Series("a", x, [0.0, 1e-9, 0.1, 7.0], x, x), y=Axis("e", log=True, limits=(1e-3, 1.0)))
