@@ -45,6 +45,9 @@ SLOW_S = 10.0
 
 SEED = 20310
 
+ODD = 1.7
+"""Scale factor that is not a power of two, so that products round."""
+
 BUILT = "default parameters"
 """Check that builds the instance of all further checks."""
 

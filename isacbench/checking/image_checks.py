@@ -18,14 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
 from isacbench.checking import checks, scenes
-from isacbench.checking.checks import (
-    Check,
-    CheckFailedError,
-    NotApplicableError,
-    Subject,
-    require,
-    sees_truth,
-)
+from isacbench.checking.checks import ODD, Check, CheckFailedError, NotApplicableError, require, sees_truth
 from isacbench.checking.lone_scatterer import require_lone_scatterer
 from isacbench.checking.scenes import SmallScene
 from isacbench.model.cloud import PointCloud
@@ -44,9 +37,6 @@ INVARIANCE = 1e-9
 LIMITS = -126, 126
 """Binary exponents of the largest amplitude of scaled cells: the limits of float32."""
 
-ODD = 1.7
-"""Scale factor that is not a power of two, so that products round."""
-
 FALSE_POINT_CELLS = 0.1
 """Largest distance, in Rayleigh cells, at which a point belongs to the nearest scatterer."""
 
@@ -59,7 +49,7 @@ ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ImageSubject(Subject):
+class ImageSubject(checks.Subject):
     """An estimator and the scene that it images."""
 
     scene: SmallScene
@@ -294,7 +284,7 @@ LEVEL = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class LadderSubject(Subject):
+class LadderSubject(checks.Subject):
     """An estimator, and a scene that it images at rising SNR."""
 
     simulator: Simulator
@@ -355,6 +345,10 @@ class EstimatorSubject(checks.PluginSubject):
         return partial(image.image, image.scene.observation()), "a small scene"
 
 
+def _returns_a_cloud(subject: EstimatorSubject) -> str:
+    return f"{len(subject.of(scenes.ordinary()).cloud)} points of 3 scatterers"
+
+
 def _sees_no_truth(subject: EstimatorSubject) -> None:
     is_built_in = subject.plugin_module.startswith("isacbench_algorithms.")
     require(
@@ -362,10 +356,6 @@ def _sees_no_truth(subject: EstimatorSubject) -> None:
         "needs_truth asks for the truth, which only the built-in references may see: remove it, and estimate "
         "from the observation",
     )
-
-
-def _returns_a_cloud(subject: EstimatorSubject) -> str:
-    return f"{len(subject.of(scenes.ordinary()).cloud)} points of 3 scatterers"
 
 
 def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:

@@ -14,14 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from isacbench.checking import checks
-from isacbench.checking.checks import (
-    Check,
-    CheckFailedError,
-    DoubtfulError,
-    NotApplicableError,
-    Subject,
-    require,
-)
+from isacbench.checking.checks import ODD, Check, CheckFailedError, NotApplicableError, require
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection, Detector
@@ -31,9 +24,6 @@ EXACT = 1e-12
 
 TIE = 1e-10
 """Relative distance of power and threshold within which rounding may decide."""
-
-ODD = 1.7
-"""Scale factor that is not a power of two, so that products round."""
 
 SCALES = -200, 200
 """Binary exponents of the factors of scaled maps."""
@@ -88,7 +78,7 @@ SAME_FACTOR = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class MapSubject(Subject):
+class MapSubject(checks.Subject):
     """A detector and the power map that it tests."""
 
     power: NDArray[np.float64]
@@ -243,8 +233,8 @@ def require_rate(
     The map's border, of `margin` cells, does not count. Says nothing where the detector's `pfa` is too rare.
     """
     pfa: float = getattr(detector, "pfa")  # noqa: B009, no part of the protocol
-    found = MapSubject(detector, white_noise_map(shape, seed, looks), looks).found
-    mask = found.mask[tuple(slice(margin, length - margin) for length in shape)]
+    mask = MapSubject(detector, white_noise_map(shape, seed, looks), looks).found.mask
+    mask = mask[tuple(slice(margin, length - margin) for length in shape)]
     low, high = _rate_limits(pfa, mask.size)
     rate = float(mask.mean())
     require(
@@ -387,9 +377,9 @@ def _takes_silence(subject: DetectorSubject) -> None:
 
 
 def _refuses_bad_maps(subject: DetectorSubject) -> None:
-    nan, negative = _noise_with_echoes(0).copy(), _noise_with_echoes(0).copy()
-    nan[3, 4], negative[3, 4] = np.nan, -1.0
-    for what, power in (("complex", _noise_with_echoes(0) + 1j), ("NaN", nan), ("negative", negative)):
+    for what, cell in (("complex", 1j), ("NaN", np.nan), ("negative", -1.0)):
+        power = _noise_with_echoes(0).astype(np.result_type(cell))
+        power[3, 4] = cell
         try:
             subject.plugin.detect(power)
         except Exception:
@@ -425,7 +415,7 @@ def _keeps_its_rate_at_borders(subject: DetectorSubject) -> str:
                 "of the cells that it then has (isacbench.dsp.cfar.windows_of)"
             )
         if untested:
-            raise DoubtfulError(
+            raise checks.DoubtfulError(
                 f"detects nothing in the {', '.join(untested)} of maps: echoes there are lost; let the "
                 "window shift inwards (isacbench.dsp.cfar.windows_of)"
             )
