@@ -45,6 +45,9 @@ SLOW_S = 10.0
 
 SEED = 20310
 
+ODD = 1.7
+"""Scale factor that is not a power of two, so that products round."""
+
 BUILT = "default parameters"
 """Check that builds the instance of all further checks."""
 
@@ -57,6 +60,12 @@ ARGUMENTS = {"estimator": "observation", "detector": "power, looks=1", "metric":
 
 class CheckFailedError(Exception):
     """A plugin does not do what a check asks of it; the message says how, and how to mend it."""
+
+
+def require(condition: object, failure: str) -> None:
+    """Fail the check with these words unless the condition holds."""
+    if not condition:
+        raise CheckFailedError(failure)
 
 
 class DoubtfulError(Exception):
@@ -163,8 +172,7 @@ def run_check(check: Check, subject: Any, *, is_strict: bool = False) -> Finding
             message = measured
         else:
             difference, bound = measured or 0.0, check.bound
-            if not difference <= bound:
-                raise CheckFailedError(f"off by {difference:.2g}, at most {bound:.2g} is allowed")
+            require(difference <= bound, f"off by {difference:.2g}, at most {bound:.2g} is allowed")
         status = "ok"
     except CheckFailedError as error:
         message = f"{error}: {check.hint}" if check.hint else str(error)
@@ -206,8 +214,8 @@ def warnings_fail(hint: str = "") -> Iterator[None]:
         warnings.simplefilter("always")
         yield
     for warning in caught:
-        if not issubclass(warning.category, HARMLESS):
-            raise CheckFailedError(f"warns {warning.category.__name__}: {warning.message}{hint}")
+        is_harmless = issubclass(warning.category, HARMLESS)
+        require(is_harmless, f"warns {warning.category.__name__}: {warning.message}{hint}")
 
 
 # Checks of all kinds of plugins alike.
@@ -240,6 +248,14 @@ class PluginSubject(ABC):
     def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
         """Results of the plugin, or of another instance, on one of two small inputs of the same shape."""
 
+    @abstractmethod
+    def call_read_only(self) -> object:
+        """Call the plugin with arrays that cannot be written to."""
+
+    @abstractmethod
+    def prepare_timing(self) -> tuple[Callable[[], object], str]:
+        """Prepare a call whose time counts, and say on what it is."""
+
 
 def sees_truth(plugin: object) -> bool:
     """Tell whether an estimator, or its class, returns what it makes of the truth."""
@@ -257,36 +273,35 @@ def input_errors_fail(hint: str = "") -> Iterator[None]:
 
 def _is_imported(subject: PluginSubject) -> None:
     plugin_class, method = subject.plugin_class, METHODS[subject.entry.kind]
-    if not inspect.isclass(plugin_class):
-        raise CheckFailedError(f"{subject.entry.target} is no class: register the class, not an instance")
-    if not callable(getattr(plugin_class, method, None)):
-        raise CheckFailedError(f"{plugin_class.__name__} has no method {method!r}: define it")
+    is_class = inspect.isclass(plugin_class)
+    require(is_class, f"{subject.entry.target} is no class: register the class, not an instance")
+    has_method = callable(getattr(plugin_class, method, None))
+    require(has_method, f"{plugin_class.__name__} has no method {method!r}: define it")
 
 
 def _is_frozen(subject: PluginSubject) -> None:
-    if not registry.is_frozen_dataclass(subject.plugin_class):
-        raise CheckFailedError(
-            f"{subject.plugin_class.__name__} is no frozen dataclass: decorate it with "
-            "@dataclass(frozen=True), so that its parameters are known and stay as they are"
-        )
+    require(
+        registry.is_frozen_dataclass(subject.plugin_class),
+        f"{subject.plugin_class.__name__} is no frozen dataclass: decorate it with @dataclass(frozen=True), "
+        "so that its parameters are known and stay as they are",
+    )
 
 
 def _is_named(subject: PluginSubject) -> None:
-    name = getattr(subject.plugin_class, "name", None)
-    if name != subject.entry.name:
-        raise CheckFailedError(
-            f"it is registered as {subject.entry.name!r}, but its class attribute name is {name!r}: make "
-            "them equal"
-        )
-    if not is_word(name):
-        raise CheckFailedError(
-            f'its name {name!r} cannot be given to commands: make it a word without any of []()=," and '
-            "spaces, and no number"
-        )
-    if any(field.name == "name" for field in dataclasses.fields(subject.plugin_class)):
-        raise CheckFailedError(
-            "name is one of its parameters: annotate it as ClassVar[str], for it belongs to the class"
-        )
+    name, registered = getattr(subject.plugin_class, "name", None), subject.entry.name
+    require(
+        name == registered,
+        f"it is registered as {registered!r}, but its class attribute name is {name!r}: make them equal",
+    )
+    require(
+        is_word(registered),
+        f'its name {name!r} cannot be given to commands: make it a word without any of []()=," and spaces, '
+        "and no number",
+    )
+    require(
+        all(field.name != "name" for field in dataclasses.fields(subject.plugin_class)),
+        "name is one of its parameters: annotate it as ClassVar[str], for it belongs to the class",
+    )
 
 
 def _is_built(subject: PluginSubject) -> None:
@@ -327,21 +342,21 @@ def _is_canonical(subject: PluginSubject) -> None:
 
 def _repeats(subject: PluginSubject) -> None:
     subject.answer()  # so that the calls before this check count for "no memory" alone
-    if not _are_equal(subject.answer(), subject.answer()):
-        raise CheckFailedError(
-            "the same input gives another result the second time: draw random numbers from a generator with "
-            "a fixed seed"
-        )
+    require(
+        _are_equal(subject.answer(), subject.answer()),
+        "the same input gives another result the second time: draw random numbers from a generator with a "
+        "fixed seed",
+    )
 
 
 def _forgets(subject: PluginSubject) -> None:
     subject.answer()
     before = subject.answer()
     subject.answer(other=True)
-    if not _are_equal(before, subject.answer()):
-        raise CheckFailedError(
-            "other input in between changes the result: keep nothing from one call to the next"
-        )
+    require(
+        _are_equal(before, subject.answer()),
+        "other input in between changes the result: keep nothing from one call to the next",
+    )
 
 
 def _is_pickled(subject: PluginSubject) -> None:
@@ -352,11 +367,13 @@ def _is_pickled(subject: PluginSubject) -> None:
             f"cannot be pickled ({type(error).__name__}: {error}), so that no worker process can have it: "
             "keep functions, locks and open files out of it, and its class at the top of its module"
         ) from error
-    if registry.canonical_params(twin) != registry.canonical_params(subject.plugin):
-        raise CheckFailedError("has other parameters after pickling: leave pickling to the dataclass")
+    is_same = registry.canonical_params(twin) == registry.canonical_params(subject.plugin)
+    require(is_same, "has other parameters after pickling: leave pickling to the dataclass")
     subject.answer()
-    if not _are_equal(subject.answer(), subject.answer(twin)):
-        raise CheckFailedError("its result differs after pickling: keep all that it needs in its parameters")
+    require(
+        _are_equal(subject.answer(), subject.answer(twin)),
+        "its result differs after pickling: keep all that it needs in its parameters",
+    )
 
 
 def _are_equal(first: list[NDArray[Any]], second: list[NDArray[Any]]) -> bool:
@@ -364,47 +381,39 @@ def _are_equal(first: list[NDArray[Any]], second: list[NDArray[Any]]) -> bool:
 
 
 def _leaves_random_numbers(subject: PluginSubject) -> None:
-    states = random.getstate(), np.random.get_state(legacy=False)  # noqa: NPY002
+    states = _random_states()
     try:
         # A known state: a plugin that always seeds alike would leave the state of its last call unchanged.
         random.seed(SEED)
         np.random.seed(SEED)  # noqa: NPY002
-        before = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+        before = repr(_random_states())
         subject.answer()
-        after = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+        after = repr(_random_states())
     finally:
         random.setstate(states[0])
         np.random.set_state(states[1])  # noqa: NPY002
-    if before != after:
-        raise CheckFailedError(
-            "draws from the random numbers that all code of a process shares: use "
-            "numpy.random.default_rng(seed) with a seed of its own"
-        )
+    require(
+        before == after,
+        "draws from the random numbers that all code of a process shares: use "
+        "numpy.random.default_rng(seed) with a seed of its own",
+    )
+
+
+def _random_states() -> tuple[Any, Any]:
+    return random.getstate(), np.random.get_state(legacy=False)  # noqa: NPY002
 
 
 def _is_quiet(subject: PluginSubject) -> None:
     with redirect_stdout(io.StringIO()) as printed:
         subject.answer()
-    if printed.getvalue():
-        raise CheckFailedError(
-            f"prints {printed.getvalue()[:40]!r} to stdout, where commands print JSON: use the module logging"
-        )
+    text = printed.getvalue()
+    require(not text, f"prints {text[:40]!r} to stdout, where commands print JSON: use the module logging")
 
 
-def refuse_writes(act: Callable[[], object], what: str) -> None:
-    """Fail a call that writes to its read-only input, which is called `what`. Other exceptions pass."""
-    try:
-        act()
-    except ValueError as error:
-        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
-            raise
-        raise CheckFailedError(f"writes to {what} ({error}): copy before changing") from error
-
-
-def timed_call(act: Callable[[], object], on: str) -> str:
-    """Say how long a call takes on an input, and doubt one that takes longer than `SLOW_S`."""
+def _is_fast(subject: PluginSubject) -> str:
+    call, on = subject.prepare_timing()
     start = time.perf_counter()
-    act()
+    call()
     elapsed_s = time.perf_counter() - start
     took = f"{1e3 * elapsed_s:.3g} ms on {on}"
     if elapsed_s > SLOW_S:
@@ -432,6 +441,25 @@ def conduct_checks(answered: str) -> tuple[Check, ...]:
         Check("random numbers", _leaves_random_numbers, needs=(answered,)),
         Check("stdout", _is_quiet, needs=(answered,)),
     )
+
+
+def input_unchanged(what: str, answered: str) -> Check:
+    """Check that the method does not write to its input, which is called `what`."""
+
+    def measure(subject: PluginSubject) -> None:
+        try:
+            subject.call_read_only()
+        except ValueError as error:
+            if "read-only" not in str(error) and "WRITEABLE" not in str(error):
+                raise
+            raise CheckFailedError(f"writes to the {what} ({error}): copy before changing") from error
+
+    return Check(f"{what} unchanged", measure, needs=(answered,))
+
+
+def in_time(answered: str) -> Check:
+    """Check of the time of the method, whose answers have passed the check of that name."""
+    return Check("time", _is_fast, needs=(answered,))
 
 
 # Cases.

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from isacbench.bench.cells.cell import raw_cloud
 from isacbench.checking import checks, scenes
-from isacbench.checking.checks import Check, CheckFailedError, NotApplicableError, Subject, sees_truth
+from isacbench.checking.checks import ODD, Check, CheckFailedError, NotApplicableError, require, sees_truth
 from isacbench.checking.lone_scatterer import require_lone_scatterer
 from isacbench.checking.scenes import SmallScene
 from isacbench.model.cloud import PointCloud
@@ -37,9 +37,6 @@ INVARIANCE = 1e-9
 LIMITS = -126, 126
 """Binary exponents of the largest amplitude of scaled cells: the limits of float32."""
 
-ODD = 1.7
-"""Scale factor that is not a power of two, so that products round."""
-
 FALSE_POINT_CELLS = 0.1
 """Largest distance, in Rayleigh cells, at which a point belongs to the nearest scatterer."""
 
@@ -52,7 +49,7 @@ ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ImageSubject(Subject):
+class ImageSubject(checks.Subject):
     """An estimator and the scene that it images."""
 
     scene: SmallScene
@@ -83,8 +80,7 @@ def cloud_difference(
     Positions count relative to the range of the region's farthest corner, velocities to the unambiguous
     speed, powers each to itself, after amplitudes of the second cloud are divided by their scale.
     """
-    if len(first) != len(second):
-        raise CheckFailedError(f"{len(first)} points, then {len(second)}")
+    require(len(first) == len(second), f"{len(first)} points, then {len(second)}")
     if not len(first):
         return 0.0
     power = second.power / amplitude_scale**2
@@ -139,11 +135,10 @@ def _has_possible_speeds(subject: ImageSubject) -> None:
 
 def _has_possible_powers(subject: ImageSubject) -> None:
     lowest = float(subject.cloud.power.min(initial=0.0))
-    if lowest < 0:
-        raise CheckFailedError(
-            f"powers go down to {lowest:.3g}: a power is |G|² relative to a unit scatterer, 0 or more and "
-            "no dB"
-        )
+    require(
+        not lowest < 0,
+        f"powers go down to {lowest:.3g}: a power is |G|² relative to a unit scatterer, 0 or more and no dB",
+    )
 
 
 def _is_possible(subject: ImageSubject) -> None:
@@ -157,8 +152,7 @@ def _is_possible(subject: ImageSubject) -> None:
 def _farthest_false_point(subject: ImageSubject) -> float:
     """Largest distance of a point from its nearest scatterer, in Rayleigh cells; refuse too many points."""
     cloud, truth = subject.cloud, subject.scene.scenario.truth
-    if len(cloud) > len(truth):
-        raise CheckFailedError(f"{len(cloud)} points of {len(truth)} scatterers")
+    require(len(cloud) <= len(truth), f"{len(cloud)} points of {len(truth)} scatterers")
     if not len(cloud):
         return 0.0
     return float(cells_apart(subject.scene.scenario, cloud, truth).min(axis=1).max())
@@ -167,8 +161,7 @@ def _farthest_false_point(subject: ImageSubject) -> float:
 def _distances(subject: ImageSubject) -> NDArray[np.float64]:
     """Distances from every scatterer (rows) to every point (columns), in Rayleigh cells."""
     cloud, truth = subject.cloud, subject.scene.scenario.truth
-    if not len(cloud):
-        raise CheckFailedError(f"no point of {len(truth)} scatterers")
+    require(len(cloud), f"no point of {len(truth)} scatterers")
     return cells_apart(subject.scene.scenario, truth, cloud)
 
 
@@ -183,8 +176,7 @@ def _power_off_db(subject: ImageSubject) -> float:
 
 
 def _no_point(subject: ImageSubject) -> Iterator[float]:
-    if len(subject.cloud):
-        raise CheckFailedError(f"{len(subject.cloud)} points of no echo")
+    require(not len(subject.cloud), f"{len(subject.cloud)} points of no echo")
     yield 0.0
 
 
@@ -292,7 +284,7 @@ LEVEL = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class LadderSubject(Subject):
+class LadderSubject(checks.Subject):
     """An estimator, and a scene that it images at rising SNR."""
 
     simulator: Simulator
@@ -342,17 +334,28 @@ class EstimatorSubject(checks.PluginSubject):
         """Image three scatterers: points (n, 5)."""
         return [self.of(scenes.other() if other else scenes.ordinary(), plugin).cloud.to_array()]
 
+    def call_read_only(self) -> None:
+        """Image three scatterers whose observation is read-only."""
+        image = self.of(scenes.ordinary())
+        image.image(image.scene.observation(writable=False))
 
-def _sees_no_truth(subject: EstimatorSubject) -> None:
-    if sees_truth(subject.plugin_class) and not subject.plugin_module.startswith("isacbench_algorithms."):
-        raise CheckFailedError(
-            "needs_truth asks for the truth, which only the built-in references may see: remove it, "
-            "and estimate from the observation"
-        )
+    def prepare_timing(self) -> tuple[Callable[[], object], str]:
+        """Prepare to image three scatterers."""
+        image = self.of(scenes.ordinary())
+        return partial(image.image, image.scene.observation()), "a small scene"
 
 
 def _returns_a_cloud(subject: EstimatorSubject) -> str:
     return f"{len(subject.of(scenes.ordinary()).cloud)} points of 3 scatterers"
+
+
+def _sees_no_truth(subject: EstimatorSubject) -> None:
+    is_built_in = subject.plugin_module.startswith("isacbench_algorithms.")
+    require(
+        is_built_in or not sees_truth(subject.plugin_class),
+        "needs_truth asks for the truth, which only the built-in references may see: remove it, and estimate "
+        "from the observation",
+    )
 
 
 def _finds_a_lone_scatterer(subject: EstimatorSubject) -> str:
@@ -374,18 +377,12 @@ def _reads_what_it_declares(subject: EstimatorSubject) -> str:
     if needs.elements == "cross":
         p, q = cross_elements(image.scene.scenario.array.shape).T
         withheld[:, :, p, q] = cells[:, :, p, q]
-    if not np.array_equal(image.cloud.to_array(), image.image_of(withheld).to_array()):
-        raise CheckFailedError(
-            f"its image depends on elements that needs.elements = {needs.elements!r} leaves out, so that "
-            "they are not computed for it: declare what it reads"
-        )
+    require(
+        np.array_equal(image.cloud.to_array(), image.image_of(withheld).to_array()),
+        f"its image depends on elements that needs.elements = {needs.elements!r} leaves out, so that they "
+        "are not computed for it: declare what it reads",
+    )
     return {"cross": "one column and one row", "none": "no echo"}[needs.elements]
-
-
-def _leaves_the_observation(subject: EstimatorSubject) -> None:
-    image = subject.of(scenes.ordinary())
-    observation = image.scene.observation(writable=False)
-    checks.refuse_writes(lambda: image.image(observation), "the observation")
 
 
 def _images(*chosen: Callable[[], SmallScene]) -> Callable[[EstimatorSubject], None]:
@@ -403,18 +400,12 @@ def _images_no_echo(scene: Callable[[], SmallScene], subject: EstimatorSubject) 
     image, n_cells = subject.of(scene()), int(scene().seen.gate.reachable.sum())
     with checks.warnings_fail(": expect input without any echo"):
         n_points = len(image.cloud)
-    if n_points > n_cells // 2:
-        raise CheckFailedError(
-            f"{n_points} points where there is no echo, in {n_cells} cells: test cells against a threshold "
-            "that follows from the noise"
-        )
+    require(
+        n_points <= n_cells // 2,
+        f"{n_points} points where there is no echo, in {n_cells} cells: test cells against a threshold that "
+        "follows from the noise",
+    )
     return f"{n_points} points"
-
-
-def _is_fast(subject: EstimatorSubject) -> str:
-    image = subject.of(scenes.ordinary())
-    observation = image.scene.observation()
-    return checks.timed_call(lambda: image.image(observation), "a small scene")
 
 
 def _in_every_scene(subject: EstimatorSubject) -> Iterator[ImageSubject]:
@@ -431,7 +422,7 @@ ESTIMATOR_CHECKS = (
     *(check.of(_in_every_scene, IMAGED) for check in (IN_REGION, SPEEDS, POWERS)),
     Check("lone scatterer", _finds_a_lone_scatterer, needs=("region", "velocity", "power")),
     Check("needs", _reads_what_it_declares, needs=(IMAGED,)),
-    Check("observation unchanged", _leaves_the_observation, needs=(IMAGED,)),
+    checks.input_unchanged("observation", IMAGED),
     *checks.conduct_checks(IMAGED),
     Check("minimal gate", _images(scenes.minimal), needs=(IMAGED,)),
     Check("noise alone", partial(_images_no_echo, scenes.noise), needs=(IMAGED,)),
@@ -442,5 +433,5 @@ ESTIMATOR_CHECKS = (
         _images(partial(scenes.with_array, 7, 3), partial(scenes.with_array, 3, 7)),
         needs=(IMAGED,),
     ),
-    Check("time", _is_fast, needs=(IMAGED,)),
+    checks.in_time(IMAGED),
 )

@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from isacbench.checking import checks
-from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, NotApplicableError, Subject
+from isacbench.checking.checks import ODD, Check, CheckFailedError, NotApplicableError, require
 from isacbench.dsp.cell_detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection, Detector
@@ -24,9 +24,6 @@ EXACT = 1e-12
 
 TIE = 1e-10
 """Relative distance of power and threshold within which rounding may decide."""
-
-ODD = 1.7
-"""Scale factor that is not a power of two, so that products round."""
 
 SCALES = -200, 200
 """Binary exponents of the factors of scaled maps."""
@@ -81,7 +78,7 @@ SAME_FACTOR = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class MapSubject(Subject):
+class MapSubject(checks.Subject):
     """A detector and the power map that it tests."""
 
     power: NDArray[np.float64]
@@ -108,8 +105,7 @@ class MapSubject(Subject):
         differs = other.mask != self.found.mask
         if has_ties:
             differs &= np.abs(self.power - self.found.threshold) > TIE * self.found.threshold
-        if differs.any():
-            raise CheckFailedError(f"{differs.sum()} of {differs.size} cells are decided otherwise")
+        require(not differs.any(), f"{differs.sum()} of {differs.size} cells are decided otherwise")
         return _apart(self.found, other)
 
 
@@ -142,19 +138,19 @@ def _has_shapes(subject: MapSubject) -> None:
 def _has_possible_powers(subject: MapSubject) -> None:
     for name in ("threshold", "noise"):
         array = getattr(subject.found, name)
-        if not np.isfinite(array).all() or (array < 0).any():
-            raise CheckFailedError(
-                f"{name} has NaN, infinite or negative values: both are powers, in the map's unit"
-            )
+        require(
+            np.isfinite(array).all() and not (array < 0).any(),
+            f"{name} has NaN, infinite or negative values: both are powers, in the map's unit",
+        )
 
 
 def _compares_with_its_threshold(subject: MapSubject) -> None:
     differing = int(np.sum(subject.found.mask != (subject.power > subject.found.threshold)))
-    if differing:
-        raise CheckFailedError(
-            f"mask is not power > threshold in {differing} of {subject.power.size} cells: a cell is detected "
-            "where its power exceeds its threshold, nowhere else"
-        )
+    require(
+        not differing,
+        f"mask is not power > threshold in {differing} of {subject.power.size} cells: a cell is detected "
+        "where its power exceeds its threshold, nowhere else",
+    )
 
 
 def _finite(subject: MapSubject) -> None:
@@ -173,8 +169,7 @@ def _listed(subject: MapSubject) -> float:
         listed = detect_listed(subject.plugin, subject.power.copy(), subject.looks, cells)
         for name in ("mask", "threshold", "noise"):
             part, whole = getattr(listed, name), getattr(subject.found, name)[cells]
-            if part.shape != whole.shape:
-                raise CheckFailedError(f"{name} of {order.size} listed cells has shape {part.shape}")
+            require(part.shape == whole.shape, f"{name} of {order.size} listed cells has shape {part.shape}")
             differences.append(_relative(whole.astype(np.float64), part.astype(np.float64)))
     return max(differences)
 
@@ -198,11 +193,11 @@ def _scaled(subject: MapSubject, factor: float, *, has_ties: bool = False) -> fl
 
 def _nothing(subject: MapSubject) -> None:
     n_detected = int(np.count_nonzero(subject.found.mask))
-    if n_detected:
-        raise CheckFailedError(
-            f"detects {n_detected} of {subject.power.size} cells: a detected cell exceeds its threshold, "
-            "strictly"
-        )
+    require(
+        not n_detected,
+        f"detects {n_detected} of {subject.power.size} cells: a detected cell exceeds its threshold, "
+        "strictly",
+    )
 
 
 def _single_precision(subject: MapSubject) -> float:
@@ -217,10 +212,10 @@ def _rate_order(subject: MapSubject) -> float:
     rarer = dataclasses.replace(subject.plugin, pfa=subject.plugin.pfa / 2)
     strict = dataclasses.replace(subject, plugin=rarer)
     _finite(strict)
-    if np.any(strict.found.mask & ~subject.found.mask):
-        raise CheckFailedError("a cell is detected at half the rate that is not at the whole one")
-    if not np.any(strict.found.threshold > subject.found.threshold):
-        raise CheckFailedError("no threshold rises at half the rate")
+    is_new = strict.found.mask & ~subject.found.mask
+    require(not is_new.any(), "a cell is detected at half the rate that is not at the whole one")
+    has_risen = strict.found.threshold > subject.found.threshold
+    require(has_risen.any(), "no threshold rises at half the rate")
     between = dataclasses.replace(subject, power=subject.power.copy())
     middle = tuple(n // 2 for n in subject.power.shape)
     between.power[middle] = (subject.found.threshold[middle] + strict.found.threshold[middle]) / 2
@@ -238,16 +233,16 @@ def require_rate(
     The map's border, of `margin` cells, does not count. Says nothing where the detector's `pfa` is too rare.
     """
     pfa: float = getattr(detector, "pfa")  # noqa: B009, no part of the protocol
-    found = MapSubject(detector, white_noise_map(shape, seed, looks), looks).found
-    mask = found.mask[tuple(slice(margin, length - margin) for length in shape)]
+    mask = MapSubject(detector, white_noise_map(shape, seed, looks), looks).found.mask
+    mask = mask[tuple(slice(margin, length - margin) for length in shape)]
     low, high = _rate_limits(pfa, mask.size)
     rate = float(mask.mean())
-    if not low <= rate <= high:
-        raise CheckFailedError(
-            f"at pfa = {pfa:g} and {looks} looks, {rate:.3g} of the cells of white noise are detected, not "
-            f"{low:.3g} to {high:.3g}: derive the factor from the distribution of the noise estimate "
-            "(isacbench.dsp.cfar.factors)"
-        )
+    require(
+        low <= rate <= high,
+        f"at pfa = {pfa:g} and {looks} looks, {rate:.3g} of the cells of white noise are detected, not "
+        f"{low:.3g} to {high:.3g}: derive the factor from the distribution of the noise estimate "
+        "(isacbench.dsp.cfar.factors)",
+    )
     return rate
 
 
@@ -326,13 +321,21 @@ class DetectorSubject(checks.PluginSubject):
         found = MapSubject(plugin or self.plugin, power).found
         return [found.mask, found.threshold, found.noise]
 
+    def call_read_only(self) -> None:
+        """Test the map itself."""
+        self.plugin.detect(_noise_with_echoes(0))
+
+    def prepare_timing(self) -> tuple[Callable[[], object], str]:
+        """Prepare to test a large map."""
+        return partial(self.plugin.detect, white_noise_map(LARGE, SEED)), f"{LARGE[0]} x {LARGE[1]} cells"
+
 
 def _has_a_rate(subject: DetectorSubject) -> None:
     pfa = getattr(subject.plugin, "pfa", None)
-    if not isinstance(pfa, (float, np.floating)) or not 0 < pfa < 1:
-        raise CheckFailedError(
-            f"pfa is {pfa!r}: give it a field pfa, the probability of false alarm per cell, between 0 and 1"
-        )
+    require(
+        isinstance(pfa, (float, np.floating)) and 0 < pfa < 1,
+        f"pfa is {pfa!r}: give it a field pfa, the probability of false alarm per cell, between 0 and 1",
+    )
 
 
 def _returns_a_detection(subject: DetectorSubject) -> str:
@@ -340,22 +343,17 @@ def _returns_a_detection(subject: DetectorSubject) -> str:
     return f"{np.count_nonzero(mask)} of {np.size(mask)} cells of a map with 3 echoes"
 
 
-def _leaves_the_map(subject: DetectorSubject) -> None:
-    checks.refuse_writes(lambda: subject.plugin.detect(_noise_with_echoes(0)), "the map")
-
-
 def _takes_looks(subject: DetectorSubject) -> None:
     power = _noise_with_echoes(0)
     unsaid, one = (subject.plugin.detect(power.copy(), *looks) for looks in ((), (1,)))
-    if not np.array_equal(unsaid.threshold, one.threshold):
-        raise CheckFailedError("looks=1 is not the default: let it be")
+    require(np.array_equal(unsaid.threshold, one.threshold), "looks=1 is not the default: let it be")
     many = subject.plugin.detect(power.copy(), looks=max(LOOKS))
     # Compare threshold / noise of both, multiplied out because the noise may be 0.
-    if np.allclose(many.threshold * one.noise, one.threshold * many.noise, rtol=SAME_FACTOR, atol=0):
-        raise CheckFailedError(
-            "the factor between noise and threshold does not depend on looks: noise averaged over more looks "
-            "strays less, gamma-distributed with that shape"
-        )
+    require(
+        not np.allclose(many.threshold * one.noise, one.threshold * many.noise, rtol=SAME_FACTOR, atol=0),
+        "the factor between noise and threshold does not depend on looks: noise averaged over more looks "
+        "strays less, gamma-distributed with that shape",
+    )
 
 
 def _takes_maps(*maps: NDArray[np.float64]) -> Callable[[DetectorSubject], str]:
@@ -379,9 +377,9 @@ def _takes_silence(subject: DetectorSubject) -> None:
 
 
 def _refuses_bad_maps(subject: DetectorSubject) -> None:
-    nan, negative = _noise_with_echoes(0).copy(), _noise_with_echoes(0).copy()
-    nan[3, 4], negative[3, 4] = np.nan, -1.0
-    for what, power in (("complex", _noise_with_echoes(0) + 1j), ("NaN", nan), ("negative", negative)):
+    for what, cell in (("complex", 1j), ("NaN", np.nan), ("negative", -1.0)):
+        power = _noise_with_echoes(0).astype(np.result_type(cell))
+        power[3, 4] = cell
         try:
             subject.plugin.detect(power)
         except Exception:
@@ -417,7 +415,7 @@ def _keeps_its_rate_at_borders(subject: DetectorSubject) -> str:
                 "of the cells that it then has (isacbench.dsp.cfar.windows_of)"
             )
         if untested:
-            raise DoubtfulError(
+            raise checks.DoubtfulError(
                 f"detects nothing in the {', '.join(untested)} of maps: echoes there are lost; let the "
                 "window shift inwards (isacbench.dsp.cfar.windows_of)"
             )
@@ -442,11 +440,6 @@ def _at_rate(detector: Any, pfa: float) -> Any:
     return dataclasses.replace(detector, pfa=pfa) if has_field else detector
 
 
-def _is_fast(subject: DetectorSubject) -> str:
-    power = white_noise_map(LARGE, SEED)
-    return checks.timed_call(lambda: subject.plugin.detect(power), f"{LARGE[0]} x {LARGE[1]} cells")
-
-
 def _ordinary(subject: DetectorSubject) -> tuple[MapSubject]:
     return (subject.ordinary,)
 
@@ -460,7 +453,7 @@ DETECTOR_CHECKS = (
     MAP_SHAPES.of(_ordinary, TESTED),
     MASK.of(_ordinary, SHAPED),
     MAP_POWERS.of(_ordinary, SHAPED),
-    Check("map unchanged", _leaves_the_map, needs=(TESTED,)),
+    checks.input_unchanged("map", TESTED),
     *checks.conduct_checks(SHAPED),
     MAP_TWO_POWER_SCALE.of(_ordinary, "no memory", name="scale"),
     Check("looks", _takes_looks, needs=("no memory", "threshold and noise")),
@@ -471,5 +464,5 @@ DETECTOR_CHECKS = (
     Check("false-alarm rate", _keeps_its_rate, needs=("pfa", SHAPED, "looks")),
     Check("rate at borders", _keeps_its_rate_at_borders, needs=("false-alarm rate",)),
     LISTED.of(_ordinary, SHAPED),
-    Check("time", _is_fast, needs=(TESTED,)),
+    checks.in_time(TESTED),
 )

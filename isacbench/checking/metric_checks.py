@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from isacbench.bench.kinds.kind import taken_columns
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.checking import checks
-from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, PluginSubject
+from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, PluginSubject, require
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
@@ -51,6 +52,15 @@ class MetricSubject(PluginSubject):
         scores = metric_scores(plugin or self.plugin, _pair(load_scenario(SCENES[other])))
         return [np.nan_to_num([*scores.values()], nan=-1.0)]
 
+    def call_read_only(self) -> None:
+        """Score an image; all clouds are read-only."""
+        self.plugin.score(_pair(self.scenario))
+
+    def prepare_timing(self) -> tuple[Callable[[], object], str]:
+        """Prepare to score an image."""
+        pair = _pair(self.scenario)
+        return partial(self.plugin.score, pair), f"{len(pair.truth)} and {len(pair.estimate)} points"
+
 
 def _pair(scenario: Scenario) -> CloudPair:
     """Pair a scene with an image of every third scatterer, a little beside its place."""
@@ -67,8 +77,8 @@ def _describes_its_columns(subject: MetricSubject) -> str:
             f"columns is {columns!r}: make it a class attribute, a tuple of "
             "isacbench.plugins.contracts.ScoreColumn"
         )
-    if not columns or len({one.name for one in columns}) < len(columns):
-        raise CheckFailedError("columns has none, or two of one name: give each score a name of its own")
+    is_unique = len({one.name for one in columns}) == len(columns) > 0
+    require(is_unique, "columns has none, or two of one name: give each score a name of its own")
     if bare := [column.name for column in columns if not column.description]:
         raise CheckFailedError(f"column {bare[0]} has no description: say in a line what it is")
     of_kinds = [name for kind in KINDS.values() for name in kind.columns]
@@ -94,20 +104,15 @@ def _scores_an_image(subject: MetricSubject) -> str:
     return f"{len(scores)} scores, with {', '.join(object_kinds(subject.scenario))}"
 
 
-def _leaves_the_clouds(subject: MetricSubject) -> None:
-    pair = _pair(subject.scenario)
-    checks.refuse_writes(lambda: subject.plugin.score(pair), "the clouds")
-
-
 def _knows_no_order(subject: MetricSubject) -> None:
     image = _pair(subject.scenario).estimate
     mixed = subject.scores(image.select(np.random.default_rng(1).permutation(len(image))))
     for name, value in subject.scores(image).items():
-        if not np.isclose(value, mixed[name], rtol=ROUNDING, atol=ROUNDING, equal_nan=True):
-            raise CheckFailedError(
-                f"{name} depends on the order of points ({value:.6g} or {mixed[name]:.6g}): sort them, or do "
-                "without an order"
-            )
+        require(
+            np.isclose(value, mixed[name], rtol=ROUNDING, atol=ROUNDING, equal_nan=True),
+            f"{name} depends on the order of points ({value:.6g} or {mixed[name]:.6g}): sort them, or do "
+            "without an order",
+        )
 
 
 def _scores_nothing(subject: MetricSubject) -> str:
@@ -141,21 +146,15 @@ def _is_worse_far_off(subject: MetricSubject) -> None:
             )
 
 
-def _is_fast(subject: MetricSubject) -> str:
-    pair = _pair(subject.scenario)
-    n_points = f"{len(pair.truth)} and {len(pair.estimate)} points"
-    return checks.timed_call(lambda: subject.plugin.score(pair), n_points)
-
-
 SCORED = "scores"
 METRIC_CHECKS = (
     *checks.CLASS_CHECKS,
     Check("columns", _describes_its_columns, needs=(checks.BUILT,)),
     Check(SCORED, _scores_an_image, needs=(checks.CALLABLE, "columns")),
-    Check("clouds unchanged", _leaves_the_clouds, needs=(SCORED,)),
+    checks.input_unchanged("clouds", SCORED),
     *checks.conduct_checks(SCORED),
     Check("order of points", _knows_no_order, needs=(SCORED,)),
     Check("no points", _scores_nothing, needs=(SCORED,)),
     Check("moved image", _is_worse_far_off, needs=(SCORED,)),
-    Check("time", _is_fast, needs=(SCORED,)),
+    checks.in_time(SCORED),
 )

@@ -52,17 +52,13 @@ def scaled(factor):
 REMEMBERS = """total = power.sum()
 noise = noise + (0.0 if LAST[-1:] in ([], [total]) else 0.01)
 LAST.append(total)"""
-IN_ROWS = "factor = np.ones(power.shape); factor[:2] = 0.2"
+COMPARE = "mask = power > threshold"
+IN_ROWS = "factor = np.ones(power.shape); factor[:2] = 0.2; threshold = factor * threshold"
 CHOOSES = "looks=1, cells=None):\n        power = power if cells is None else power[cells]\n"
 
 BROKEN = [
     ("pfa", ("pfa: float = 1e-3", "pfa: ClassVar = None\n    rate: float = 1e-3"), "give it a field pfa"),
-    (
-        "arguments",
-        ("power, looks=1)", "power)"),
-        "detect(power) does not take what it is called with (too many positional arguments): define "
-        "detect(self, power, looks=1)",
-    ),
+    ("arguments", ("power, looks=1)", "power)"), "arguments): define detect(self, power, looks=1)"),
     ("arguments", ("power, looks=1)", "power, looks)"), "missing a required argument: 'looks'"),
     ("arguments", ("power, looks=1)", "power, n=1)"), "unexpected keyword argument 'looks'"),
     ("detection", (RETURN, "        return mask\n"), "must return a Detection, not ndarray"),
@@ -74,11 +70,7 @@ BROKEN = [
     ("map unchanged", put("given *= 2"), "writes to the map ("),
     ("repeatable", put("noise = noise + np.random.default_rng().random()"), "another result the second time"),
     ("no memory", put(REMEMBERS), "other input in between changes the result"),
-    (
-        "scale",
-        put("threshold = threshold + 1e-9; mask = power > threshold"),
-        "without constants in the map's",
-    ),
+    ("scale", put(f"threshold = threshold + 1e-9; {COMPARE}"), "without constants in the map's"),
     ("looks", ("gammainccinv(looks, self.pfa) / looks", "-np.log(self.pfa)"), "does not depend on looks"),
     ("looks", ("looks=1", "looks=2"), "looks=1 is not the default"),
     ("1-D map", put("rows, columns = power.shape"), "raises ValueError: not enough values to unpack"),
@@ -88,11 +80,7 @@ BROKEN = [
     ("bad maps", ("checked_power(power, looks)", "np.abs(np.nan_to_num(power))"), "a map with complex cells"),
     ("false-alarm rate", scaled(0.9), "of white noise are detected"),
     ("false-alarm rate", scaled(1.1), "of white noise are detected"),
-    (
-        "rate at borders",
-        put(f"{IN_ROWS}\nthreshold = factor * threshold; mask = power > threshold"),
-        " in the first rows, ",
-    ),
+    ("rate at borders", put(f"{IN_ROWS}\n{COMPARE}"), " in the first rows, "),
     ("listed cells", ("looks=1):\n", CHOOSES), "cells says where to test, and changes no test"),
 ]
 
@@ -122,22 +110,18 @@ def test_every_check_has_a_detector_that_breaks_it():
     assert broken | alike | {"time"} == set(check())
 
 
-WINDOWED = put(
-    "from scipy.ndimage import convolve\n"
-    "from isacbench_algorithms.detectors import CaCfar\n"
-    "if power.ndim == 2 and min(power.shape) > 9:\n"
-    "    window = np.ones((9, 9)); window[3:6, 3:6] = 0\n"
-    "    noise = convolve({around}, window / 72, mode={mode!r}){part}\n"
-    "    factor = CaCfar(self.pfa).detect(np.ones((30, 30)), looks).threshold[15, 15]\n"
-    "    threshold = {threshold}\n"
-    "    mask = power > threshold"
-)
-AS_IT_IS = "noise * factor"
-
-
-def windowed(mode, threshold=AS_IT_IS, around="power", part=""):
+def windowed(mode, threshold="noise * factor", around="power", part=""):
     """Average 72 cells around each, behind a border that is made up or left out."""
-    return WINDOWED[0], WINDOWED[1].format(mode=mode, threshold=threshold, around=around, part=part)
+    return put(
+        f"""from scipy.ndimage import convolve
+from isacbench_algorithms.detectors import CaCfar
+if power.ndim == 2 and min(power.shape) > 9:
+    window = np.ones((9, 9)); window[3:6, 3:6] = 0
+    noise = convolve({around}, window / 72, mode={mode!r}){part}
+    factor = CaCfar(self.pfa).detect(np.ones((30, 30)), looks).threshold[15, 15]
+    threshold = {threshold}
+    mask = power > threshold"""
+    )
 
 
 def borders_of(change):

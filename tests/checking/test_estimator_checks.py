@@ -87,34 +87,24 @@ more = np.tile([*middle, 0.0, 0.0], (n, 1))
 return PointCloud.from_array(np.concatenate([cloud.to_array(), more]))"""
 GATE = "mask = observation.gate.reachable\nif mask.sum() == 1 < mask.size: raise IndexError(3)"
 BORROWS = "observation.gate.range_bins[0] += 1\nobservation.gate.range_bins[0] -= 1"
+SEES = "needs_truth: ClassVar = True\n    def estimate(self, observation, truth)"
+RANDOM = "cloud.velocity + 0.01 * np.random.default_rng().random()"
+SQUARE = "observation.cells[..., 0] + observation.cells[..., 0, :]"
 RATIO = "np.sum(np.abs(observation.cells)) / np.abs(observation.cells).max()"
 
 BROKEN = [
     ("needs", beside("needs = Needs('cross')"), "declare what it reads"),
     ("needs", beside("needs = Needs('none')"), "declare what it reads"),
     ("needs", beside("needs = 'cross'"), "must be a Needs, not str"),
-    (
-        "frozen dataclass",
-        ("@dataclass(frozen=True)", "@dataclass"),
-        "decorate it with @dataclass(frozen=True)",
-    ),
+    ("frozen dataclass", ("@dataclass(frozen=True)", "@dataclass"), "decorate it with @dataclass(frozen="),
     ("name", ("name: ClassVar[str]", "name: str"), "annotate it as ClassVar[str]"),
     ("default parameters", (FIELD, "n: int"), "parameter n has no default"),
     ("default parameters", beside("def __post_init__(self): 1 / 0"), "ZeroDivisionError"),
     ("parameter types", (FIELD, "n: int = None"), "n = None: should be a valid integer"),
     ("parameter types", (FIELD, "n: 'Unheard' = 1"), "cannot be resolved"),
     ("canonical parameters", (FIELD, "n: Any = frozenset()"), "n = frozenset(): allowed are finite numbers"),
-    (
-        "truth",
-        (METHOD, "needs_truth: ClassVar = True\n    def estimate(self, observation, truth)"),
-        "which only the built-in references may see",
-    ),
-    (
-        "arguments",
-        (METHOD, "def estimate(self, cells, gate)"),
-        "estimate(cells, gate) does not take what it is called with (missing a required argument: 'gate'): "
-        "define estimate(self, observation)",
-    ),
+    ("truth", (METHOD, SEES), "which only the built-in references may see"),
+    ("arguments", (METHOD, "def estimate(self, cells, gate)"), "'gate'): define estimate(self, observation)"),
     ("image", before("return [1, 2]"), "raises TypeError: estimate() must return a PointCloud, not list"),
     ("image", before("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
     ("image", before("sys.exit(0)"), "raises SystemExit: 0"),
@@ -123,11 +113,7 @@ BROKEN = [
     ("power", setting("power", "cloud.power - 10"), "0 or more and no dB"),
     ("observation unchanged", before("observation.cells[0] = 0"), "writes to the observation ("),
     ("observation unchanged", before(BORROWS), "writes to the observation ("),
-    (
-        "repeatable",
-        setting("velocity", "cloud.velocity + 0.01 * np.random.default_rng().random()"),
-        "a generator with a fixed seed",
-    ),
+    ("repeatable", setting("velocity", RANDOM), "a generator with a fixed seed"),
     ("no memory", after(REMEMBERS), "keep nothing from one call to the next"),
     ("pickling", beside("def __reduce__(self): raise TypeError('no luck')"), "pickled (TypeError: no luck)"),
     ("pickling", beside("def __reduce__(self): return Broken, (7,)"), "has other parameters"),
@@ -139,11 +125,7 @@ BROKEN = [
     ("noise alone", after(FILLS), "a threshold that follows from the noise"),
     ("silence", before(RATIO), "RuntimeWarning"),
     ("2 x 2 array", before("observation.cells[:, :, 2]"), "raises IndexError"),
-    (
-        "other arrays",
-        before("observation.cells[..., 0] + observation.cells[..., 0, :]"),
-        "raises ValueError: operands could not be broadcast",
-    ),
+    ("other arrays", before(SQUARE), "raises ValueError: operands could not be broadcast"),
 ]
 
 

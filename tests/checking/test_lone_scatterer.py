@@ -9,12 +9,7 @@ import pytest
 
 from isacbench.checking import scenes
 from isacbench.checking.checks import CheckFailedError, DoubtfulError
-from isacbench.checking.lone_scatterer import (
-    AXES,
-    MISS_CELLS,
-    places_of_mistakes,
-    require_lone_scatterer,
-)
+from isacbench.checking.lone_scatterer import AXES, MISS_CELLS, places_of_mistakes, require_lone_scatterer
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from tests.conftest import slow_but
@@ -105,6 +100,14 @@ def by_hand(change):
     return {"made": made}
 
 
+def speed_bin(observation):
+    return observation.system.velocity_bin_mps
+
+
+def gate_ends(observation):
+    return observation.gate.range_bins[[0, -1]]
+
+
 PLACED = {
     "range had the wrong sign": lambda o, r, d, u, w: (-r, d, u, w),
     "range had the wrong sign, of unsigned bins": lambda o, r, d, u, w: (512 - r, d, u, w),
@@ -114,9 +117,7 @@ PLACED = {
     "velocity had the wrong sign": lambda o, r, d, u, w: (r, -d, u, w),
     "velocity was twice as large": lambda o, r, d, u, w: (r, 2 * d, u, w),
     "velocity was half as large": lambda o, r, d, u, w: (r, d / 2, u, w),
-    "velocity was in m/s where bins are wanted": lambda o, r, d, u, w: (
-        *(r, d * o.system.velocity_bin_mps, u, w),
-    ),
+    "velocity was in m/s where bins are wanted": lambda o, r, d, u, w: (r, d * speed_bin(o), u, w),
     "u had the wrong sign": lambda o, r, d, u, w: (r, d, -u, w),
     "w had the wrong sign": lambda o, r, d, u, w: (r, d, u, -w),
     "u and w had the wrong signs": lambda o, r, d, u, w: (r, d, -u, -w),
@@ -131,20 +132,16 @@ PLACED = {
     "u and w were phases": lambda o, r, d, u, w: (r, d, np.pi * u, np.pi * w),
     "u and w began at -1 without numpy.fft.fftshift": lambda o, r, d, u, w: (r, d, u % 2 - 1, w % 2 - 1),
     "u and w ran from 0 to 1": lambda o, r, d, u, w: (r, d, u % 2 / 2, w % 2 / 2),
-    "range was the index into the gate": lambda o, r, d, u, w: (r - o.gate.range_bins[0], d, u, w),
+    "range was the index into the gate": lambda o, r, d, u, w: (r - gate_ends(o)[0], d, u, w),
     "velocity was the index into the gate": lambda o, r, d, u, w: (r, d - o.gate.doppler_bins[0], u, w),
-    "range ran backwards through the gate": lambda o, r, d, u, w: (
-        *(o.gate.range_bins[[0, -1]].sum() - r, d, u, w),
-    ),
+    "range ran backwards through the gate": lambda o, r, d, u, w: (sum(gate_ends(o)) - r, d, u, w),
 }
 BY_HAND = {
     "range was there and back, by hand": lambda o, r, v, u, w: (2 * r, v, u, w),
     "range was in bins where m are wanted": lambda o, r, v, u, w: (r / o.system.range_bin_m, v, u, w),
     "velocity had the wrong sign, by hand": lambda o, r, v, u, w: (r, -v, u, w),
     "velocity was in km/h": lambda o, r, v, u, w: (r, 3.6 * v, u, w),
-    "velocity was in bins where m/s are wanted": lambda o, r, v, u, w: (
-        *(r, v / o.system.velocity_bin_mps, u, w),
-    ),
+    "velocity was in bins where m/s are wanted": lambda o, r, v, u, w: (r, v / speed_bin(o), u, w),
     "velocity was 0": lambda o, r, v, u, w: (r, 0 * v, u, w),
 }
 PLACES = {name: placing(change) for name, change in PLACED.items()} | {
@@ -310,11 +307,8 @@ def test_points_all_over_the_scene_are_blamed_for_their_powers_and_for_no_place(
 
     def placed(observation, *found):
         gate = observation.gate
-        axes = (
-            rng.choice(gate.range_bins, 300),
-            rng.choice(gate.doppler_bins, 300),
-            *rng.uniform(-1, 1, (2, 300)),
-        )
+        bins = rng.choice(gate.range_bins, 300), rng.choice(gate.doppler_bins, 300)
+        axes = *bins, *rng.uniform(-1, 1, (2, 300))
         return *(np.r_[one, more] for one, more in zip(found[:4], axes, strict=True)), np.ones(301)
 
     assert "powers of 1 and 0.0001 come out as 1 and 1" in message(DoubtfulError, placed=placed)
@@ -342,19 +336,15 @@ def test_half_a_bin_and_a_wrong_power_are_both_told():
     assert "; and powers of 1 and 0.0001 come out as" in told
 
 
-def test_one_point_for_all_cells_is_called_so():
-    def placed(observation, r, d, u, w, p):
-        return [24.0], [0.0], [0.3], [0.8], [1.0]
-
-    assert "whatever the cells hold" in message(CheckFailedError, placed=placed)
-
-
 def middle(observation, cloud):
     return PointCloud([(observation.region.lower_m + observation.region.upper_m) / 2], [0.0], [1.0])
 
 
-def test_the_middle_of_the_region_is_called_so():
-    assert "whatever the cells hold" in message(CheckFailedError, made=middle)
+@pytest.mark.parametrize(
+    "fault", [{"placed": lambda *_: ([24.0], [0.0], [0.3], [0.8], [1.0])}, {"made": middle}]
+)
+def test_one_point_for_all_cells_is_called_so(fault):
+    assert "whatever the cells hold" in message(CheckFailedError, **fault)
 
 
 def test_nothing_where_one_scatterer_stands_out_is_a_failure():

@@ -19,47 +19,13 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import Needs
 from isacbench.plugins.discovery import PluginFile, entries, isolated_plugins, register_plugin
-from isacbench.plugins.registry import (
-    detector_names,
-    estimator_names,
-    get_detector,
-    metric_names,
-)
-
-HEAD = """
-import functools
-import os
-import signal
-import time
-from dataclasses import dataclass
-from typing import ClassVar
-
-import numpy as np
-
-from isacbench.model.cloud import PointCloud
-"""
-
-BLIND = '''
-
-@dataclass(frozen=True)
-class {Name}:
-    """Sees nothing."""
-
-    name: ClassVar[str] = "{name}"
-
-    def estimate(self, observation):
-        {deed}
-        return PointCloud.empty()
-'''
-
-
-def blind(name, deed="pass"):
-    """Source of an estimator that does something before it sees nothing."""
-    return HEAD + BLIND.format(Name=name.capitalize(), name=name, deed=deed)
-
+from isacbench.plugins.registry import detector_names, estimator_names, get_detector, metric_names
+from tests.conftest import estimator_source
 
 LOCAL = (
-    blind("nothing") + BLIND.format(Name="Loud", name="loud", deed='print("loud")') + 'print("imported")\n'
+    estimator_source("nothing")
+    + estimator_source("loud", 'print("loud")').partition("\n\n\n")[2]
+    + 'print("imported")\n'
 )
 
 QUIET = """
@@ -163,9 +129,9 @@ def test_a_name_is_checked_as_the_command_does():
 
 
 def test_a_file_is_read_anew_each_time_and_not_registered(write_plugin):
-    path = write_plugin("still.py", blind("still", "print('loud')"))
+    path = write_plugin("still.py", estimator_source("still", "print('loud')"))
     assert "failed: stdout" in repr(isacbench.check(path))
-    write_plugin("still.py", blind("still"))
+    write_plugin("still.py", estimator_source("still"))
     report = isacbench.check(str(path))
     assert "failed: stdout" not in repr(report)
     assert report.plugins[0].package == "still.py"
@@ -199,7 +165,7 @@ PLACES = {
     "numpy/mine.py": "raise KeyError('gone')",
     "isacbench/mine.py": "raise KeyError('gone')",
     "site-packages/scipy/mine.py": "np.linalg.inv(np.ones((2, 3)))",
-    "mine.py": "functools.reduce(lambda one, two: one / two, [1, 0])",
+    "mine.py": "import functools; functools.reduce(lambda one, two: one / two, [1, 0])",
     "own/mine.py": "import helping; helping.fail()",  # its own code comes before that of other packages
 }
 
@@ -212,7 +178,7 @@ def test_the_place_of_an_exception_is_in_the_module_of_the_plugin_whatever_its_f
     file = tmp_path / path
     file.parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / "helping.py").write_text("def fail():\n    raise KeyError('gone')\n")
-    source = blind("mine", PLACES[path])
+    source = estimator_source("mine", PLACES[path])
     file.write_text(source)
     for folder in (tmp_path, file.parent):
         monkeypatch.syspath_prepend(folder)
@@ -239,7 +205,7 @@ def test_guarded_findings_are_those_of_this_process():
 def deadly():
     """Register an estimator that does something deadly."""
     with isolated_plugins():
-        yield lambda deed: register_plugin(PluginFile("deadly.py", blind("deadly", deed)))
+        yield lambda deed: register_plugin(PluginFile("deadly.py", estimator_source("deadly", deed)))
 
 
 def test_a_check_that_runs_on_is_told_while_it_does(deadly, monkeypatch):
