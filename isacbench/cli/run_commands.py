@@ -85,15 +85,15 @@ def run_command(
     from isacbench.bench.plan.labels import estimator_labels
     from isacbench.bench.plan.run_plan import Shard
     from isacbench.bench.run.looks import record_look
-    from isacbench.bench.run.runner import Execution, parse_reruns, run_suite
+    from isacbench.bench.run.runner import RunOptions, parse_reruns, run_suite
     from isacbench.bench.store.manifest import command_to_show
     from isacbench.bench.store.run_folder import MANIFEST, default_folder
-    from isacbench.bench.workers.guarded_cells import Guard
+    from isacbench.bench.workers.cell import Limits
 
     limits = [None if limit == math.inf else limit for limit in (timeout, memory)]
-    execution = Execution(
+    options = RunOptions(
         n_jobs=jobs or (1 if dask is None else None),
-        guard=Guard(*limits),
+        limits=Limits(*limits),
         dask=dask,
         shard=None if shard is None else Shard.parse(shard),
         rerun=parse_reruns(rerun or ()),
@@ -105,8 +105,8 @@ def run_command(
         try:
             if (log := record_look(wanted)) is not None:
                 say(f"{log}: this look at reporting scenes is recorded; commit it")
-            with progress_shown(wanted.name, is_idle=execution.is_timing) as show:
-                run = run_suite(wanted, folder, show, execution)
+            with progress_shown(wanted.name, is_idle=options.is_timing) as show:
+                run = run_suite(wanted, folder, show, options)
             if not run.rows.empty:
                 report_run(run, html)
         except KeyboardInterrupt:

@@ -20,11 +20,11 @@ import pandas as pd
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.dsp.bounds import single_bound
@@ -70,13 +70,13 @@ class EfficiencyKind(Kind):
     }
     better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
-    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
+    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario: one scatterer in its region."""
         entries = build_estimators(suite)
         for scenario in scenarios.values():
             scenario.require_default("the Cramér-Rao bound", "noise")
         return [
-            ImagedScene(suite, one, entries, draw=partial(_draw, one, suite.seed), measure=measure_efficiency)
+            ImagingTask(suite, one, entries, draw=partial(_draw, one, suite.seed), measure=measure_efficiency)
             for one in scenarios.values()
         ]
 
@@ -138,7 +138,7 @@ class EfficiencyKind(Kind):
         return found
 
 
-def measure_efficiency(shot: MeasuredImage) -> dict[str, Any]:
+def measure_efficiency(shot: Image) -> dict[str, Any]:
     """Measure an image of one scatterer.
 
     Returns

@@ -25,7 +25,7 @@ from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.link_scenes import LinkSuite, plan_scenes
-from isacbench.bench.kinds.scenes import Scene
+from isacbench.bench.kinds.scenes import Task
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
 from isacbench.choices import Modulation
 from isacbench.files.escaping import counted
@@ -71,7 +71,7 @@ class LinkKind(Kind):
         **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
     }
 
-    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Scene]:
+    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Task]:
         """Plan every scenario with every signal, and every channel with every modulation."""
         return plan_scenes(suite, scenarios)
 

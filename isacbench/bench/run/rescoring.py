@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import MeasuredImage, image_reference
+from isacbench.bench.cells.cell import Image, image_reference
 from isacbench.bench.cells.record import N_STORED, failed
-from isacbench.bench.kinds.scenes import ImagedScene
+from isacbench.bench.kinds.scenes import ImagingTask
 from isacbench.bench.store.manifest import SCORES, describe_scores, describe_session, read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder
@@ -120,7 +120,7 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
             else:  # means over realisations, with their spreads
                 reference = _reference(run.label, row["estimator"], row["params"])
                 scores = image_reference(reference, scenario, metrics).columns()
-            shot = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
+            shot = Image(scenario, None, None, row["snr_db"], cloud)
             scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.
     names = list(dict.fromkeys(name for found in scored.values() for name in found))
@@ -141,7 +141,7 @@ def _reference(label: str, name: str, params: str) -> ReferenceEstimator:
     return plugin
 
 
-def _measured(scene: ImagedScene, shot: MeasuredImage, columns: Mapping[str, Any]) -> dict[str, Any]:
+def _measured(scene: ImagingTask, shot: Image, columns: Mapping[str, Any]) -> dict[str, Any]:
     """Columns that a scene derives from a cloud; none if it needs more than the cloud."""
     found = {} if scene.measure is None else scene.measure(shot)
     if not found:

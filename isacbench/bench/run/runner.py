@@ -29,13 +29,14 @@ from isacbench.bench.store.manifest import (
     with_sessions,
     write_manifest,
 )
-from isacbench.bench.store.provenance import differing_versions, environment_id, environment_of
+from isacbench.bench.store.provenance import differing_versions, environment_id
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
-from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
+from isacbench.bench.workers.cell import DEFAULT_TIMEOUT_S, Limits
+from isacbench.bench.workers.worker import rows_guarded, rows_here
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
@@ -47,7 +48,7 @@ RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
 
 
 @dataclass(frozen=True)
-class Execution:
+class RunOptions:
     """Options of a run that do not change what its cells yield.
 
     Attributes
@@ -55,7 +56,7 @@ class Execution:
     n_jobs : int or None
         Guarded worker processes on this machine; None for this process,
         without guard.
-    guard : Guard
+    limits : Limits
         Limits of every cell in a worker.
     dask : str or None
         Address of a Dask scheduler, whose workers replace those of this
@@ -76,7 +77,7 @@ class Execution:
     """
 
     n_jobs: int | None = None
-    guard: Guard = field(default_factory=Guard)
+    limits: Limits = field(default_factory=Limits)
     dask: str | None = None
     shard: Shard | None = None
     rerun: Collection[Rerun] = ()
@@ -95,7 +96,7 @@ class Execution:
                 f"timing needs one job on this machine, not {where}: cells that run at the same time slow "
                 "each other down"
             )
-        if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
+        if not self.is_guarded and self.limits not in (Limits(), Limits(None)):
             raise InputError("timeout_s and memory_mib limit worker processes: give jobs or dask as well")
 
     @property
@@ -112,16 +113,13 @@ class Execution:
         """Describe the options in terms of JSON."""
         return {
             "jobs": self.n_jobs,
-            "timeout_s": self.guard.timeout_s if self.is_guarded else None,
-            "memory_mib": self.guard.memory_mib if self.is_guarded else None,
+            "timeout_s": self.limits.timeout_s if self.is_guarded else None,
+            "memory_mib": self.limits.memory_mib if self.is_guarded else None,
             "dask": self.dask,
             "shard": None if self.shard is None else f"{self.shard.k}/{self.shard.n}",
             "timing": self.is_timing,
             "repeats": self.repeats,
         }
-
-
-HERE = Execution()
 
 
 def parse_reruns(names: Collection[str]) -> tuple[Rerun, ...]:
@@ -224,9 +222,9 @@ def run(
         trials=trials,
         seed=seed,
     )
-    execution = Execution(
+    options = RunOptions(
         n_jobs=jobs,
-        guard=Guard(timeout_s, memory_mib),
+        limits=Limits(timeout_s, memory_mib),
         dask=dask,
         shard=None if shard is None else Shard.parse(shard),
         rerun=parse_reruns(rerun),
@@ -242,7 +240,7 @@ def run(
     ):
         for path in plugins:
             load_plugin_file(path)
-        results = run_suite(wanted, None if out is None else Path(out), show, execution)
+        results = run_suite(wanted, None if out is None else Path(out), show, options)
     if results.manifest["interrupted"]:
         raise KeyboardInterrupt(
             f"after {len(results.rows)} cells" + (f", written to {out}" if out is not None else "")
@@ -254,7 +252,7 @@ def run_suite(
     suite: Suite,
     out: Path | None = None,
     progress: Progress | None = None,
-    execution: Execution = HERE,
+    options: RunOptions = RunOptions(),
 ) -> Run:
     """Run a suite into a folder, new or of the same run. An interrupt ends it early and keeps its rows.
 
@@ -264,21 +262,21 @@ def run_suite(
     """
     job = load_job(suite)
     started, tick = datetime.now().astimezone(), time.perf_counter()
-    options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
+    called = {**options.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
     plan = job.plan
-    wanted = np.ones(plan.n_cells, dtype=np.bool_) if execution.shard is None else plan.shard(execution.shard)
+    wanted = np.ones(plan.n_cells, dtype=np.bool_) if options.shard is None else plan.shard(options.shard)
     with open_folder(out) as folder:
         stored = Run.recover(folder)
         try:
-            kept = _rows_to_keep(stored, job, execution, wanted)
+            kept = _rows_to_keep(stored, job, options, wanted)
         except InputError as error:
             raise InputError(f"{stored.label}: {error}") from error
         todo = wanted.copy()
         todo[plan.positions(kept.rows)] = False
         earlier, described = stored.manifest.get("sessions", []), describe_run(job)
         columns = row_columns(suite, described[SCORES]["columns"])
-        with closing(_work(job, plan.blocks(todo), execution)) as rows:
-            sessions = [*earlier, describe_session(started, 0.0, True, options)]
+        with closing(_work(job, plan.blocks(todo), options)) as rows:
+            sessions = [*earlier, describe_session(started, 0.0, True, called)]
             manifest = build_manifest(described, kept.environments, sessions)
             # The rows of an earlier call are in the tables before its journal is removed, so that a kill at
             # any moment loses none.
@@ -291,7 +289,7 @@ def run_suite(
             has_reference = any(is_reference(one.plugin) for one in plan.entries)
             further = {
                 **columns,
-                **(TIMING_COLUMNS if execution.is_timing else {}),
+                **(TIMING_COLUMNS if options.is_timing else {}),
                 **(REFERENCE_COLUMNS if has_reference else {}),
             }
             interrupted, n_done = False, int(np.sum(wanted & ~todo))
@@ -306,7 +304,7 @@ def run_suite(
         found = Run.joined([kept, Run.of_journal(path)])
         found = found.take(np.argsort(plan.positions(found.rows), kind="stable"))
         clouds, wall_time_s = found.points, time.perf_counter() - tick
-        sessions = [*earlier, describe_session(started, wall_time_s, interrupted, options)]
+        sessions = [*earlier, describe_session(started, wall_time_s, interrupted, called)]
         names, known = found.rows["environment"].unique(), found.environments
         used = {name: known[name] for name in names if name in known}
         run = Run(
@@ -321,7 +319,7 @@ def run_suite(
     return run
 
 
-def _rows_to_keep(stored: Run, job: Job, execution: Execution, part: Mask) -> Run:
+def _rows_to_keep(stored: Run, job: Job, options: RunOptions, part: Mask) -> Run:
     """Select the stored rows that a resumed run keeps, at most one a cell; refuse to lose any others.
 
     Not kept are rows to be made again (of failed cells, of cells whose scenario or versions have changed
@@ -332,23 +330,23 @@ def _rows_to_keep(stored: Run, job: Job, execution: Execution, part: Mask) -> Ru
     rows, plan = stored.rows, job.plan
     if rows.empty:
         return stored
-    is_all_again = "all" in execution.rerun and part.all()
+    is_all_again = "all" in options.rerun and part.all()
     if SCORES in stored.manifest or not is_all_again:  # without them it is not known what scored the rows
         require_same_scores(stored.manifest, job.suite)
     positions = plan.positions(rows)
     _refuse_others(rows, positions, plan, job.suite)
-    known = [environment_of(one.plugin) for one in plan.entries]  # the manifest may be damaged
+    known = plan.environments.values()  # the manifest may be damaged
     environments = {**stored.environments, **{environment_id(one): one for one in known}}
     now = plan.versions()
-    contents = {scene.name: scene.content for scene in plan.scenes}
+    contents = {task.name: task.content for task in plan.tasks}
     other_content: Mask = (rows["scenario_content"] != rows["scenario"].map(contents)).to_numpy()
-    other_versions = _other_versions(rows, environments, now) & (not execution.mix_versions)
-    again = np.full(len(rows), "all" in execution.rerun)
-    if execution.is_timing:
+    other_versions = _other_versions(rows, environments, now) & (not options.mix_versions)
+    again = np.full(len(rows), "all" in options.rerun)
+    if options.is_timing:
         again |= ~rows["timing"].to_numpy(dtype=np.bool_)
-    if "failed" in execution.rerun:
+    if "failed" in options.rerun:
         again |= failed(rows).to_numpy()
-    if "stale" in execution.rerun:
+    if "stale" in options.rerun:
         again |= other_content | other_versions
     again &= part[positions]
     is_last = ~pd.Series(positions).duplicated(keep="last").to_numpy()
@@ -404,17 +402,17 @@ def _other_versions(
     return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
 
 
-def _work(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Row, None, None]:
+def _work(job: Job, blocks: Sequence[Block], options: RunOptions) -> Generator[Row, None, None]:
     """Rows of blocks from this process, from workers or from a cluster, which is connected at once."""
-    if execution.dask is not None and blocks:
+    if options.dask is not None and blocks:
         try:
-            from isacbench.bench.workers.cluster import work_on_cluster
+            from isacbench.bench.workers.cluster import rows_on_cluster
         except ImportError as error:  # an optional dependency
             raise InputError(
                 "dask: the package `distributed` is missing; pip install 'isacbench[distributed]', here and "
                 "where workers run"
             ) from error
-        return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
-    if execution.n_jobs is None:
-        return work_here(job, blocks, execution.repeats)
-    return work_guarded(job, blocks, execution.guard, execution.n_jobs, execution.repeats)
+        return rows_on_cluster(job, blocks, options.limits, options.dask, options.mix_versions)
+    if options.n_jobs is None:
+        return rows_here(job, blocks, options.repeats)
+    return rows_guarded(job, blocks, options.limits, options.n_jobs, options.repeats)

@@ -16,7 +16,7 @@ from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import Execution, run, run_suite
+from isacbench.bench.run.runner import RunOptions, run, run_suite
 from isacbench.bench.store.manifest import read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
@@ -327,7 +327,7 @@ def test_the_worker_is_idle_while_its_answers_are_taken(moody_suite, tmp_path):
     def progress(n_done, n_cells):
         seen.append((n_done, len(log.read_text())))
 
-    run_suite(suite, progress=progress, execution=Execution(n_jobs=1, repeats=3))
+    run_suite(suite, progress=progress, options=RunOptions(n_jobs=1, repeats=3))
     assert seen == [(n, 5 * n) for n in (1, 2, 3, 4)]  # the first estimate, three timed, one for its memory
 
 
@@ -348,8 +348,8 @@ def test_what_cannot_be_timed_is_refused(suite, options, message):
 def n_made(suite, folder, **options):
     """Run into a folder and return the records and the number of cells that were made."""
     calls = []
-    execution = Execution(**options)
-    results = run_suite(suite, folder, lambda *done: calls.append(done), execution)
+    chosen = RunOptions(**options)
+    results = run_suite(suite, folder, lambda *done: calls.append(done), chosen)
     return results.rows, len(calls)
 
 

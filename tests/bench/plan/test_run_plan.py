@@ -15,8 +15,8 @@ from isacbench.errors import InputError
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What a plan wants to know of a scene."""
+class Task:
+    """What a plan wants to know of a task."""
 
     name: str
     snr_db: list[float]
@@ -27,7 +27,7 @@ class Scene:
 def plans(draw):
     names = draw(st.lists(st.text(min_size=1), min_size=1, max_size=3, unique=True))
     finite = st.floats(allow_nan=False, allow_infinity=False)
-    scenes = []
+    tasks = []
     for name in names:
         snr_db = draw(st.lists(finite, min_size=1, max_size=4, unique=True))
         keys = draw(
@@ -35,19 +35,19 @@ def plans(draw):
                 st.tuples(st.sampled_from("ab"), st.text(max_size=2)), min_size=1, max_size=4, unique=True
             )
         )
-        scenes.append(Scene(name, snr_db, [Entry(*key, plugin=None) for key in keys]))
-    return Plan(scenes, draw(st.integers(1, 4)))
+        tasks.append(Task(name, snr_db, [Entry(*key, plugin=None) for key in keys]))
+    return Plan(tasks, draw(st.integers(1, 4)))
 
 
 def every_cell(plan):
     """Keys of all cells, by loops."""
     return pd.DataFrame(
         [
-            (scene.name, one.name, one.params, snr_db, trial)
-            for scene in plan.scenes
+            (task.name, one.name, one.params, snr_db, trial)
+            for task in plan.tasks
             for trial in range(plan.n_trials)
-            for snr_db in scene.snr_db
-            for one in scene.entries
+            for snr_db in task.snr_db
+            for one in task.entries
         ],
         columns=["scenario", "estimator", "params", "snr_db", "trial"],
     )
@@ -55,7 +55,7 @@ def every_cell(plan):
 
 def cells_of(plan, blocks):
     """Keys of the cells of blocks."""
-    return [(block.scene, block.trial, block.snr_db, entry) for block in blocks for entry in block.entries]
+    return [(*block[:3], *key) for block in blocks for key in block.entries]
 
 
 def marks(plan, data):

@@ -12,7 +12,7 @@ import pytest
 
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.plan.run_plan import Shard
-from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
@@ -53,7 +53,7 @@ def go(suite, folder, *rerun, **options):
         suite,
         folder,
         progress=lambda *done: calls.append(done),
-        execution=Execution(rerun=rerun, **options),
+        options=RunOptions(rerun=rerun, **options),
     )
     return results, len(calls)
 
@@ -68,7 +68,7 @@ def kill_after(suite, folder, n_cells, *rerun):
             raise KilledError
 
     with pytest.raises(KilledError):
-        run_suite(suite, folder, progress, Execution(rerun=rerun))
+        run_suite(suite, folder, progress, RunOptions(rerun=rerun))
 
 
 def table(folder):
@@ -468,7 +468,7 @@ def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(
     suite, folder, finished, undisturbed, monkeypatch
 ):
     monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.2)
-    nowhere = Execution(dask="tcp://127.0.0.1:1", rerun=("all",))
+    nowhere = RunOptions(dask="tcp://127.0.0.1:1", rerun=("all",))
     with pytest.raises(InputError, match="dask"):
-        run_suite(suite, folder, execution=nowhere)
+        run_suite(suite, folder, options=nowhere)
     assert table(folder) == undisturbed

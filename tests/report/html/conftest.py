@@ -9,7 +9,7 @@ import pytest
 
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.link_scenes import LinkSuite
-from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 
@@ -165,7 +165,7 @@ def runs(yard, tmp_path_factory):
         folder = root / name
         if not folder.exists():
             with known():
-                run_suite(suites[name], folder, execution=Execution(repeats=1 if "timed" in name else None))
+                run_suite(suites[name], folder, options=RunOptions(repeats=1 if "timed" in name else None))
         return folder
 
     return make
