@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
-from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
@@ -146,19 +145,7 @@ def _imaged(asked: _Reference) -> ScoredImage:
     return ScoredImage(clouds[scores.nearest], scores.means, scores.spreads, time_s, time_score_s)
 
 
-DEFAULT_REPEATS = 5
-"""The median of five repeats ignores two disturbed ones."""
-
 MIB = 2**20
-
-
-def repeats_wanted(timing: bool, repeats: int | None) -> int | None:
-    """Number of repeats of a run: None if it is not timed, 5 if no number is wanted."""
-    if repeats is not None and not timing:
-        raise InputError(f"repeats = {repeats} needs timing; without it each cell is estimated once")
-    if not timing:
-        return None
-    return DEFAULT_REPEATS if repeats is None else repeats
 
 
 def repeat(

@@ -110,20 +110,21 @@ def start_process_server() -> ForkServerContext:
     _server.set_forkserver_preload(_preloaded())
     # The tracker unblocks these signals when it starts, and the server starts it where nothing has.
     resource_tracker.ensure_running()
-    # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
-    # from it. What sends them to all processes would else leave nothing to make the report with.
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-    # Nor does it import anything from the working folder, which may hold another isacbench: a checkout.
-    # Workers have the caller's path all the same.
-    safe_path = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        _server.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        del os.environ["PYTHONSAFEPATH"]
-        if safe_path is not None:
-            os.environ["PYTHONSAFEPATH"] = safe_path
+    with _launching:  # threads that start it at the same time would find each other's environment
+        # Signals that end a run are for this process: the server inherits that they are blocked, and its
+        # workers from it. What sends them to all processes would else leave nothing to make the report with.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+        # Nor does it import anything from the working folder, which may hold another isacbench: a checkout.
+        # Workers have the caller's path all the same.
+        safe_path = os.environ.get("PYTHONSAFEPATH")
+        os.environ["PYTHONSAFEPATH"] = "1"
+        try:
+            _server.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+            del os.environ["PYTHONSAFEPATH"]
+            if safe_path is not None:
+                os.environ["PYTHONSAFEPATH"] = safe_path
     return _Context()
 
 

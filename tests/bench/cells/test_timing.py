@@ -13,10 +13,10 @@ from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMN
 from isacbench.bench.compare.comparison import compare_tables, parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
-from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
+from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import RunOptions, run, run_suite
+from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.manifest import read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
@@ -327,7 +327,7 @@ def test_the_worker_is_idle_while_its_answers_are_taken(moody_suite, tmp_path):
     def progress(n_done, n_cells):
         seen.append((n_done, len(log.read_text())))
 
-    run_suite(suite, progress=progress, options=RunOptions(n_jobs=1, repeats=3))
+    run_suite(suite, progress=progress, options=RunOptions(jobs=1, timing=True, repeats=3))
     assert seen == [(n, 5 * n) for n in (1, 2, 3, 4)]  # the first estimate, three timed, one for its memory
 
 
@@ -355,10 +355,10 @@ def n_made(suite, folder, **options):
 
 def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_says_so(suite, ordinary):
     # A shard makes only its own rows again.
-    records, n = n_made(suite, ordinary, repeats=2, shard=Shard(1, 3))
+    records, n = n_made(suite, ordinary, timing=True, repeats=2, shard="1/3")
     assert (records["timing"] == (records["trial"] == 0)).all()
     assert n == 2
-    records, n = n_made(suite, ordinary, repeats=2)
+    records, n = n_made(suite, ordinary, timing=True, repeats=2)
     assert (n, len(records)) == (4, 6)
     assert records["timing"].all()
     assert records[STAGE_COLUMNS].notna().all(axis=None)
@@ -366,7 +366,7 @@ def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_sa
     assert [(one["timing"], one["repeats"]) for one in sessions] == [(False, None), (True, 2), (True, 2)]
     text = (ordinary / "manifest.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-    assert n_made(suite, ordinary, repeats=3)[1] == 0
+    assert n_made(suite, ordinary, timing=True, repeats=3)[1] == 0
 
 
 def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(suite, tmp_path):

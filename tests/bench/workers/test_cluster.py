@@ -22,7 +22,8 @@ from typer.testing import CliRunner
 
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.plan.run_plan import load_job
-from isacbench.bench.run.runner import RunOptions, run, run_suite
+from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.workers.cell import Limits
 from isacbench.bench.workers.cluster import Order, make_rows, stop

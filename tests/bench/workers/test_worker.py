@@ -17,7 +17,8 @@ import pytest
 
 from isacbench.bench.cells.record import TIMES
 from isacbench.bench.plan.run_plan import load_job
-from isacbench.bench.run.runner import RunOptions, run_suite
+from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.workers import worker as worker_module
 from isacbench.bench.workers.cell import Limits
@@ -100,7 +101,7 @@ def suite(wreck, tiny):
 
 def guarded(suite, n_jobs=1, **limits):
     limits = {"timeout_s": 60, "memory_mib": MEMORY_MIB, **limits}
-    return run_suite(suite, options=RunOptions(n_jobs=n_jobs, limits=Limits(**limits)))
+    return run_suite(suite, options=RunOptions(jobs=n_jobs, **limits))
 
 
 def others(records):
@@ -241,7 +242,7 @@ def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
     load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what=what)))
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=3)
     with pytest.raises(InputError, match=message):
-        run_suite(suite, tmp_path / "run", options=RunOptions(n_jobs=2))
+        run_suite(suite, tmp_path / "run", options=RunOptions(jobs=2))
     assert Context().run(local_plugins) == ()  # other threads know nothing of the file
 
 
@@ -336,7 +337,7 @@ def test_limits_without_a_worker_to_hold_them_are_refused():
     with pytest.raises(
         InputError, match="timeout_s and memory_mib limit worker processes: give jobs or dask"
     ):
-        RunOptions(limits=Limits(timeout_s=1))
+        RunOptions(timeout_s=1)
 
 
 def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):
