@@ -141,6 +141,10 @@ class Task(ABC):
     def score(self, shared: Shared, plugin: Any, answer: Any) -> Found:
         """Score an answer; that of a reference is None, for its scores are means over realisations."""
 
+    def entry(self, key: Variant) -> Entry[Any]:
+        """Look up an entry by its key."""
+        return next(one for one in self.entries if one.key == key)
+
     def forget(self) -> None:
         """Let go of what was kept for further observations."""
         self._drawn_once.cache_clear()

@@ -21,7 +21,8 @@ from queue import SimpleQueue
 from typing import Any, NamedTuple, Self
 
 from isacbench.bench.cells.record import Row
-from isacbench.bench.plan.run_plan import Block, BlockQueue, Job
+from isacbench.bench.kinds.scenes import Shared, Task
+from isacbench.bench.plan.run_plan import Block, BlockQueue, Job, Plan
 from isacbench.bench.workers.cell import Limits, failed_by, first_row, run_cell, time_repeats
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.charts import Variant
@@ -61,34 +62,32 @@ def work(
     # Plugins work on a copy, and on a fresh one after one has changed it. Classes are not copied: in the
     # caller's process they are the caller's.
     plan = copy.deepcopy(job).plan
-    environments, task, is_fresh = plan.environments, None, True
+    environments, is_timed, is_fresh = plan.environments, repeats is not None, True
+    task: Task | None = None
     for block in blocks:
         if task is not None and task.name != block.scenario:
             task.forget()
-        task = plan.task(block.scenario)
-        with one_blas_thread():
-            shared = task.observe(block.snr_db, block.trial)
-        entries = {entry.key: entry for entry in task.entries}
-        rows = {
-            key: first_row(shared, entries[key], environments[key], repeats is not None)
-            for key in block.entries
-        }
+        task, shared = _observe(plan, block)
+        rows = {key: first_row(shared, task.entry(key), environments[key], is_timed) for key in block.entries}
         yield Ready(rows, is_fresh)
         for key, row in rows.items():
-            row = run_cell(task, shared, entries[key], row, limits)
+            row = run_cell(task, shared, task.entry(key), row, limits)
             if repeats is not None and row.is_scored:
                 yield Repeating(repeats + 1)  # one more measures memory
-                row = time_repeats(task, shared, entries[key], row, repeats, limits)
+                row = time_repeats(task, shared, task.entry(key), row, repeats, limits)
             if shared.has_changed():
                 if row.is_scored:
                     row = row.failed("error", CHANGED, row.found["time_estimate_s"])
                 plan = copy.deepcopy(job).plan
-                task = plan.task(block.scenario)
-                with one_blas_thread():
-                    shared = task.observe(block.snr_db, block.trial)
-                entries = {entry.key: entry for entry in task.entries}
+                task, shared = _observe(plan, block)
             is_fresh = False
             yield row
+
+
+@one_blas_thread()
+def _observe(plan: Plan, block: Block) -> tuple[Task, Shared]:
+    task = plan.task(block.scenario)
+    return task, task.observe(block.snr_db, block.trial)
 
 
 def rows_here(job: Job, blocks: Sequence[Block], repeats: int | None = None) -> Generator[Row, None, None]:
@@ -201,7 +200,7 @@ def rows_of(process: GuardedProcess, block: Block, timeout_s: float | None) -> I
     """Rows of a block from a process, which is replaced by a fresh one where a cell ends it."""
     left = block.entries
     while left:
-        ready = _observe(process, block._replace(entries=left))
+        ready = _ready(process, block._replace(entries=left))
         is_first = ready.is_fresh
         while left and process.has_begun:
             row = _next_row(process, ready.rows[left[0]], timeout_s, is_first)
@@ -213,7 +212,7 @@ def rows_of(process: GuardedProcess, block: Block, timeout_s: float | None) -> I
             yield row
 
 
-def _observe(process: GuardedProcess, block: Block) -> Ready:
+def _ready(process: GuardedProcess, block: Block) -> Ready:
     """Let a process observe a block."""
     for _ in range(OBSERVE_ATTEMPTS):
         try:
