@@ -115,17 +115,22 @@ def test_no_plugin_meets_the_process_that_another_has_changed(reason_beside):
 def test_what_a_plugin_has_left_running_stands_still_while_others_work(tiny, write_plugin, tmp_path):
     stamps = tmp_path / "stamps"
     busy = f"subprocess.Popen(['sh', '-c', 'while :; do date +%s.%N >> {stamps}; sleep 0.01; done'])"
+    path = str(stamps)
+    until_written = f"while not os.path.exists({path!r}) or not os.path.getsize({path!r}): pass"
     plain = (
         WITNESS.split("        for stream")[0]
         + f"""
-        before = open({str(stamps)!r}).read()
+        before = open({path!r}).read()
         time.sleep(0.5)
-        after = open({str(stamps)!r}).read()
+        after = open({path!r}).read()
         raise RuntimeError(f"{{len(after) - len(before)}} written, {{len(before) > 0}}")
 """
     )
     files = [
-        write_plugin("vandal.py", HEAD + VANDAL.replace("ACT", f"{busy}; time.sleep(0.3)")),
+        write_plugin(
+            "vandal.py",
+            HEAD + VANDAL.replace("ACT", f"{busy}\n        while not os.path.exists({path!r}): pass"),
+        ),
         write_plugin("witness.py", HEAD + plain),
     ]
     suite = Suite(name="t", scenarios=[str(tiny)], estimators=["oracle"], snr_db=[0], trials=1)

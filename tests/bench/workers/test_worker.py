@@ -293,13 +293,6 @@ def test_a_busy_worker_can_be_stopped_from_another_thread_at_any_moment(endless,
     assert isinstance(ended.get(timeout=60), CancelledError)
 
 
-def test_a_worker_that_was_stopped_does_not_work_again(endless):
-    worker, start = endless
-    worker.stop()
-    worker.stop()
-    assert isinstance(start().get(timeout=60), CancelledError)
-
-
 def test_a_run_that_is_left_early_ends_its_processes(suite):
     job = load_job(suite([]).replace(trials=3))
     outcomes = rows_guarded(job, all_blocks(job), Limits(), 2)
