@@ -127,10 +127,7 @@ def test_what_a_plugin_has_left_running_stands_still_while_others_work(tiny, wri
 """
     )
     files = [
-        write_plugin(
-            "vandal.py",
-            HEAD + VANDAL.replace("ACT", f"{busy}\n        while not os.path.exists({path!r}): pass"),
-        ),
+        write_plugin("vandal.py", HEAD + VANDAL.replace("ACT", f"{busy}\n        {until_written}")),
         write_plugin("witness.py", HEAD + plain),
     ]
     suite = Suite(name="t", scenarios=[str(tiny)], estimators=["oracle"], snr_db=[0], trials=1)
