@@ -7,12 +7,11 @@ file, from another process or in another order find their place.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby, pairwise
-from threading import Lock
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,12 +142,9 @@ class Plan:
         -------
         ndarray of bool, shape (n_cells,)
         """
-        blocks = self.blocks(np.ones(self.n_cells, dtype=np.bool_))
-        trials = [block[:2] for block in blocks]
-        part = np.cumsum([before != after for before, after in pairwise([trials[0], *trials])])
-        if part[-1] + 1 < shard.n:
-            part = np.arange(len(blocks))
-        return np.repeat(part % shard.n == shard.k - 1, [len(block.entries) for block in blocks])
+        every = pieces(self.blocks(np.ones(self.n_cells, dtype=np.bool_)), shard.n)
+        part = [number for number, piece in enumerate(every) for block in piece for _ in block.entries]
+        return np.array(part) % shard.n == shard.k - 1
 
     @cached_property
     def _by_name(self) -> dict[str, Task]:
@@ -167,28 +163,10 @@ class Plan:
         return pd.MultiIndex.from_tuples(keys, names=CLOUD_KEYS)
 
 
-class BlockQueue:
-    """Blocks for several workers: each goes on with its own trial of a scene, whose echo it keeps."""
-
-    def __init__(self, blocks: Sequence[Block]) -> None:
-        self._lock = Lock()
-        self._waiting = deque(deque(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
-        self._taken: list[deque[Block]] = []
-
-    def blocks(self) -> Iterator[Block]:
-        """Blocks for one worker, until no block is left."""
-        mine: deque[Block] = deque()
-        while True:
-            with self._lock:
-                if not mine and self._waiting:
-                    mine = self._waiting.popleft()
-                    self._taken.append(mine)
-                # If no trial is untouched: the last block of the longest queue.
-                fullest = max(self._taken, key=len, default=mine)
-                if not fullest:
-                    return
-                block = mine.popleft() if mine else fullest.pop()
-            yield block
+def pieces(blocks: Iterable[Block], n: int) -> list[tuple[Block, ...]]:
+    """Pieces to hand out: the blocks of a trial, which share its echo, or each block if trials are too few."""
+    trials = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
+    return trials if len(trials) >= n else [(block,) for trial in trials for block in trial]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from collections import defaultdict, deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from itertools import groupby
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -27,7 +26,7 @@ from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
 from isacbench.bench.cells.record import Row
-from isacbench.bench.plan.run_plan import Block, Job
+from isacbench.bench.plan.run_plan import Block, Job, pieces
 from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.workers.cell import Limits
 from isacbench.bench.workers.worker import Ready, Worker, work
@@ -144,11 +143,8 @@ def _rows(
     cluster: _Cluster, job: Job, blocks: Sequence[Block], stack: ExitStack
 ) -> Generator[Row, None, None]:
     with stack:
-        tasks = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
-        if len(tasks) < cluster.n_tasks():
-            tasks = [(block,) for block in blocks]
         suspects: list[Block] = []
-        for task, rows in cluster.work(tasks):
+        for task, rows in cluster.work(pieces(blocks, cluster.n_tasks())):
             if rows is None:
                 suspects += [block._replace(entries=(key,)) for block in task for key in block.entries]
             else:

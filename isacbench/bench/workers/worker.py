@@ -16,13 +16,14 @@ import warnings
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from contextvars import copy_context
 from queue import SimpleQueue
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from isacbench.bench.cells.record import Row
 from isacbench.bench.kinds.scenes import Shared, Task
-from isacbench.bench.plan.run_plan import Block, BlockQueue, Job, Plan
+from isacbench.bench.plan.run_plan import Block, Job, Plan, pieces
 from isacbench.bench.workers.cell import Limits, failed_by, first_row, run_cell, time_repeats
 from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.charts import Variant
@@ -33,6 +34,10 @@ CHANGED = "ValueError: it changed the observation, which is read-only and which 
 
 OBSERVE_ATTEMPTS = 3
 """Processes that may die while they observe a block: one may also die of what earlier cells left."""
+
+
+PIECES_A_WORKER = 4
+"""Pieces for each worker at least, so that none is idle for long while another has its last one."""
 
 
 class Ready(NamedTuple):
@@ -109,33 +114,38 @@ def rows_guarded(
         with Worker(job.parts, limits, repeats) as worker:
             yield from worker.rows(blocks)
         return
-    queue = BlockQueue(blocks)
-    done: SimpleQueue[Row | BaseException] = SimpleQueue()
     workers = [Worker(job.parts, limits) for _ in range(min(n_jobs, len(blocks)))]
+    idle: SimpleQueue[Worker] = SimpleQueue()
+    done: SimpleQueue[Row | BaseException] = SimpleQueue()
 
-    def work_off(worker: Worker) -> None:
+    def work_off(piece: Sequence[Block]) -> None:
+        worker = idle.get()
         try:
-            for row in worker.rows(queue.blocks()):
+            for row in worker.rows(piece):
                 done.put(row)
         except BaseException as error:
             done.put(error)
+        idle.put(worker)
 
     with ThreadPoolExecutor(max(len(workers), 1)) as threads:
         try:
             for worker in workers:
+                idle.put(worker)
+            for piece in pieces(blocks, PIECES_A_WORKER * len(workers)):
                 # The plugin files that are registered for this thread alone are packed in that one.
-                threads.submit(copy_context().run, work_off, worker)
+                threads.submit(copy_context().run, work_off, piece)
             for _ in range(sum(len(block.entries) for block in blocks)):
                 row = done.get()
                 if isinstance(row, BaseException):
                     raise row
                 yield row
         finally:
+            threads.shutdown(wait=False, cancel_futures=True)
             for worker in workers:
                 worker.stop()
 
 
-class Worker:
+class Worker(AbstractContextManager["Worker"]):
     """Processes for the parts of a job, one of which works at a time; a context manager.
 
     Estimators of isacbench share a process, and each class of somebody else has one of its own: whatever it
@@ -150,9 +160,6 @@ class Worker:
             keys: GuardedProcess(_start, part, limits, repeats) for keys, part in parts.items()
         }
         self._at_work: GuardedProcess | None = None
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
