@@ -295,7 +295,7 @@ class MapTask(Task):
         return {"status": status_of(n_found), "n_estimated": n_found, **counts}, PointCloud.empty()
 
 
-def count_cells(shot: Image) -> dict[str, int]:
+def count_cells(image: Image) -> dict[str, int]:
     """Count cells of the range-Doppler map that an estimator's detector tested.
 
     Returns
@@ -306,11 +306,11 @@ def count_cells(shot: Image) -> dict[str, int]:
         and ``n_false`` of them detected. Nothing where the estimator is no
         `Diagnoser`, or there is no observation.
     """
-    if shot.observation is None or not isinstance(shot.estimator, Diagnoser):
+    if image.observation is None or not isinstance(image.estimator, Diagnoser):
         return {}
-    diagnosis, system = shot.estimator.diagnose(shot.observation), shot.scenario.system
-    truth = shot.scenario.truth
-    range_m = np.linalg.norm(truth.xyz - shot.scenario.base_station_m, axis=1)
+    diagnosis, system = image.estimator.diagnose(image.observation), image.scenario.system
+    truth = image.scenario.truth
+    range_m = np.linalg.norm(truth.xyz - image.scenario.base_station_m, axis=1)
     rows = np.rint(range_m / system.range_bin_m).astype(np.int64) - diagnosis.range_bins[0]
     columns = np.rint(truth.velocity / system.velocity_bin_mps).astype(np.int64) - diagnosis.doppler_bins[0]
     mask = diagnosis.detection.mask

@@ -138,7 +138,7 @@ class EfficiencyKind(Kind):
         return found
 
 
-def measure_efficiency(shot: Image) -> dict[str, Any]:
+def measure_efficiency(image: Image) -> dict[str, Any]:
     """Measure an image of one scatterer.
 
     Returns
@@ -149,13 +149,13 @@ def measure_efficiency(shot: Image) -> dict[str, Any]:
         one of those; the errors of the nearest, counted in cells; and the
         Cramér-Rao bounds, standard deviations in the same units.
     """
-    scenario = shot.scenario
+    scenario = image.scenario
     cells = rayleigh_cells(scenario)
-    error = radio_places(scenario, shot.cloud) - radio_places(scenario, scenario.scatterers)
+    error = radio_places(scenario, image.cloud) - radio_places(scenario, scenario.scatterers)
     inside = np.flatnonzero((np.abs(error) < cells).all(axis=1))
     measured: dict[str, Any] = {"hit": inside.size > 0, "n_false": len(error) - (inside.size > 0)}
     bound = single_bound(
-        scenario.system, scenario.array.shape, 10 ** (shot.snr_db / 10) / scenario.array.n_turns
+        scenario.system, scenario.array.shape, 10 ** (image.snr_db / 10) / scenario.array.n_turns
     )
     measured |= dict(zip(BOUNDS, np.sqrt(np.diag(bound.covariance)).tolist(), strict=True))
     if inside.size:

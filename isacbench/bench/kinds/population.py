@@ -543,7 +543,7 @@ def spread_levels(cells: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([levels.assign(snr_db=np.nan), levels], ignore_index=True)
 
 
-def measure_lone_scatterers(shot: Image) -> dict[str, Any]:
+def measure_lone_scatterers(image: Image) -> dict[str, Any]:
     """Measure an image of lone scatterers.
 
     Returns
@@ -553,16 +553,16 @@ def measure_lone_scatterers(shot: Image) -> dict[str, Any]:
         standard deviations of the bound in range, velocity, u and w; and
         ``n_false``, the points without a scatterer of their own.
     """
-    scenario = shot.scenario
-    bound = scene_bound(scenario, shot.snr_db)
+    scenario = image.scenario
+    bound = scene_bound(scenario, image.snr_db)
     resolvable = np.all(bound <= RESOLVABLE_CELLS * rayleigh_cells(scenario), axis=1)
-    error = radio_places(scenario, shot.cloud)[:, None] - radio_places(scenario, scenario.scatterers)
+    error = radio_places(scenario, image.cloud)[:, None] - radio_places(scenario, scenario.scatterers)
     points, scatterers = match_points(error / rayleigh_cells(scenario))
     is_exact = np.all(np.abs(error[points, scatterers]) <= MOST_DEVIATIONS * bound[scatterers], axis=1)
     return {
         "n_resolvable": int(resolvable.sum()),
         "n_resolved": int((is_exact & resolvable[scatterers]).sum()),
-        "n_false": len(shot.cloud) - len(points),
+        "n_false": len(image.cloud) - len(points),
     }
 
 

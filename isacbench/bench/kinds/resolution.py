@@ -206,7 +206,7 @@ def pair(
         return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
 
 
-def measure_resolution(dimension: Dimension, shot: Image) -> dict[str, Any]:
+def measure_resolution(dimension: Dimension, image: Image) -> dict[str, Any]:
     """Measure an image of two scatterers.
 
     Parameters
@@ -221,13 +221,13 @@ def measure_resolution(dimension: Dimension, shot: Image) -> dict[str, Any]:
         distance along that dimension and within one Rayleigh cell in the
         others; ``n_false``, all points but one for each that has.
     """
-    index, limits = DIMENSIONS.index(dimension), rayleigh_cells(shot.scenario)
-    true = radio_places(shot.scenario, shot.scenario.scatterers)
+    index, limits = DIMENSIONS.index(dimension), rayleigh_cells(image.scenario)
+    true = radio_places(image.scenario, image.scenario.scatterers)
     limits[index] = abs(true[1, index] - true[0, index]) / 2
-    error = radio_places(shot.scenario, shot.cloud)[:, None] - true
+    error = radio_places(image.scenario, image.cloud)[:, None] - true
     # Their neighbourhoods do not overlap, so that no point stands for both.
     found = (np.abs(error) < limits).all(axis=2).any(axis=0)
-    return {"resolved": bool(found.all()), "n_false": len(shot.cloud) - int(found.sum())}
+    return {"resolved": bool(found.all()), "n_false": len(image.cloud) - int(found.sum())}
 
 
 def _shares(entry: Mapping[Any, Any]) -> str:

@@ -164,7 +164,7 @@ class Plan:
 
 
 def pieces(blocks: Iterable[Block], n: int) -> list[tuple[Block, ...]]:
-    """Pieces to hand out: the blocks of a trial, which share its echo, or each block if trials are too few."""
+    """Pieces to hand out: blocks of a trial, which share its echo, or single blocks if trials are too few."""
     trials = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
     return trials if len(trials) >= n else [(block,) for trial in trials for block in trial]
 

@@ -120,8 +120,8 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
             else:  # means over realisations, with their spreads
                 reference = _reference(run.label, row["estimator"], row["params"])
                 scores = image_reference(reference, scenario, metrics).columns()
-            shot = Image(scenario, None, None, row["snr_db"], cloud)
-            scored[place] = {**scores, **_measured(run.imaged_scenes[name], shot, columns)}
+            image = Image(scenario, None, None, row["snr_db"], cloud)
+            scored[place] = {**scores, **_measured(run.imaged_scenes[name], image, columns)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.
     names = list(dict.fromkeys(name for found in scored.values() for name in found))
     before = rows.reindex(columns=names).iloc[list(scored)].to_dict("records")
@@ -141,9 +141,9 @@ def _reference(label: str, name: str, params: str) -> ReferenceEstimator:
     return plugin
 
 
-def _measured(scene: ImagingTask, shot: Image, columns: Mapping[str, Any]) -> dict[str, Any]:
+def _measured(scene: ImagingTask, image: Image, columns: Mapping[str, Any]) -> dict[str, Any]:
     """Columns that a scene derives from a cloud; none if it needs more than the cloud."""
-    found = {} if scene.measure is None else scene.measure(shot)
+    found = {} if scene.measure is None else scene.measure(image)
     if not found:
         return {}
     known = {*scene.labels, "snr_gain_db"}

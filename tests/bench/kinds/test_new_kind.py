@@ -35,8 +35,8 @@ class CountKind(Kind):
     better: ClassVar = {"n_counted": "higher"}
 
     def scenes(self, suite, scenarios):
-        def measure(shot):
-            return {"n_counted": len(shot.cloud) + suite.offset}
+        def measure(image):
+            return {"n_counted": len(image.cloud) + suite.offset}
 
         entries = build_estimators(suite)
         return [ImagingTask(suite, one, entries, measure=measure) for one in scenarios.values()]
