@@ -102,6 +102,14 @@ def test_a_single_bit_changes_the_digest(shape, data):
     assert array_digest(array) != before
 
 
+@given(st.integers(1, 40), st.data())
+def test_a_value_of_a_mask_changes_the_digest_whatever_its_length(n, data):
+    mask = np.zeros(n, dtype=bool)
+    before = array_digest(mask)
+    mask[data.draw(st.integers(0, n - 1))] = True
+    assert array_digest(mask) != before != array_digest(np.empty(0, dtype=bool))
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_another_order_changes_the_digest(axis):
     array = cells((3, 4, 5))
