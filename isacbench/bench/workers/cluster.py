@@ -73,14 +73,20 @@ class Order:
         packed = zlib.compress(pickle.dumps(job.parts))
         return cls(uuid.uuid4().hex, packed, limits, job.plan.versions(), mix_versions)
 
-    def require_fit(self, found: Mapping[Variant, Any]) -> None:
-        """Refuse versions of processes that would make other rows than the run's."""
-        for (name, params), wanted in self.versions.items():
-            if (name, params) not in found:
-                there = " or ".join(params for other, params in found if other == name) or "none"
-                raise InputError(f"{name} has the parameters {there} instead of {params}")
-            if found[name, params] != wanted and not self.mix_versions:
-                raise InputError(f"{name}: {', '.join(differing_versions(found[name, params], wanted))}")
+    def require_fit(self, worker: Worker) -> None:
+        """Refuse processes that lack a plugin, or would make other rows than the run's."""
+        try:
+            found = worker.versions()
+            for (name, params), wanted in self.versions.items():
+                if (name, params) not in found:
+                    there = " or ".join(params for other, params in found if other == name) or "none"
+                    raise InputError(f"{name} has the parameters {there} instead of {params}")
+                if found[name, params] != wanted and not self.mix_versions:
+                    raise InputError(f"{name}: {', '.join(differing_versions(found[name, params], wanted))}")
+        except InputError as error:
+            raise InputError(
+                f"{error}; install the same isacbench and plugins on all workers before starting them"
+            ) from error
 
 
 # The functions below run in the Dask worker.
@@ -98,12 +104,8 @@ def make_rows(order: Order, blocks: Sequence[Block]) -> list[Row]:
     with Worker(pickle.loads(zlib.decompress(order.packed_parts)), order.limits) as worker:
         _busy[order.token].add(worker)
         try:
-            order.require_fit(worker.versions())
+            order.require_fit(worker)
             return list(worker.rows(blocks))
-        except InputError as error:
-            raise InputError(
-                f"{error}; install the same isacbench and plugins on all workers before starting them"
-            ) from error
         finally:
             _busy[order.token].discard(worker)
 
