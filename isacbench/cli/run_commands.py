@@ -82,33 +82,32 @@ def run_command(
     wanted = with_metrics(wanted, metric or ())
     detectors, metrics = getattr(wanted, "detectors", ()), kind_of(wanted).metric_specs(wanted)
     opt.require_names(wanted.scenarios, wanted.estimators, detectors, metrics)
-    from isacbench.bench.cells.cell import repeats_wanted
     from isacbench.bench.cells.record import failed
     from isacbench.bench.plan.labels import estimator_labels
-    from isacbench.bench.plan.run_plan import Shard
     from isacbench.bench.run.looks import record_look
-    from isacbench.bench.run.runner import Execution, parse_reruns, run_suite
+    from isacbench.bench.run.options import RunOptions
+    from isacbench.bench.run.runner import run_suite
     from isacbench.bench.store.manifest import command_to_show
     from isacbench.bench.store.run_folder import MANIFEST, default_folder
-    from isacbench.bench.workers.guarded_cells import Guard
 
-    limits = [None if limit == math.inf else limit for limit in (timeout, memory)]
-    execution = Execution(
-        n_jobs=jobs or (1 if dask is None else None),
-        guard=Guard(*limits),
+    options = RunOptions(
+        jobs=jobs or (1 if dask is None else None),
+        timeout_s=None if timeout == math.inf else timeout,
+        memory_mib=None if memory == math.inf else memory,
         dask=dask,
-        shard=None if shard is None else Shard.parse(shard),
-        rerun=parse_reruns(rerun or ()),
+        shard=shard,
+        rerun=rerun or (),
         mix_versions=mix_versions,
-        repeats=repeats_wanted(timing, repeats),
+        timing=timing,
+        repeats=repeats,
     )
     folder = default_folder(wanted.name) if out is None else out
     with Termination() as termination:
         try:
             if (log := record_look(wanted)) is not None:
                 say(f"{log}: this look at reporting scenes is recorded; commit it")
-            with progress_shown(wanted.name, is_idle=execution.is_timing) as show:
-                run = run_suite(wanted, folder, show, execution)
+            with progress_shown(wanted.name, is_idle=options.timing) as show:
+                run = run_suite(wanted, folder, show, options)
             if not run.rows.empty:
                 report_run(run, html)
         except KeyboardInterrupt:

@@ -10,7 +10,7 @@ from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.kinds.efficiency import BOUNDS, ERRORS
 from isacbench.bench.kinds.efficiency import measure_efficiency as measure_error
 from isacbench.model.array import VirtualArray
@@ -175,7 +175,7 @@ def image(scenario, estimator, gained_db, trial):
     """Shot of a scenario at an SNR after all gains of one unit scatterer."""
     snr_db = gained_db - gain_db(scenario)
     observation = Simulator(scenario).observe(snr_db, trial)
-    return MeasuredImage(scenario, observation, estimator, snr_db, estimator.estimate(observation))
+    return Image(scenario, observation, estimator, snr_db, estimator.estimate(observation))
 
 
 def one_scatterer(trial):

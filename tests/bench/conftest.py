@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.array import VirtualArray
@@ -41,7 +41,7 @@ def shoot():
     def make(scenario, places, snr_db=0.0):
         xyz, velocity = space_places(scenario, np.reshape(places, (-1, 4)))
         cloud = PointCloud(xyz, velocity, np.ones(len(velocity)))
-        return MeasuredImage(scenario, observation=None, estimator=None, snr_db=snr_db, cloud=cloud)
+        return Image(scenario, observation=None, estimator=None, snr_db=snr_db, cloud=cloud)
 
     return make
 

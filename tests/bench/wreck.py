@@ -20,6 +20,9 @@ import numpy as np
 
 from isacbench.model.cloud import PointCloud
 
+NAPPING = threading.Event()
+"""Set in a process in which somebody takes a nap."""
+
 
 def points(observation, n=1):
     """Image that hangs on every value of the observation."""
@@ -277,11 +280,12 @@ class Wreck:
         return points(observation)
 
     def later(self, observation):
-        threading.Timer(0.2, os._exit, [7]).start()
+        threading.Thread(target=lambda: NAPPING.wait() and os._exit(7), daemon=True).start()
         return points(observation)
 
     def nap(self, observation):
-        time.sleep(0.6)
+        NAPPING.set()
+        time.sleep(1)
         return points(observation)
 
     def ask(self, observation):

@@ -39,20 +39,19 @@ class Estimates:
         random, environments = np.random.default_rng(0), {}
         tick = time.perf_counter()
         for block in blocks:
-            scene = job.plan.scenes[block.scene]
-            for index in block.entries:
-                one = scene.entries[index]
+            task = job.plan.task(block.scenario)
+            for one in task.entries:
                 environment = environments.setdefault(one.name, environment_of(one.plugin))
                 name = environment_id(environment)
                 known = {
                     "suite": job.suite.name,
-                    "scenario": scene.name,
+                    "scenario": task.name,
                     "estimator": one.name,
                     "params": one.params,
                     "snr_db": block.snr_db,
                     "trial": block.trial,
                     "seed": 0,
-                    "scenario_content": scene.content,
+                    "scenario_content": task.content,
                     "n_true": 466,
                     "timing": False,
                     "environment": name,
@@ -98,7 +97,7 @@ def test_a_million_rows_are_written_resumed_and_reported(
         spent_s[name] = round(time.perf_counter() - start - estimates.time_s, 1)
         return value
 
-    monkeypatch.setattr(runner, "work_here", estimates.work)
+    monkeypatch.setattr(runner, "rows_here", estimates.work)
     written = timed("written", runner.run_suite, suite, folder)
     assert len(written.rows) == 1_000_000
     resumed = timed("resumed", runner.run_suite, suite, folder)

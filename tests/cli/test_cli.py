@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.workers.guarded_cells import work_guarded, work_here
+from isacbench.bench.workers.worker import rows_guarded, rows_here
 from isacbench.cli.run_commands import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -140,10 +140,10 @@ def test_run_with_failed_cells_keeps_all_rows_names_the_first_and_exits_3(cli):
 
 def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
     def interrupted(*args):
-        yield from islice(work_guarded(*args), 3)
+        yield from islice(rows_guarded(*args), 3)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("isacbench.bench.run.runner.work_guarded", interrupted)
+    monkeypatch.setattr("isacbench.bench.run.runner.rows_guarded", interrupted)
     result = cli(*RUN, "-o", "out")
     assert result.exit_code == 130
     assert "interrupted: the 3 cells so far are in out" in result.stderr
@@ -159,14 +159,14 @@ def terminated():
 @pytest.mark.parametrize(
     ("options", "working"),
     [
-        ((), "isacbench.bench.run.runner.work_guarded"),
-        (("--timing",), "isacbench.bench.run.runner.work_guarded"),
-        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.workers.cluster.work_on_cluster"),
+        ((), "isacbench.bench.run.runner.rows_guarded"),
+        (("--timing",), "isacbench.bench.run.runner.rows_guarded"),
+        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.workers.cluster.rows_on_cluster"),
     ],
 )
 def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp_path, options, working):
     def work(job, blocks, *_):
-        yield from islice(work_here(job, blocks), 3)
+        yield from islice(rows_here(job, blocks), 3)
         terminated()
 
     monkeypatch.setattr(working, work)
@@ -230,9 +230,9 @@ def test_a_run_from_python_installs_no_handler(plugins, tiny, monkeypatch):
 
     def work(*args):
         handlers.append(signal.getsignal(signal.SIGTERM))
-        yield from work_here(*args)
+        yield from rows_here(*args)
 
-    monkeypatch.setattr("isacbench.bench.run.runner.work_here", work)
+    monkeypatch.setattr("isacbench.bench.run.runner.rows_here", work)
     isacbench.run("quick", scenarios=[tiny], estimators=["blob"], snr_db=[0], trials=1)
     assert handlers == [signal.SIG_DFL]
 

@@ -10,6 +10,7 @@ collection is off, as in `timeit`. All repeats must give the same result, bit by
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import hashlib
 import math
@@ -19,16 +20,14 @@ import tracemalloc
 import zlib
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.record import Row
-from isacbench.bench.suites.scenario_digest import scenario_digest
-from isacbench.errors import InputError
+from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.instrument.stages import STAGES, StageClock
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
@@ -50,20 +49,34 @@ def seed_global_generators(*key: object) -> None:
 
 
 def array_digest(array: NDArray[Any]) -> str:
-    """Digest of an array that shows whether the array has changed; not of an empty one.
+    """Digest of an array that shows whether the array has changed.
 
     It consists of the sums of columns over the first and the second half of the rows, which are read as
     words of 8 bytes. A changed bit changes it, and so do changed signs and a reversed order; rows that
     change places within a half do not. It takes a tenth of the time of a checksum.
     """
-    words = np.ascontiguousarray(array).view(np.uint64)
-    table = words.reshape(len(words), -1)
     total = hashlib.sha256(repr((array.shape, array.dtype.str)).encode())
-    # A half of odd length: sign changes of an even number of rows can cancel.
-    cut = len(table) // 2 | 1
-    for half in (table[:cut], table[cut:]):
-        total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
+    raw = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+    n_whole = raw.size // 8 * 8
+    total.update(raw[n_whole:].tobytes())
+    if n_whole:
+        words = raw[:n_whole].view(np.uint64)
+        table = words.reshape(-1, 1) if words.size % len(array) else words.reshape(len(array), -1)
+        # A half of odd length: sign changes of an even number of rows can cancel.
+        cut = len(table) // 2 | 1
+        for half in (table[:cut], table[cut:]):
+            total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
     return total.hexdigest()
+
+
+def content_digest(part: object) -> str:
+    """Digest of an observation or an answer, with all digits of its numbers, whatever its ``repr`` shows."""
+    if isinstance(part, np.ndarray):
+        return array_digest(part)
+    if dataclasses.is_dataclass(part) and not isinstance(part, type):
+        values = [content_digest(getattr(part, one.name)) for one in dataclasses.fields(part)]
+        return digest([type(part).__name__, *values])
+    return repr(part)
 
 
 KEPT = 32
@@ -96,7 +109,7 @@ class ScoredImage:
 
 
 @dataclass(frozen=True)
-class _Task:
+class _Reference:
     """Reference and scenario, equal to others of the same content."""
 
     content: tuple[Hashable, ...]
@@ -115,36 +128,24 @@ def image_reference(
     """
     objects = scenario.scatterers.objects
     content = type(reference), canonical_params(reference), scenario_digest(scenario), objects
-    return _imaged(_Task(content, reference, scenario, metrics))
+    return _imaged(_Reference(content, reference, scenario, metrics))
 
 
 @lru_cache(maxsize=KEPT)
-def _imaged(task: _Task) -> ScoredImage:
-    start, scenario = time.process_time(), task.scenario
-    clouds = list(task.reference.realisations(scenario, scenario.truth))
+def _imaged(asked: _Reference) -> ScoredImage:
+    start, scenario = time.process_time(), asked.scenario
+    clouds = list(asked.reference.realisations(scenario, scenario.truth))
     for cloud in clouds:
         if not isinstance(cloud, PointCloud):
             raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
     time_s, imaged = time.process_time() - start, time.perf_counter()
     pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
-    scores = score_realisations(pairs, PAPER_ALONE.score, task.metrics.score)
+    scores = score_realisations(pairs, PAPER_ALONE.score, asked.metrics.score)
     time_score_s = time.perf_counter() - imaged
     return ScoredImage(clouds[scores.nearest], scores.means, scores.spreads, time_s, time_score_s)
 
 
-DEFAULT_REPEATS = 5
-"""The median of five repeats ignores two disturbed ones."""
-
 MIB = 2**20
-
-
-def repeats_wanted(timing: bool, repeats: int | None) -> int | None:
-    """Number of repeats of a run: None if it is not timed, 5 if no number is wanted."""
-    if repeats is not None and not timing:
-        raise InputError(f"repeats = {repeats} needs timing; without it each cell is estimated once")
-    if not timing:
-        return None
-    return DEFAULT_REPEATS if repeats is None else repeats
 
 
 def repeat(
@@ -204,16 +205,14 @@ Found = tuple[Mapping[str, Any], PointCloud]
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredImage:
-    """Image from which a study derives columns.
+class Image:
+    """Image from which a kind of suite derives columns.
 
     Attributes
     ----------
     scenario : Scenario
         With the scatterers that were observed.
-    observation : Observation or None
-        None for a stored cloud.
-    estimator : Estimator or None
+    observation, estimator : optional
         None for a stored cloud.
     cloud : PointCloud
         Estimate from the observation.
@@ -224,23 +223,6 @@ class MeasuredImage:
     estimator: Estimator | None
     snr_db: float
     cloud: PointCloud
-
-
-def run_cell(row: Row, work: Callable[[], Found]) -> Row:
-    """Fill the row of a cell with what its work yields. An exception becomes the reason of a failure."""
-    start = time.perf_counter()
-    try:
-        found, cloud = work()
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        return failed_by(error, row, time.perf_counter() - start)
-    return replace(row, found={"reason": "", **found}, cloud=cloud)
-
-
-def failed_by(error: BaseException, row: Row, time_s: float) -> Row:
-    """Row of a cell that ended in an exception: ``killed`` if memory ran out, else ``error``."""
-    return row.failed("killed" if isinstance(error, MemoryError) else "error", describe_error(error), time_s)
 
 
 def describe_error(error: BaseException) -> str:

@@ -79,12 +79,15 @@ class Row:
         Columns that came out of the cell.
     cloud : PointCloud
         Empty for a failure.
+    answer_digest : str
+        Of the plugin's answer, which repeats of the same call give again.
     """
 
     known: Mapping[str, Any]
     environment: Environment
     found: Mapping[str, Any] = field(default_factory=dict)
     cloud: PointCloud = field(default_factory=PointCloud.empty)
+    answer_digest: str = ""
 
     @property
     def values(self) -> dict[str, Any]:
@@ -96,6 +99,11 @@ class Row:
         """Status of the cell."""
         status: CellStatus = self.found["status"]
         return status
+
+    @property
+    def is_scored(self) -> bool:
+        """Whether the cell has a score; an empty image has one, too."""
+        return self.status in SCORED
 
     def failed(self, status: CellStatus, reason: str, time_s: float) -> Row:
         """Row of the same cell if it fails after some time."""
@@ -147,21 +155,8 @@ SCORED: tuple[str, ...] = ("ok", "no_detection")
 
 
 def failed(records: pd.DataFrame) -> pd.Series[bool]:
-    """Mark cells that failed.
+    """Mark the rows that have no score: error, timeout, killed.
 
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run, with the column ``status``.
-
-    Returns
-    -------
-    Series of bool
-        True if a cell has no score: it raised, ran out of time, was killed,
-        or was skipped. Has the index of the rows.
-
-    Examples
-    --------
     >>> import pandas as pd
     >>> failed(pd.DataFrame({"status": ["ok", "no_detection", "timeout"]})).tolist()
     [False, False, True]

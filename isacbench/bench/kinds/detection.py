@@ -12,24 +12,22 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import Found, MeasuredImage, array_digest
-from isacbench.bench.cells.record import Row, failed, status_of
+from isacbench.bench.cells.cell import Found, Image
+from isacbench.bench.cells.record import failed, status_of
 from isacbench.bench.kinds import kind, scenes
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.power_maps import MAPS, PowerMap, draw_power_map, near
-from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
+from isacbench.bench.kinds.power_maps import MAPS, draw_power_map, near
+from isacbench.bench.kinds.scenes import Entry, ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
@@ -105,14 +103,14 @@ class DetectionKind(Kind):
         **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),
     }
 
-    def scenes(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Scene]:
+    def scenes(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
         alone, behind = _entries(_alone(suite, detectors)), _entries(_behind(suite, detectors))
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
-        maps = [MapScene(suite, name, alone) for name in suite.maps]
-        imaged = [ImagedScene(suite, one, behind, measure=count_cells) for one in scenarios.values()]
+        maps = [MapTask(suite, name, alone) for name in suite.maps]
+        imaged = [ImagingTask(suite, one, behind, measure=count_cells) for one in scenarios.values()]
         return [*maps, *imaged]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -248,48 +246,8 @@ def _deviation_and_rates(entry: Mapping[Any, Any]) -> str:
     return rates if entry["n_failed"] else f"{entry['deviation_mean']:.2f} {rates}"
 
 
-@dataclass(frozen=True, eq=False)
-class SharedMap(SharedObservation):
-    """Map that detectors test, and its power at the SNR, read-only."""
-
-    drawn: PowerMap
-    power: NDArray[np.float64]
-
-    def digest(self) -> str:
-        """Digest of the map."""
-        return array_digest(self.power)
-
-    def call(self, plugin: Detector) -> Mask:
-        """Mask of the cells that a detector detects, held to the contract."""
-        with stage("detection"):
-            detection = plugin.detect(self.power)
-        if not isinstance(detection, Detection):
-            raise TypeError(f"detect() must return a Detection, not {type(detection).__name__}")
-        mask, shape = np.asarray(detection.mask), self.power.shape
-        if mask.dtype != np.bool_ or mask.shape != shape:
-            raise ValueError(
-                f"detect() must mark cells of a map of shape {shape}, not {mask.dtype} {mask.shape}"
-            )
-        return mask
-
-    def score(self, plugin: Detector, answer: Mask) -> Found:
-        """Count hits and false alarms."""
-        n_found = int(answer.sum())
-        counts = _counts(answer, self.drawn.targets, self.drawn.clear)
-        return {"status": status_of(n_found), "n_estimated": n_found, **counts}, PointCloud.empty()
-
-    def n_differing(self, answers: Sequence[Mask], row: Row) -> int:
-        """Count the masks that differ from the first one, or have other counts than a row."""
-
-        def is_same(mask: Mask) -> bool:
-            counts = _counts(mask, self.drawn.targets, self.drawn.clear)
-            return np.array_equal(mask, answers[0]) and counts.items() <= row.found.items()
-
-        return sum(not is_same(mask) for mask in answers)
-
-
-class MapScene(Scene):
-    """Synthetic map and the detectors that test it."""
+class MapTask(Task):
+    """Synthetic map that detectors test."""
 
     def __init__(self, suite: DetectionSuite, name: MapName, entries: Sequence[Entry[Detector]]) -> None:
         draw = partial(draw_power_map, name, seed=suite.seed)
@@ -302,16 +260,34 @@ class MapScene(Scene):
         bits = np.packbits([drawn.targets, drawn.clear, drawn.noise.real > 0, drawn.echo.real > 0])
         return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
 
-    def observe(self, snr_db: float, trial: int) -> SharedMap:
+    def observe(self, snr_db: float, trial: int) -> Shared:
         """Draw the map, for all detectors."""
         drawn, target_snr_db = self._drawn_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
         power, n_true = drawn.power(target_snr_db), int(drawn.targets.sum())
         power.setflags(write=False)
-        labels = {"snr_gain_db": target_snr_db}
-        return SharedMap(self._key(snr_db, trial), labels, n_true, drawn, power)
+        return Shared(self._key(snr_db, trial), {"snr_gain_db": target_snr_db}, n_true, power)
+
+    def call(self, shared: Shared, plugin: Detector) -> Mask:
+        """Mask of the cells that a detector detects, held to the contract."""
+        with stage("detection"):
+            detection = plugin.detect(shared.data)
+        if not isinstance(detection, Detection):
+            raise TypeError(f"detect() must return a Detection, not {type(detection).__name__}")
+        mask, shape = np.asarray(detection.mask), shared.data.shape
+        if mask.dtype != np.bool_ or mask.shape != shape:
+            raise ValueError(
+                f"detect() must mark cells of a map of shape {shape}, not {mask.dtype} {mask.shape}"
+            )
+        return mask
+
+    def score(self, shared: Shared, plugin: Detector, answer: Mask) -> Found:
+        """Count hits and false alarms."""
+        drawn, n_found = self._drawn_once(shared.key["trial"]), int(answer.sum())
+        counts = _counts(answer, drawn.targets, drawn.clear)
+        return {"status": status_of(n_found), "n_estimated": n_found, **counts}, PointCloud.empty()
 
 
-def count_cells(image: MeasuredImage) -> dict[str, int]:
+def count_cells(image: Image) -> dict[str, int]:
     """Count cells of the range-Doppler map that an estimator's detector tested, the columns `COUNTS`.
 
     Targets are the cells nearest to a scatterer; clear ones are more than three away from all of those.

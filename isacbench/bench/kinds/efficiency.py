@@ -20,11 +20,11 @@ import pandas as pd
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.dsp.bounds import single_bound
@@ -69,13 +69,13 @@ class EfficiencyKind(Kind):
     }
     better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
-    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
+    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario: one scatterer in its region."""
         entries, found = build_estimators(suite), []
         for scenario in scenarios.values():
             scenario.require_default("the Cramér-Rao bound", "noise")
             draw = partial(_draw, scenario, suite.seed)
-            found.append(ImagedScene(suite, scenario, entries, draw=draw, measure=measure_efficiency))
+            found.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure_efficiency))
         return found
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -132,7 +132,7 @@ class EfficiencyKind(Kind):
         return found
 
 
-def measure_efficiency(image: MeasuredImage) -> dict[str, Any]:
+def measure_efficiency(image: Image) -> dict[str, Any]:
     """Measure an image of one scatterer: hit or miss, false points, errors of the hit, and their bounds.
 
     A hit is a point within one Rayleigh cell of the scatterer in range, velocity, u and w. The nearest one

@@ -13,7 +13,7 @@ from isacbench import charts
 from isacbench.bench import statistics
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, SNR_AXIS, average_scenarios, summarise_scores
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
@@ -87,10 +87,10 @@ class ImagingKind(Kind):
     metrics = OF_IMAGES
     has_images = True
 
-    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagedScene]:
+    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario: the scenario as it is."""
         entries, metrics = build_estimators(suite), self.metrics_of(suite)
-        return [ImagedScene(suite, scenario, entries, metrics=metrics) for scenario in scenarios.values()]
+        return [ImagingTask(suite, scenario, entries, metrics=metrics) for scenario in scenarios.values()]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every scenario, estimator and SNR, see `summarise_scores`."""

@@ -11,7 +11,7 @@ import pandas as pd
 
 from isacbench import charts
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
-from isacbench.bench.kinds.scenes import Scene
+from isacbench.bench.kinds.scenes import Task
 from isacbench.bench.plan.labels import estimator_labels, find_limits
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import ChartGroup, Line, Table, Variant, variants_in
@@ -59,7 +59,7 @@ class Kind(ABC):
     has_images: ClassVar[bool] = False
 
     @abstractmethod
-    def scenes(self, suite: Any, scenarios: Scenarios) -> Sequence[Scene]:
+    def scenes(self, suite: Any, scenarios: Scenarios) -> Sequence[Task]:
         """Plan the scenes of a suite on scenarios by name; an `InputError` where it cannot be run on them."""
 
     @abstractmethod

@@ -25,12 +25,12 @@ from scipy.special import bdtr, bdtrc
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import Found, array_digest
-from isacbench.bench.cells.record import Row, failed, status_of
+from isacbench.bench.cells.cell import Found
+from isacbench.bench.cells.record import failed, status_of
 from isacbench.bench.kinds import kind, scenes
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import Entry, ImagedScene, Scene, SharedObservation
+from isacbench.bench.kinds.scenes import Entry, ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
@@ -44,7 +44,7 @@ from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.qam import awgn_ber
-from isacbench.link.waveform.resource_grid import ResourceGrid, draw_grid
+from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System
@@ -139,7 +139,7 @@ class LinkKind(Kind):
         **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
     }
 
-    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Scene]:
+    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Task]:
         """Plan every scenario with every signal, and every channel with every modulation.
 
         What would fail in every cell is refused.
@@ -149,7 +149,7 @@ class LinkKind(Kind):
                 "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
             )
         entries = scenes.build_estimators(suite)
-        found: list[Scene] = []
+        found: list[Task] = []
         for scenario in scenarios.values():
             scenario.require_default("a suite of the kind link", "noise", "mimo")
             found += _signal_scenes(suite, scenario, entries)
@@ -400,50 +400,7 @@ def _mean_db(values: pd.Series[Any]) -> float:
         return float(10 * np.log10((10 ** (values / 10)).mean()))
 
 
-@dataclass(frozen=True, eq=False)
-class Arrival(SharedObservation):
-    """Frame on its way to the user, which receivers receive."""
-
-    grid: ResourceGrid
-    system: System
-    channel: Channel
-
-    def digest(self) -> str:
-        """Digest of the frame."""
-        return digest([array_digest(self.grid.symbols), array_digest(self.grid.bits)])
-
-    def call(self, plugin: OneTap) -> Reception:
-        """Receive the frame."""
-        return receive(self.grid, self.system, self.channel, self.key["snr_db"], **self._given(plugin))
-
-    def score(self, plugin: OneTap, answer: Reception) -> Found:
-        """Count bits that came out right and wrong, and derive rates and errors."""
-        modulation, n_right = self.grid.modulation, answer.n_bits - answer.n_bit_errors
-        rates = frame_rates(self.system, modulation)
-        ber_expected = expected_ber(
-            modulation, self.system, self.channel, self.key["snr_db"], **self._given(plugin)
-        )
-        return {
-            "status": status_of(n_right),
-            "n_estimated": n_right,
-            "n_bits": answer.n_bits,
-            "n_bit_errors": answer.n_bit_errors,
-            "ber_expected": ber_expected,
-            "rate_bps": float(rates.achievable_rate_bps(min(answer.ber, 0.5))),
-            "evm_db": answer.evm_db,
-            "channel_error_db": answer.channel_error_db,
-        }, PointCloud.empty()
-
-    def n_differing(self, answers: Sequence[Reception], row: Row) -> int:
-        """Count the receptions with other bit errors than a row."""
-        return sum(answer.n_bit_errors != row.found["n_bit_errors"] for answer in answers)
-
-    def _given(self, receiver: OneTap) -> dict[str, Any]:
-        """Conditions of a reception besides frame, channel and SNR."""
-        return {**dataclasses.asdict(receiver), "trial": self.key["trial"], "seed": self.key["seed"]}
-
-
-class UserScene(Scene):
+class ReceptionTask(Task):
     """Channel (`text` as the suite writes it), modulation, and the receivers behind them."""
 
     def __init__(
@@ -471,10 +428,36 @@ class UserScene(Scene):
         system = described_fields(self._system)
         return digest([self._suite.kind, system, canonical_params(self._channel), self._labels])
 
-    def observe(self, snr_db: float, trial: int) -> Arrival:
+    def observe(self, snr_db: float, trial: int) -> Shared:
         """Send a frame, for all receivers."""
-        grid, key = self._drawn_once(trial), self._key(snr_db, trial)
-        return Arrival(key, self._labels, grid.bits.size, grid, self._system, self._channel)
+        grid = self._drawn_once(trial)
+        return Shared(self._key(snr_db, trial), self._labels, grid.bits.size, grid)
+
+    def call(self, shared: Shared, plugin: OneTap) -> Reception:
+        """Receive the frame."""
+        given = _conditions(shared, plugin)
+        return receive(shared.data, self._system, self._channel, shared.key["snr_db"], **given)
+
+    def score(self, shared: Shared, plugin: OneTap, answer: Reception) -> Found:
+        """Count bits that came out right and wrong, and derive rates and errors."""
+        modulation, n_right = shared.data.modulation, answer.n_bits - answer.n_bit_errors
+        rates, given = frame_rates(self._system, modulation), _conditions(shared, plugin)
+        expected = expected_ber(modulation, self._system, self._channel, shared.key["snr_db"], **given)
+        return {
+            "status": status_of(n_right),
+            "n_estimated": n_right,
+            "n_bits": answer.n_bits,
+            "n_bit_errors": answer.n_bit_errors,
+            "ber_expected": expected,
+            "rate_bps": float(rates.achievable_rate_bps(min(answer.ber, 0.5))),
+            "evm_db": answer.evm_db,
+            "channel_error_db": answer.channel_error_db,
+        }, PointCloud.empty()
+
+
+def _conditions(shared: Shared, receiver: OneTap) -> dict[str, Any]:
+    """Conditions of a reception besides frame, channel and SNR."""
+    return {**dataclasses.asdict(receiver), "trial": shared.key["trial"], "seed": shared.key["seed"]}
 
 
 def signals_of(suite: LinkSuite) -> dict[str, Signal]:
@@ -495,7 +478,7 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
 
 def _signal_scenes(
     suite: LinkSuite, scenario: Scenario, entries: Sequence[Entry[Any]]
-) -> Iterator[ImagedScene]:
+) -> Iterator[ImagingTask]:
     """A scenario with every signal."""
     for short, signal in signals_of(suite).items():
         labels = {
@@ -505,10 +488,10 @@ def _signal_scenes(
             "division": "" if signal.has_unit_modulus else signal.division,
         }
         name, simulator = f"{scenario.name}-{short}", partial(SignalSimulator, signal=signal)
-        yield ImagedScene(suite, scenario, entries, name=name, simulator=simulator, labels=labels)
+        yield ImagingTask(suite, scenario, entries, name=name, simulator=simulator, labels=labels)
 
 
-def _user_scenes(suite: LinkSuite, system: System) -> list[UserScene]:
+def _user_scenes(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     """Every channel with every modulation, all receivers behind them.
 
     Refused are unknown channels and receivers, a channel that the closed form does not hold for, and a
@@ -528,7 +511,7 @@ def _user_scenes(suite: LinkSuite, system: System) -> list[UserScene]:
             with _naming(f"receivers: {text!r}"):
                 require_estimable(system, receiver.time_order)
     return [
-        UserScene(suite, system, channel, text, modulation, entries)
+        ReceptionTask(suite, system, channel, text, modulation, entries)
         for (text, channel), modulation in product(channels.items(), suite.modulations)
     ]
 

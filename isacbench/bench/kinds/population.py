@@ -30,11 +30,11 @@ from scipy.optimize import linear_sum_assignment
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, SNR_AXIS, over_snrs
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
@@ -196,7 +196,7 @@ class PopulationKind(Kind):
     metrics = OF_IMAGES
     has_images = True
 
-    def scenes(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagedScene]:
+    def scenes(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario: the scenario as it is, labelled with family, frame and phases."""
         entries, metrics, found = build_estimators(suite), self.metrics_of(suite), []
         for scenario in scenarios.values():
@@ -206,7 +206,7 @@ class PopulationKind(Kind):
                 "frame": "paper" if isinstance(scenario.frame, PaperFrame) else "panel",
                 "coherent_phase": scenario.system.coherent_phase,
             }
-            scene = ImagedScene(suite, scenario, entries, measure=measure, metrics=metrics, labels=labels)
+            scene = ImagingTask(suite, scenario, entries, measure=measure, metrics=metrics, labels=labels)
             found.append(scene)
         return found
 
@@ -531,7 +531,7 @@ def with_totals(cells: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([levels.assign(snr_db=np.nan), levels], ignore_index=True)
 
 
-def measure_lone_scatterers(image: MeasuredImage) -> dict[str, Any]:
+def measure_lone_scatterers(image: Image) -> dict[str, Any]:
     """Count the resolvable scatterers of an image, those of them that are resolved, and its false points.
 
     One is resolved by a point within 3 standard deviations of the bound in range, velocity, u and w.

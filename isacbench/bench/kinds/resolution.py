@@ -22,12 +22,12 @@ from pydantic import Field
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.efficiency import TITLES
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
+from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
 from isacbench.choices import Dimension
@@ -83,7 +83,7 @@ class ResolutionKind(Kind):
         **dict.fromkeys([*SNR_GAIN, "separation_cells", "phase_deg"], "neither"),
     }
 
-    def scenes(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagedScene]:
+    def scenes(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario, dimension, distance and relative phase."""
         entries, found = build_estimators(suite), []
         pairs = product(suite.dimensions, suite.separations_cells, suite.phases_deg)
@@ -94,7 +94,7 @@ class ResolutionKind(Kind):
             with warned_before():
                 renamed = dataclasses.replace(template, name=name)
             labels, measure = {"template": template.name, **own}, partial(measure_resolution, dimension)
-            found.append(ImagedScene(suite, renamed, entries, draw=draw, measure=measure, labels=labels))
+            found.append(ImagingTask(suite, renamed, entries, draw=draw, measure=measure, labels=labels))
         return found
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -187,7 +187,7 @@ def pair(
         return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
 
 
-def measure_resolution(dimension: Dimension, image: MeasuredImage) -> dict[str, Any]:
+def measure_resolution(dimension: Dimension, image: Image) -> dict[str, Any]:
     """Measure an image of two scatterers: whether both are resolved, and all points but one for each.
 
     One is resolved by a point within half their distance along that dimension and within one Rayleigh cell

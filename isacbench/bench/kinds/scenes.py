@@ -1,8 +1,7 @@
-"""Scenes of a suite, the entries that meet them, and what entries of a scene share.
+"""Tasks of a suite: what is observed, who works on the observation, and how answers are scored.
 
-A scene is what the column ``scenario`` names: it is drawn once a trial,
-observed at every SNR, and every entry meets the same observation. The
-harness knows nothing else of a kind of suite.
+A task is what the column ``scenario`` names. Its scatterers are drawn once a trial and observed at every
+SNR, and all entries work on the same observation. The harness knows nothing else of a kind of suite.
 """
 
 from __future__ import annotations
@@ -13,28 +12,28 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, TypeVar
 
-import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import Found, MeasuredImage, array_digest, estimate_cloud, image_reference
-from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, Row, status_of
+from isacbench.bench.cells.cell import Found, Image, content_digest, estimate_cloud, image_reference
+from isacbench.bench.cells.record import DRAW_COLUMNS, N_STORED, status_of
 from isacbench.bench.plan.labels import variant_label
 from isacbench.bench.suites.scenario_digest import digest, scenario_digest
 from isacbench.bench.suites.suite import Suite
+from isacbench.charts import Variant
 from isacbench.errors import InputError
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
-from isacbench.model.observation import Observation
 from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scene import Scenario
-from isacbench.plugins.contracts import Estimator, is_reference
+from isacbench.plugins.contracts import Estimator
+from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.plugins.scoring import PAPER_ALONE, Metrics
 
-Measure = Callable[[MeasuredImage], Mapping[str, Any]]
+Measure = Callable[[Image], Mapping[str, Any]]
 """Function of a kind that derives further columns of the row from an image."""
 
 SNR_DECIMALS = 6
@@ -45,16 +44,9 @@ Plugin = TypeVar("Plugin")
 
 @dataclass(frozen=True)
 class Entry(Generic[Plugin]):
-    """Estimator, detector or receiver of a suite, with its parameters.
+    """Estimator, detector or receiver of a suite: its name, its parameters as canonical JSON, itself.
 
-    Attributes
-    ----------
-    name : str
-        In the column ``estimator``.
-    params : str
-        Canonical JSON.
-    labels : mapping of str to Any
-        Further columns that tell it from others.
+    `labels` are further columns that tell it from others.
     """
 
     name: str
@@ -62,10 +54,15 @@ class Entry(Generic[Plugin]):
     plugin: Plugin
     labels: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def key(self) -> Variant:
+        """Name and parameters, which no other entry of the suite has."""
+        return self.name, self.params
+
 
 @dataclass(frozen=True, eq=False)
-class SharedObservation(ABC):
-    """Observation that every entry of a scene works on.
+class Shared:
+    """What all entries of a task work on at one SNR in one trial.
 
     Attributes
     ----------
@@ -75,59 +72,45 @@ class SharedObservation(ABC):
         Further columns of every row.
     n_true : int
         Number of things to be found, the column ``n_true`` of a failure.
+    data : Observation, ndarray or ResourceGrid
+        What plugins are given.
+    digest : str
+        Of the data as they were made.
     """
 
     key: Mapping[str, Any]
     labels: Mapping[str, Any]
     n_true: int
+    data: Any
+    digest: str = field(init=False)
 
-    @abstractmethod
-    def digest(self) -> str:
-        """Digest of the observation: another one as soon as an entry has changed it."""
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "digest", content_digest(self.data))
 
-    @abstractmethod
-    def call(self, plugin: Any) -> Any:
-        """Let a plugin work on the observation: what is timed."""
+    def has_changed(self) -> bool:
+        """Whether a plugin has changed the data, which are read-only."""
+        try:
+            return content_digest(self.data) != self.digest
+        except Exception:  # an array may have become anything
+            return True
 
-    @abstractmethod
-    def score(self, plugin: Any, answer: Any) -> Found:
-        """Score the answer of a call."""
-
-    @abstractmethod
-    def n_differing(self, answers: Sequence[Any], row: Row) -> int:
-        """Count the answers of repeated calls that are not the one of a row."""
-
-    def unread(self) -> Self:
-        """Return an observation of which no entry has read anything."""
-        return self
-
-    def work(self, plugin: Any) -> Found:
-        """Let a plugin work on the observation, and time and score it."""
-        start = time.process_time()
-        answer = self.call(plugin)
-        time_s = time.process_time() - start
-        columns, cloud = self.score(plugin, answer)
-        return {"time_estimate_s": time_s, **columns}, cloud
+    def unread(self) -> Shared:
+        """Return a copy of which no plugin has read, and so cached, anything."""
+        is_plain = not dataclasses.is_dataclass(self.data)
+        return self if is_plain else dataclasses.replace(self, data=dataclasses.replace(self.data))
 
 
-class Scene(ABC):
-    """Situation that entries meet, once for each SNR and trial.
+class Task(ABC):
+    """Situation that all entries of a suite work on, once for each SNR and trial.
 
     Parameters
     ----------
     name : str
         Unique in a run.
-    entries : sequence of Entry
-        All that meet every observation.
     snr_db : sequence of float
         Per resource element and virtual element.
     draw : callable
-        From a trial to what its observations share. The last result is kept.
-
-    Attributes
-    ----------
-    name, entries, snr_db
-        As given.
+        From a trial to what its observations have in common. The last result is kept.
     """
 
     def __init__(
@@ -147,8 +130,20 @@ class Scene(ABC):
         """Digest of what its rows follow from besides entry, SNR, trial and seed."""
 
     @abstractmethod
-    def observe(self, snr_db: float, trial: int) -> SharedObservation:
+    def observe(self, snr_db: float, trial: int) -> Shared:
         """Observe once, for all entries."""
+
+    @abstractmethod
+    def call(self, shared: Shared, plugin: Any) -> Any:
+        """Let a plugin work on the observation and return its answer: what is timed."""
+
+    @abstractmethod
+    def score(self, shared: Shared, plugin: Any, answer: Any) -> Found:
+        """Score an answer; that of a reference is None, for its scores are means over realisations."""
+
+    def entry(self, key: Variant) -> Entry[Any]:
+        """Look up an entry by its key."""
+        return next(one for one in self.entries if one.key == key)
 
     def forget(self) -> None:
         """Let go of what was kept for further observations."""
@@ -170,82 +165,7 @@ class Scene(ABC):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class SharedImage(SharedObservation):
-    """Observation that estimators image.
-
-    Attributes
-    ----------
-    scenario : Scenario
-        With the scatterers that were observed.
-    measure : callable or None
-        Measures further columns of an image.
-    metrics : Metrics
-        Score the images.
-    """
-
-    scenario: Scenario
-    observation: Observation
-    measure: Measure | None
-    metrics: Metrics = PAPER_ALONE
-
-    def digest(self) -> str:
-        """Digest of the observation."""
-        shown = self.observation
-        arrays = shown.cells, shown.gate.range_bins, shown.gate.doppler_bins, shown.base_station_m
-        bounds = shown.gate.reachable_range, shown.gate.reachable_doppler
-        known = *map(_values, (shown.system, shown.array, shown.frame, shown.region)), shown.sensing
-        return digest([repr((bounds, known)), *map(array_digest, arrays)])
-
-    def call(self, plugin: Estimator) -> PointCloud:
-        """Image of the observation."""
-        return estimate_cloud(plugin, self.observation, self.scenario.truth)
-
-    def score(self, plugin: Estimator, answer: PointCloud) -> Found:
-        """Score an image."""
-        start = time.perf_counter()
-        scores = self.metrics.score(CloudPair.of(self.scenario, answer))
-        columns = {**scores, **self._measured(plugin, answer)}
-        return {**columns, "time_score_s": time.perf_counter() - start}, answer
-
-    def n_differing(self, answers: Sequence[PointCloud], row: Row) -> int:
-        """Count the images that are not that of a row."""
-        cloud = row.cloud.to_array()
-        return sum(not np.array_equal(answer.to_array(), cloud) for answer in answers)
-
-    def unread(self) -> Self:
-        """Return the observation without what it remembers."""
-        return dataclasses.replace(self, observation=dataclasses.replace(self.observation))
-
-    def work(self, plugin: Estimator) -> Found:
-        """Image and score the observation; of a reference, score the realisations of the scenario."""
-        if not is_reference(plugin):
-            return super().work(plugin)
-        image = image_reference(plugin, self.scenario, self.metrics)
-        start = time.perf_counter()
-        measured = self._measured(plugin, image.cloud)
-        return {
-            **image.columns(),
-            N_STORED: float(len(image.cloud)),
-            **measured,
-            "time_estimate_s": image.time_estimate_s,
-            "time_score_s": image.time_score_s + time.perf_counter() - start,
-        }, image.cloud
-
-    def _measured(self, plugin: Estimator, cloud: PointCloud) -> dict[str, Any]:
-        """Status of an image, and further columns."""
-        shot = MeasuredImage(self.scenario, self.observation, plugin, self.key["snr_db"], cloud)
-        return {"status": status_of(len(cloud)), **(self.measure(shot) if self.measure else {})}
-
-
-def _values(part: object) -> tuple[str, object]:
-    """Type and values of a part of an observation, with all digits, whatever its own ``repr`` shows."""
-    if dataclasses.is_dataclass(part) and not isinstance(part, type):
-        return type(part).__name__, dataclasses.astuple(part)
-    return type(part).__name__, part
-
-
-class ImagedScene(Scene):
+class ImagingTask(Task):
     """Scene that estimators image: the same in every trial, or drawn anew.
 
     An `InputError` if nothing can be scored, for there are no scatterers.
@@ -254,18 +174,14 @@ class ImagedScene(Scene):
     ----------
     scenario : Scenario
         The scene, or what draws have in common.
-    entries : sequence of Entry
-        Estimators.
     name : str, optional
-        Of the scene, where one scenario makes several.
+        Where one scenario makes several tasks.
     draw : callable, optional
         From a trial to its scenario.
     simulator : callable, optional
         From a scenario to what observes it; by default with the whole grid.
     measure : callable, optional
         Measures further columns of an image.
-    metrics : Metrics, optional
-        Score the images.
     labels : mapping of str to Any
         Further columns of every row.
 
@@ -273,8 +189,6 @@ class ImagedScene(Scene):
     ----------
     template : Scenario
         The `scenario`.
-    measure, metrics, labels
-        As given.
     is_drawn : bool
         Whether every trial has scatterers of its own.
     """
@@ -308,19 +222,33 @@ class ImagedScene(Scene):
         """Digest of the first scenario drawn, and of what the rows are labelled with."""
         return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
 
-    def observe(self, snr_db: float, trial: int) -> SharedImage:
+    def observe(self, snr_db: float, trial: int) -> Shared:
         """Observe once, for all estimators."""
-        simulator = self._drawn_once(trial if self.is_drawn else 0)
-        scenario = simulator.scenario
-        return SharedImage(
-            self._key(snr_db, trial),
-            {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(scenario))},
-            len(scenario.truth),
-            scenario,
-            simulator.observe(snr_db, trial, self._suite.seed),
-            self.measure,
-            self.metrics,
-        )
+        simulator = self._simulator(trial)
+        labels = {**self.labels, "snr_gain_db": gained_snr_db(snr_db, gain_db(simulator.scenario))}
+        observation = simulator.observe(snr_db, trial, self._suite.seed)
+        return Shared(self._key(snr_db, trial), labels, len(simulator.scenario.truth), observation)
+
+    def call(self, shared: Shared, plugin: Estimator) -> PointCloud:
+        """Image the observation."""
+        return estimate_cloud(plugin, shared.data, self._simulator(shared.key["trial"]).scenario.truth)
+
+    def score(self, shared: Shared, plugin: Any, answer: PointCloud | None) -> Found:
+        """Score an image, or the realisations of a reference."""
+        scenario = self._simulator(shared.key["trial"]).scenario
+        start, time_before_s = time.perf_counter(), 0.0
+        if answer is None:
+            image = image_reference(plugin, scenario, self.metrics)
+            start, time_before_s, cloud = time.perf_counter(), image.time_score_s, image.cloud
+            n_stored = {N_STORED: float(len(cloud)), "time_estimate_s": image.time_estimate_s}
+            found = {**image.columns(), **n_stored}
+        else:
+            cloud, found = answer, self.metrics.score(CloudPair.of(scenario, answer))
+        if self.measure is not None:
+            measured = self.measure(Image(scenario, shared.data, plugin, shared.key["snr_db"], cloud))
+            found = {**found, **measured}
+        time_score_s = time_before_s + time.perf_counter() - start
+        return {**found, "status": status_of(len(cloud)), "time_score_s": time_score_s}, cloud
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Tabulate the scatterers of the first trials, none where every trial has the same."""
@@ -337,20 +265,27 @@ class ImagedScene(Scene):
         """Scenario of a trial."""
         return self.template if self._draw is None else self._draw(trial)
 
+    def _simulator(self, trial: int) -> Simulator:
+        simulator: Simulator = self._drawn_once(trial if self.is_drawn else 0)
+        return simulator
+
 
 def build_estimators(suite: Suite) -> list[Entry[Estimator]]:
     """Build the estimators of a suite, every variant of its grids.
 
-    Raises
-    ------
-    InputError
-        If one is unknown, or two have equal parameters.
+    InputError if one is unknown, or two have equal parameters.
     """
-    variants: list[tuple[str, Estimator]] = []
-    for spec in suite.estimators:
-        own = suite.instances.get(spec)
-        variants += build_variants("estimator", spec) if own is None else [(spec, own)]
-    return distinct_entries("estimator", ((text, entry_of(plugin)) for text, plugin in variants))
+    built = build_plugins(suite, "estimator", suite.estimators)
+    return distinct_entries("estimator", ((text, entry_of(plugin)) for text, plugin in built))
+
+
+def build_plugins(suite: Suite, kind: PluginKind, texts: Iterable[str]) -> list[tuple[str, Any]]:
+    """Build plugins that a suite lists, every variant of its grids, each with its specification."""
+    built: list[tuple[str, Any]] = []
+    for text in texts:
+        own = suite.instances.get(text)
+        built += build_variants(kind, text) if own is None else [(text, own)]
+    return built
 
 
 def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
@@ -364,12 +299,12 @@ def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) ->
 
     `what` they are: ``"estimator"``, ``"detector"`` or ``"receiver"``.
     """
-    found: dict[tuple[str, str], Entry[Plugin]] = {}
+    found: dict[Variant, Entry[Plugin]] = {}
     for text, entry in written:
-        if (entry.name, entry.params) in found:
+        if entry.key in found:
             article = "an" if what.startswith("e") else "a"
             raise InputError(f"{what}s: {text!r} repeats {article} {what} with equal parameters")
-        found[entry.name, entry.params] = entry
+        found[entry.key] = entry
     return list(found.values())
 
 

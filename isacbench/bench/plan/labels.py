@@ -19,18 +19,7 @@ Params = Mapping[str, Any]
 
 
 def find_limits(records: pd.DataFrame) -> set[str]:
-    """Find the estimators of a run that see the truth.
-
-    Parameters
-    ----------
-    records : DataFrame
-        Rows of a run.
-
-    Returns
-    -------
-    set of str
-        Their names. An estimator that is not installed counts as one that does not.
-    """
+    """Find the estimators of a run that see the truth, by name; not those that are not installed."""
     limits = set()
     for name in records["estimator"].unique():
         with suppress(InputError):  # a table can be made without the plugins that its rows are of
@@ -49,23 +38,14 @@ def variant_label(name: str, params: str) -> str:
     own = json.loads(params)
     kinds: tuple[PluginKind, ...] = "estimator", "detector"
     unlike = next((found for kind in kinds if (found := _unlike_defaults(kind, name, own))), {})
-    return spell_spec(name, {key: _told(value) for key, value in unlike.items()})
+    return spell_spec(name, {key: _shown(value) for key, value in unlike.items()})
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
     """Name estimators for tables and figures: the bare name, with parameters that differ from the defaults.
 
     Of plugins that are not installed the defaults are unknown: variants of one name show what they differ in.
-
-    Parameters
-    ----------
-    variants : iterable of (str, str)
-        Names and canonical parameters, possibly repeated.
-
-    Returns
-    -------
-    dict of (str, str) to str
-        Labels; where the plugins are registered, they are also specifications of the same variants.
+    `variants` may repeat. Where the plugins are registered, labels are specifications of the same variants.
 
     Examples
     --------
@@ -79,17 +59,17 @@ def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
         namesakes.setdefault(label, []).append(variant)
     for same in namesakes.values():
         if len(same) > 1:
-            labels |= _told_apart(same)
+            labels |= _with_differences(same)
     return labels
 
 
-def _told_apart(variants: Sequence[Variant]) -> dict[Variant, str]:
+def _with_differences(variants: Sequence[Variant]) -> dict[Variant, str]:
     """Labels of variants of one name with the parameters in which they differ."""
     parsed = [json.loads(params) for _, params in variants]
     keys = dict.fromkeys(key for own in parsed for key in own)
     differing = [key for key in keys if any(own.get(key) != parsed[0].get(key) for own in parsed)]
     return {
-        variant: spell_spec(variant[0], {key: _told(own[key]) for key in differing if key in own})
+        variant: spell_spec(variant[0], {key: _shown(own[key]) for key in differing if key in own})
         for variant, own in zip(variants, parsed, strict=True)
     }
 
@@ -103,7 +83,7 @@ def _unlike_defaults(kind: PluginKind, name: str, own: Params) -> dict[str, Any]
     return {key: value for key, value in own.items() if key not in defaults or value != defaults[key]}
 
 
-def _told(value: Any) -> Any:
+def _shown(value: Any) -> Any:
     """Value to show: of a detector only its name and the parameters that differ from known defaults."""
     if not isinstance(value, dict):
         return value

@@ -7,12 +7,11 @@ file, from another process or in another order find their place.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby, pairwise
-from threading import Lock
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,34 +19,26 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS
-from isacbench.bench.kinds.scenes import Entry, Scene
-from isacbench.bench.store.provenance import environment_of
+from isacbench.bench.kinds.scenes import Entry, Task, build_plugins
+from isacbench.bench.store.provenance import Environment, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
+from isacbench.charts import Variant
 from isacbench.errors import InputError
 from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.model.scenes.scene_families import scenario_variants
 from isacbench.plugins.code_digests import foreign_classes
 from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
-from isacbench.plugins.registry import build_variants
 
 
 class Block(NamedTuple):
-    """Cells that share an observation.
+    """Cells that share an observation, by their task's name, trial, SNR, and keys of the entries."""
 
-    Attributes
-    ----------
-    scene : int
-        Index of the scene.
-    entries : tuple of int
-        Indices into the scene's entries, those that have not met it yet.
-    """
-
-    scene: int
+    scenario: str
     trial: int
     snr_db: float
-    entries: tuple[int, ...]
+    entries: tuple[Variant, ...]
 
 
 class Shard(NamedTuple):
@@ -78,25 +69,33 @@ class Shard(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Every cell of a run: scene by scene, trial by trial, SNR by SNR, entry by entry."""
+    """Every cell of a run: task by task, trial by trial, SNR by SNR, entry by entry."""
 
-    scenes: Sequence[Scene]
+    tasks: Sequence[Task]
     n_trials: int
 
     @property
     def n_cells(self) -> int:
-        """Cells of all scenes."""
+        """Cells of all tasks."""
         return len(self._cells)
 
     @property
     def entries(self) -> list[Entry[Any]]:
-        """Entries of all scenes, once each."""
-        every = {(one.name, one.params): one for scene in self.scenes for one in scene.entries}
-        return list(every.values())
+        """Entries of all tasks, once each."""
+        return list({one.key: one for task in self.tasks for one in task.entries}.values())
 
-    def versions(self) -> dict[tuple[str, str], Any]:
-        """Versions that rows made by this process would have, by name and parameters of the entry."""
-        return {(one.name, one.params): environment_of(one.plugin)["versions"] for one in self.entries}
+    @cached_property
+    def environments(self) -> dict[Variant, Environment]:
+        """Environments of rows that this process makes, by the key of the entry."""
+        return {one.key: environment_of(one.plugin) for one in self.entries}
+
+    def versions(self) -> dict[Variant, Any]:
+        """Versions of rows that this process makes, by the key of the entry."""
+        return {key: environment["versions"] for key, environment in self.environments.items()}
+
+    def task(self, name: str) -> Task:
+        """Look up a task by its name."""
+        return self._by_name[name]
 
     def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
         """Positions in the table of some cells.
@@ -126,13 +125,14 @@ class Plan:
             In the order of the table.
         """
         blocks, start = [], 0
-        for index, scene in enumerate(self.scenes):
-            shape = self.n_trials, len(scene.snr_db), len(scene.entries)
+        for task in self.tasks:
+            keys = [one.key for one in task.entries]
+            shape = self.n_trials, len(task.snr_db), len(keys)
             marked = todo[start : start + math.prod(shape)].reshape(shape)
             start += marked.size
             for trial, at_snr in zip(*np.nonzero(marked.any(axis=2)), strict=True):
-                entries = tuple(np.flatnonzero(marked[trial, at_snr]).tolist())
-                blocks.append(Block(index, int(trial), scene.snr_db[at_snr], entries))
+                entries = tuple(keys[index] for index in np.flatnonzero(marked[trial, at_snr]))
+                blocks.append(Block(task.name, int(trial), task.snr_db[at_snr], entries))
         return blocks
 
     def shard(self, shard: Shard) -> NDArray[np.bool_]:
@@ -142,73 +142,36 @@ class Plan:
         -------
         ndarray of bool, shape (n_cells,)
         """
-        blocks = self.blocks(np.ones(self.n_cells, dtype=np.bool_))
-        trials = [block[:2] for block in blocks]
-        part = np.cumsum([before != after for before, after in pairwise([trials[0], *trials])])
-        if part[-1] + 1 < shard.n:
-            part = np.arange(len(blocks))
-        return np.repeat(part % shard.n == shard.k - 1, [len(block.entries) for block in blocks])
+        every = pieces(self.blocks(np.ones(self.n_cells, dtype=np.bool_)), shard.n)
+        part = [number for number, piece in enumerate(every) for block in piece for _ in block.entries]
+        return np.array(part) % shard.n == shard.k - 1
+
+    @cached_property
+    def _by_name(self) -> dict[str, Task]:
+        return {task.name: task for task in self.tasks}
 
     @cached_property
     def _cells(self) -> pd.MultiIndex:
         """Keys of all cells in the order of the table."""
         keys = [
-            (scene.name, one.name, one.params, snr_db, trial)
-            for scene in self.scenes
+            (task.name, *one.key, snr_db, trial)
+            for task in self.tasks
             for trial in range(self.n_trials)
-            for snr_db in scene.snr_db
-            for one in scene.entries
+            for snr_db in task.snr_db
+            for one in task.entries
         ]
         return pd.MultiIndex.from_tuples(keys, names=CLOUD_KEYS)
 
 
-class BlockQueue:
-    """Blocks for several workers: each goes on with its own trial of a scene, whose echo it keeps."""
-
-    def __init__(self, blocks: Sequence[Block]) -> None:
-        self._lock = Lock()
-        self._waiting = deque(deque(group) for _, group in groupby(blocks, key=lambda block: block[:2]))
-        self._taken: list[deque[Block]] = []
-
-    def blocks(self) -> Iterator[Block]:
-        """Blocks for one worker, until no block is left."""
-        mine: deque[Block] = deque()
-        while True:
-            with self._lock:
-                if not mine and self._waiting:
-                    mine = self._waiting.popleft()
-                    self._taken.append(mine)
-                # If no trial is untouched: the last block of the longest queue.
-                fullest = max(self._taken, key=len, default=mine)
-                if not fullest:
-                    return
-                block = mine.popleft() if mine else fullest.pop()
-            yield block
-
-
-class EntryKey(NamedTuple):
-    """Key of an entry of a scene.
-
-    Attributes
-    ----------
-    owner : tuple of str
-        Its classes that are not of isacbench: they have a process of their own.
-    """
-
-    name: str
-    params: str
-    owner: tuple[str, ...]
+def pieces(blocks: Iterable[Block], n: int) -> list[tuple[Block, ...]]:
+    """Pieces to hand out: blocks of a trial, which share its echo, or single blocks if trials are too few."""
+    trials = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
+    return trials if len(trials) >= n else [(block,) for trial in trials for block in trial]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A suite with its scenarios and the plugins that come from files.
-
-    Attributes
-    ----------
-    scenarios : mapping of str to Scenario
-        By name.
-    """
+    """A suite with its scenarios by name and the plugins that come from files: what other processes need."""
 
     suite: Suite
     scenarios: Mapping[str, Scenario]
@@ -216,7 +179,7 @@ class Job:
 
     @cached_property
     def plan(self) -> Plan:
-        """Scenes that the suite's study makes of the scenarios, and their cells.
+        """Tasks that the suite's kind makes of the scenarios, and their cells.
 
         Raises
         ------
@@ -225,56 +188,48 @@ class Job:
         """
         for plugin in self.plugins:
             register_plugin(plugin)
-        scenes = kind_of(self.suite).scenes(self.suite, self.scenarios)
-        for name, n in Counter(scene.name for scene in scenes).items():
+        tasks = kind_of(self.suite).scenes(self.suite, self.scenarios)
+        for name, n in Counter(task.name for task in tasks).items():
             if n > 1:
                 raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")
-        return Plan(scenes, self.suite.trials)
+        return Plan(tasks, self.suite.trials)
 
     @cached_property
-    def keys(self) -> list[list[EntryKey]]:
-        """Keys of the entries of each scene, which another process knows without making the plan."""
-        return [
-            [EntryKey(one.name, one.params, foreign_classes(one.plugin)) for one in scene.entries]
-            for scene in self.plan.scenes
-        ]
+    def parts(self) -> dict[frozenset[Variant], Job]:
+        """Jobs for processes of their own, by the keys of the entries that are worked on there.
 
-    @cached_property
-    def parts(self) -> dict[tuple[str, ...], Job]:
-        """Jobs by the owner of entries: each has at least these, and imports no code of others for them."""
-        owners = dict.fromkeys(key.owner for keys in self.keys for key in keys)
-        return {owner: self._of_owner(owner) for owner in owners}
+        Entries with the same classes of somebody else are a part, and so are those of isacbench alone. The
+        job of a part imports no code of others, as far as its suite can be stated without them.
+        """
+        keys: dict[tuple[str, ...], list[Variant]] = {}
+        for one in self.plan.entries:
+            keys.setdefault(foreign_classes(one.plugin), []).append(one.key)
+        return {frozenset(own): self._of_classes({*classes}) for classes, own in keys.items()}
 
-    def _of_owner(self, owner: tuple[str, ...]) -> Job:
-        kinds: tuple[tuple[str, PluginKind], ...] = ("estimators", "estimator"), ("detectors", "detector")
-        changes = {key: self._texts_of(owner, key, kind) for key, kind in kinds if hasattr(self.suite, key)}
+    def _of_classes(self, classes: set[str]) -> Job:
+        """Job of the entries with foreign classes of a set alone."""
+        changes: dict[str, list[str]] = {}
+        kinds: tuple[PluginKind, ...] = "estimator", "detector"
+        for kind in kinds:
+            built = build_plugins(self.suite, kind, getattr(self.suite, f"{kind}s", ()))
+            own = [text for text, plugin in built if classes.issuperset(foreign_classes(plugin))]
+            if built:
+                changes[f"{kind}s"] = own or [text for text, _ in built]
         metrics = kind_of(self.suite).metrics_of(self.suite).further
-        needed = {*owner}.union(*map(foreign_classes, metrics))
+        needed = classes.union(*map(foreign_classes, metrics))
         files = [
             one for one in self.plugins if any(name.startswith(f"{one.module_name}.") for name in needed)
         ]
-        part = Job(self.suite.replace(**changes), self.scenarios, tuple(files))
-        vars(part)["keys"] = self.keys
-        return part
-
-    def _texts_of(self, owner: tuple[str, ...], key: str, kind: PluginKind) -> list[str]:
-        """Spell the plugins of the suite that have no classes but the owner's; all if there are none."""
-        built: list[tuple[str, Any]] = []
-        for text in getattr(self.suite, key):
-            own = self.suite.instances.get(text)
-            built += build_variants(kind, text) if own is None else [(text, own)]
-        return [text for text, plugin in built if {*owner} >= {*foreign_classes(plugin)}] or [
-            text for text, _ in built
-        ]
+        return Job(self.suite.replace(**changes), self.scenarios, tuple(files))
 
     def draws(self) -> pd.DataFrame:
-        """Scatterers that the scenes drew."""
-        tables = [table for scene in self.plan.scenes if len(table := scene.draws(self.suite.trials))]
+        """Scatterers that the tasks drew."""
+        tables = [table for task in self.plan.tasks if len(table := task.draws(self.suite.trials))]
         return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=DRAW_COLUMNS)
 
     def __getstate__(self) -> dict[str, object]:
         """Leave the plan behind: another process makes its own, with its own plugins."""
-        return {key: value for key, value in vars(self).items() if key != "plan"}
+        return {key: value for key, value in vars(self).items() if key not in ("plan", "parts")}
 
 
 def load_job(suite: Suite) -> Job:

@@ -206,8 +206,6 @@ def _gaps(plan: Plan, positions: NDArray[np.int64]) -> list[Gap]:
     missing[positions] = False
     trials: dict[tuple[str, str, str], list[int]] = {}
     for block in plan.blocks(missing):
-        scene = plan.scenes[block.scene]
-        for index in block.entries:
-            one = scene.entries[index]
-            trials.setdefault((scene.name, one.name, one.params), []).append(block.trial)
+        for key in block.entries:
+            trials.setdefault((block.scenario, *key), []).append(block.trial)
     return [Gap(*key, len(found), tuple(dict.fromkeys(found))) for key, found in trials.items()]

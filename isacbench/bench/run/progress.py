@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from functools import partial
 
 from rich.console import Console
 
@@ -26,53 +27,44 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
     is yielded is called after each piece.
     """
     console = Console(stderr=True)
-    if console.is_terminal:
-        with _bar(title, console, is_idle) as show:
-            yield show
-    else:
+    if not console.is_terminal:
         # The console's file is a null device if stderr is closed.
-        yield paced_progress(
-            noun, lambda text: print(f"isacbench: {text}", file=console.file, flush=True), LINE_S
-        )
+        say = partial(print, file=console.file, flush=True)
+        yield paced_progress(noun, lambda text: say(f"isacbench: {text}"), LINE_S)
+        return
+    from rich import markup, progress  # only where they are needed: they take a while
+
+    columns = *progress.Progress.get_default_columns(), progress.MofNCompleteColumn()
+    with progress.Progress(*columns, console=console, transient=True, auto_refresh=not is_idle) as bar:
+        task = bar.add_task(markup.escape(visible(title)), total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)
 
 
 def paced_progress(
     noun: str,
-    tell: Callable[[str], object],
+    say: Callable[[str], object],
     period_s: float,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
-    """Put progress into words, which `tell` takes, at most once in a period; `clock` has the time in s."""
-    begun_s = told_s = clock()
+    """Put progress into words for `say`, at most once in a period; `clock` has the time in s."""
+    begin_s = last_s = clock()
     n_before: int | None = None
 
     def show(n_done: int, n_all: int) -> None:
-        nonlocal told_s, n_before
+        nonlocal last_s, n_before
         if n_before is None:
             n_before = n_done - 1  # done by an earlier call of the same run
         now_s = clock()
-        if now_s - told_s < period_s:
+        if now_s - last_s < period_s:
             return
-        told_s, elapsed_s = now_s, now_s - begun_s
+        last_s, elapsed_s = now_s, now_s - begin_s
         text = f"{n_done} of {n_all} {noun}, {_duration(elapsed_s)}"
         if n_done < n_all:
             text += f", about {_duration(elapsed_s * (n_all - n_done) / (n_done - n_before))} left"
-        tell(text)
+        say(text)
 
     return show
 
 
 def _duration(time_s: float) -> str:
     return str(timedelta(seconds=round(time_s)))
-
-
-@contextmanager
-def _bar(title: str, console: Console, is_idle: bool) -> Iterator[Progress]:
-    """Bar with the time left on a terminal, removed at the end."""
-    from rich import progress
-    from rich.markup import escape as rich_escape
-
-    columns = *progress.Progress.get_default_columns(), progress.MofNCompleteColumn()
-    with progress.Progress(*columns, console=console, transient=True, auto_refresh=not is_idle) as bar:
-        task = bar.add_task(rich_escape(visible(title)), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import MeasuredImage, image_reference
+from isacbench.bench.cells.cell import Image, image_reference
 from isacbench.bench.cells.record import N_STORED, failed
 from isacbench.bench.store.manifest import SCORES, describe_scores, describe_session, read_manifest
 from isacbench.bench.store.run import Run
@@ -141,7 +141,7 @@ def _reference(label: str, name: str, params: str) -> ReferenceEstimator:
 def _measured(run: Run, scenario: Scenario, row: pd.Series[Any], cloud: PointCloud) -> dict[str, Any]:
     """Columns that a scene derives from a cloud; none if it needs more than the cloud."""
     scene = run.imaged_scenes[row["scenario"]]
-    image = MeasuredImage(scenario, None, None, row["snr_db"], cloud)
+    image = Image(scenario, None, None, row["snr_db"], cloud)
     if scene.measure is None or not (found := scene.measure(image)):
         return {}
     known = {*scene.labels, "snr_gain_db"}

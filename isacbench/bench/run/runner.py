@@ -3,133 +3,41 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Sequence
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from isacbench.bench.cells.cell import repeats_wanted
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, failed, typed
-from isacbench.bench.plan.labels import estimator_labels
-from isacbench.bench.plan.run_plan import Block, Job, Plan, Shard, load_job
+from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, typed
+from isacbench.bench.plan.run_plan import Block, Job, load_job
+from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.progress import Progress, progress_shown
+from isacbench.bench.run.resume import rows_to_keep
 from isacbench.bench.store.manifest import (
     SCORES,
     build_manifest,
     describe_run,
     describe_session,
-    require_same_scores,
     row_columns,
     with_sessions,
     write_manifest,
 )
-from isacbench.bench.store.provenance import differing_versions, environment_id, environment_of
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
-from isacbench.bench.workers.guarded_cells import DEFAULT_TIMEOUT_S, Guard, work_guarded, work_here
-from isacbench.errors import InputError, unknown_name
+from isacbench.bench.workers.cell import DEFAULT_TIMEOUT_S
+from isacbench.bench.workers.worker import rows_guarded, rows_here
+from isacbench.errors import InputError
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
 
-Mask = NDArray[np.bool_]
-
-Rerun = Literal["failed", "stale", "all"]
-RERUNS: tuple[Rerun, ...] = ("failed", "stale", "all")
-
-
-@dataclass(frozen=True)
-class Execution:
-    """Options of a run that do not change what its cells yield.
-
-    Attributes
-    ----------
-    n_jobs : int or None
-        Guarded worker processes on this machine; None for this process,
-        without guard.
-    guard : Guard
-        Limits of every cell in a worker.
-    dask : str or None
-        Address of a Dask scheduler, whose workers replace those of this
-        machine.
-    shard : Shard or None
-        Part of the cells.
-    rerun : collection of {"failed", "stale", "all"}
-        Stored cells that are made again.
-    mix_versions : bool
-        True to keep rows of other versions beside new ones.
-    repeats : int or None
-        Timed repeats of each estimate; None for a run that is not timed.
-
-    Raises
-    ------
-    InputError
-        If a value is not allowed.
-    """
-
-    n_jobs: int | None = None
-    guard: Guard = field(default_factory=Guard)
-    dask: str | None = None
-    shard: Shard | None = None
-    rerun: Collection[Rerun] = ()
-    mix_versions: bool = False
-    repeats: int | None = None
-
-    def __post_init__(self) -> None:
-        for name, value in (("jobs", self.n_jobs), ("repeats", self.repeats)):
-            if value is not None and value < 1:
-                raise InputError(f"{name} {value}: allowed is 1 or more")
-        if self.n_jobs is not None and self.dask is not None:
-            raise InputError("jobs and dask cannot be given together: give one")
-        if self.is_timing and (self.dask is not None or (self.n_jobs or 1) > 1):
-            where = "dask" if self.dask else f"jobs {self.n_jobs}"
-            raise InputError(
-                f"timing needs one job on this machine, not {where}: cells that run at the same time slow "
-                "each other down"
-            )
-        if not self.is_guarded and self.guard not in (Guard(), Guard(None)):
-            raise InputError("timeout_s and memory_mib limit worker processes: give jobs or dask as well")
-
-    @property
-    def is_guarded(self) -> bool:
-        """True if cells run in worker processes, with limits."""
-        return self.n_jobs is not None or self.dask is not None
-
-    @property
-    def is_timing(self) -> bool:
-        """True if the run is timed."""
-        return self.repeats is not None
-
-    def describe(self) -> dict[str, Any]:
-        """Describe the options in terms of JSON."""
-        return {
-            "jobs": self.n_jobs,
-            "timeout_s": self.guard.timeout_s if self.is_guarded else None,
-            "memory_mib": self.guard.memory_mib if self.is_guarded else None,
-            "dask": self.dask,
-            "shard": None if self.shard is None else f"{self.shard.k}/{self.shard.n}",
-            "timing": self.is_timing,
-            "repeats": self.repeats,
-        }
-
-
-HERE = Execution()
-
-
-def parse_reruns(names: Collection[str]) -> tuple[Rerun, ...]:
-    """Check the names of the groups of cells to compute again."""
-    for name in names:
-        if name not in RERUNS:
-            raise unknown_name("cells to rerun", name, RERUNS)
-    return tuple(name for name in RERUNS if name in names)
+DEFAULTS = RunOptions()
 
 
 def run(
@@ -224,14 +132,16 @@ def run(
         trials=trials,
         seed=seed,
     )
-    execution = Execution(
-        n_jobs=jobs,
-        guard=Guard(timeout_s, memory_mib),
+    options = RunOptions(
+        jobs=jobs,
+        timeout_s=timeout_s,
+        memory_mib=memory_mib,
         dask=dask,
-        shard=None if shard is None else Shard.parse(shard),
-        rerun=parse_reruns(rerun),
+        shard=shard,
+        rerun=rerun,
         mix_versions=mix_versions,
-        repeats=repeats_wanted(timing, repeats),
+        timing=timing,
+        repeats=repeats,
     )
     wanted = with_metrics(wanted, metrics)
     if estimators is not None:
@@ -242,7 +152,7 @@ def run(
     ):
         for path in plugins:
             load_plugin_file(path)
-        results = run_suite(wanted, None if out is None else Path(out), show, execution)
+        results = run_suite(wanted, None if out is None else Path(out), show, options)
     if results.manifest["interrupted"]:
         raise KeyboardInterrupt(
             f"after {len(results.rows)} cells" + (f", written to {out}" if out is not None else "")
@@ -254,7 +164,7 @@ def run_suite(
     suite: Suite,
     out: Path | None = None,
     progress: Progress | None = None,
-    execution: Execution = HERE,
+    options: RunOptions = DEFAULTS,
 ) -> Run:
     """Run a suite into a folder, new or of the same run. An interrupt ends it early and keeps its rows.
 
@@ -264,21 +174,21 @@ def run_suite(
     """
     job = load_job(suite)
     started, tick = datetime.now().astimezone(), time.perf_counter()
-    options = {**execution.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
+    called = {**options.describe(), "plugins": {one.filename: one.path for one in job.plugins}}
     plan = job.plan
-    wanted = np.ones(plan.n_cells, dtype=np.bool_) if execution.shard is None else plan.shard(execution.shard)
+    wanted = np.ones(plan.n_cells, dtype=np.bool_) if options.part is None else plan.shard(options.part)
     with open_folder(out) as folder:
         stored = Run.recover(folder)
         try:
-            kept = _rows_to_keep(stored, job, execution, wanted)
+            kept = rows_to_keep(stored, job, options, wanted)
         except InputError as error:
             raise InputError(f"{stored.label}: {error}") from error
         todo = wanted.copy()
         todo[plan.positions(kept.rows)] = False
         earlier, described = stored.manifest.get("sessions", []), describe_run(job)
         columns = row_columns(suite, described[SCORES]["columns"])
-        with closing(_work(job, plan.blocks(todo), execution)) as rows:
-            sessions = [*earlier, describe_session(started, 0.0, True, options)]
+        with closing(_work(job, plan.blocks(todo), options)) as rows:
+            sessions = [*earlier, describe_session(started, 0.0, True, called)]
             manifest = build_manifest(described, kept.environments, sessions)
             # The rows of an earlier call are in the tables before its journal is removed, so that a kill at
             # any moment loses none.
@@ -291,7 +201,7 @@ def run_suite(
             has_reference = any(is_reference(one.plugin) for one in plan.entries)
             further = {
                 **columns,
-                **(TIMING_COLUMNS if execution.is_timing else {}),
+                **(TIMING_COLUMNS if options.timing else {}),
                 **(REFERENCE_COLUMNS if has_reference else {}),
             }
             interrupted, n_done = False, int(np.sum(wanted & ~todo))
@@ -306,7 +216,7 @@ def run_suite(
         found = Run.joined([kept, Run.of_journal(path)])
         found = found.take(np.argsort(plan.positions(found.rows), kind="stable"))
         clouds, wall_time_s = found.points, time.perf_counter() - tick
-        sessions = [*earlier, describe_session(started, wall_time_s, interrupted, options)]
+        sessions = [*earlier, describe_session(started, wall_time_s, interrupted, called)]
         names, known = found.rows["environment"].unique(), found.environments
         used = {name: known[name] for name in names if name in known}
         run = Run(
@@ -321,100 +231,17 @@ def run_suite(
     return run
 
 
-def _rows_to_keep(stored: Run, job: Job, execution: Execution, part: Mask) -> Run:
-    """Select the stored rows that a resumed run keeps, at most one a cell; refuse to lose any others.
-
-    Not kept are rows to be made again (of failed cells, of cells whose scenario or versions have changed
-    since, or all) within `part`, the cells that this run computes, and of a timed run those that were not
-    timed. Rows of another suite, seed or grid are refused, those scored by other metrics, and those of other
-    scenarios or, unless they may be mixed, other versions that are neither kept nor computed again.
-    """
-    rows, plan = stored.rows, job.plan
-    if rows.empty:
-        return stored
-    is_all_again = "all" in execution.rerun and part.all()
-    if SCORES in stored.manifest or not is_all_again:  # without them it is not known what scored the rows
-        require_same_scores(stored.manifest, job.suite)
-    positions = plan.positions(rows)
-    _refuse_others(rows, positions, plan, job.suite)
-    known = [environment_of(one.plugin) for one in plan.entries]  # the manifest may be damaged
-    environments = {**stored.environments, **{environment_id(one): one for one in known}}
-    now = plan.versions()
-    contents = {scene.name: scene.content for scene in plan.scenes}
-    other_content: Mask = (rows["scenario_content"] != rows["scenario"].map(contents)).to_numpy()
-    other_versions = _other_versions(rows, environments, now) & (not execution.mix_versions)
-    again = np.full(len(rows), "all" in execution.rerun)
-    if execution.is_timing:
-        again |= ~rows["timing"].to_numpy(dtype=np.bool_)
-    if "failed" in execution.rerun:
-        again |= failed(rows).to_numpy()
-    if "stale" in execution.rerun:
-        again |= other_content | other_versions
-    again &= part[positions]
-    is_last = ~pd.Series(positions).duplicated(keep="last").to_numpy()
-    has_cloud = rows["deviation"].isna().to_numpy() | stored.is_whole()
-    good: Mask = is_last & has_cloud & ~again
-    if (stale := good & other_content).any():
-        raise InputError(
-            f"{stale.sum()} of its {stale.size} cells were made with different content of scenario "
-            f"{rows[stale].iloc[0]['scenario']!r}: use --rerun stale (without --shard), or a new folder"
-        )
-    if (stale := good & other_versions).any():
-        first = rows[stale].iloc[0]
-        old = environments.get(first["environment"], {}).get("versions", {})
-        new = now[first["estimator"], first["params"]]
-        raise InputError(
-            f"{stale.sum()} of its {stale.size} cells were made by other versions, the first one by "
-            f"{', '.join(differing_versions(old, new))}; use --rerun stale (without --shard) to "
-            "recompute them, --mix-versions to keep them, or a new folder"
-        )
-    return stored.changed(manifest={**stored.manifest, "environments": environments}).take(good)
-
-
-def _refuse_others(rows: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite: Suite) -> None:
-    """Refuse rows of cells that are not in the plan."""
-    for column, wanted in (("suite", suite.name), ("seed", suite.seed)):
-        others = rows.loc[rows[column] != wanted, column]
-        if len(others):
-            raise InputError(
-                f"it holds cells of {column} {others.iloc[0]}, not {wanted}; "
-                f"use the same {column}, or a new folder"
-            )
-    unknown = rows[positions < 0]
-    if len(unknown):
-        first = unknown.iloc[0]
-        variant = first["estimator"], first["params"]
-        labels = estimator_labels([variant, *((one.name, one.params) for one in plan.entries)])
-        raise InputError(
-            f"it holds {len(unknown)} cells that this run does not have, the first one "
-            f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
-            "include them in this run, or use a new folder"
-        )
-
-
-def _other_versions(
-    rows: pd.DataFrame, environments: Mapping[str, Any], now: Mapping[tuple[str, str], Any]
-) -> Mask:
-    """Tell which rows were made by other versions than rows of this process would be."""
-    groups = rows.groupby(["environment", "estimator", "params"], sort=False)
-    other = [
-        environments.get(name, {}).get("versions") != now[estimator, params]
-        for name, estimator, params in groups.size().index
-    ]
-    return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]
-
-
-def _work(job: Job, blocks: Sequence[Block], execution: Execution) -> Generator[Row, None, None]:
+def _work(job: Job, blocks: Sequence[Block], options: RunOptions) -> Generator[Row, None, None]:
     """Rows of blocks from this process, from workers or from a cluster, which is connected at once."""
-    if execution.dask is not None and blocks:
+    if options.dask is not None and blocks:
         try:
-            from isacbench.bench.workers.cluster import work_on_cluster
+            from isacbench.bench.workers.cluster import rows_on_cluster
         except ImportError as error:  # an optional dependency
             raise InputError(
                 "dask: the package `distributed` is missing; pip install 'isacbench[distributed]', here and "
                 "where workers run"
             ) from error
-        return work_on_cluster(job, blocks, execution.guard, execution.dask, execution.mix_versions)
-    if execution.n_jobs is None:
-        return work_here(job, blocks, execution.repeats)
-    return work_guarded(job, blocks, execution.guard, execution.n_jobs, execution.repeats)
+        return rows_on_cluster(job, blocks, options.limits, options.dask, options.mix_versions)
+    if options.jobs is None:
+        return rows_here(job, blocks, options.n_repeats)
+    return rows_guarded(job, blocks, options.limits, options.jobs, options.n_repeats)

@@ -123,7 +123,7 @@ def describe_session(
 def describe_run(job: Job) -> dict[str, Any]:
     """Describe the content of a run: the values of `RUN_KEYS`."""
     suite, plan = job.suite, job.plan
-    index = {(one.name, one.params): number for number, one in enumerate(plan.entries)}
+    index = {one.key: number for number, one in enumerate(plan.entries)}
     return {
         "seed": suite.seed,
         "suite": suite.model_dump(),
@@ -138,12 +138,12 @@ def describe_run(job: Job) -> dict[str, Any]:
         },
         "scenes": [
             {
-                "name": scene.name,
-                "content": scene.content,
-                "snr_db": list(scene.snr_db),
-                ENTRIES: [index[one.name, one.params] for one in scene.entries],
+                "name": task.name,
+                "content": task.content,
+                "snr_db": list(task.snr_db),
+                ENTRIES: [index[one.key] for one in task.entries],
             }
-            for scene in plan.scenes
+            for task in plan.tasks
         ],
     }
 

@@ -22,7 +22,7 @@ from isacbench.bench.cells.record import (
     stored_points,
     typed,
 )
-from isacbench.bench.kinds.scenes import ImagedScene
+from isacbench.bench.kinds.scenes import ImagingTask
 from isacbench.bench.store import run_folder as files
 from isacbench.bench.store import tables
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
@@ -205,12 +205,12 @@ class Run(Displayed):
         return self.scenes.draws
 
     @cached_property
-    def imaged_scenes(self) -> Mapping[str, ImagedScene]:
+    def imaged_scenes(self) -> Mapping[str, ImagingTask]:
         """Scenes that were imaged, by name; no synthetic maps and no users of a link."""
         suite = self.scenes.suite
         bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
         scenes = kind_of(suite).scenes(suite.model_copy(update=bare), self.scenarios)
-        return {scene.name: scene for scene in scenes if isinstance(scene, ImagedScene)}
+        return {scene.name: scene for scene in scenes if isinstance(scene, ImagingTask)}
 
     def changed(self, **changes: Any) -> Run:
         """Replace attributes: rows by others of the same cells, the label, the manifest."""

@@ -32,9 +32,6 @@ KINDS: dict[str, Kind] = {
 }
 """Kinds of suites by the value of the key ``kind``. A new one is entered here, and nowhere else."""
 
-PLANNERS = tuple(type(kind).__module__ for kind in KINDS.values())
-"""Modules that plan scenes and measure them: the code of the kinds that rows follow from."""
-
 
 class _KindOnly(BaseModel):
     """Key that decides which other keys a suite has."""

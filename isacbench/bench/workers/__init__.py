@@ -1,3 +1,3 @@
 """Worker processes: guarded cells on this machine and on others."""
 
-__all__ = ["cluster", "guarded_cells", "guarded_process"]
+__all__ = ["cell", "cluster", "guarded_process", "worker"]

@@ -1,7 +1,7 @@
 """Blocks worked off on a Dask cluster: the same guarded cells, on the workers of other machines.
 
 A task is the blocks of one trial of a scene, which share its echo, or one block where trials are few. It has
-guarded processes of its own: the Dask worker itself never imports a plugin, and an order arrives by content.
+guarded processes of its own: the Dask worker itself never imports a plugin, and a job arrives by content.
 At the end, cells of tasks in which workers died run again one at a time, to find those that kill workers.
 """
 
@@ -19,7 +19,6 @@ from collections import defaultdict, deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from itertools import groupby
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -27,12 +26,12 @@ from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
 from isacbench.bench.cells.record import Row
-from isacbench.bench.plan.run_plan import Block, Job
+from isacbench.bench.plan.run_plan import Block, Job, pieces
 from isacbench.bench.store.provenance import differing_versions
-from isacbench.bench.workers.guarded_cells import Guard, Lane, Workbench
+from isacbench.bench.workers.cell import Limits
+from isacbench.bench.workers.worker import Ready, Worker, work
+from isacbench.charts import Variant
 from isacbench.errors import InputError
-
-Piece = tuple[Block, ...]
 
 WAIT_S = 30.0
 """Longest time in s that a run waits for an answer of the scheduler, or for a worker."""
@@ -49,52 +48,35 @@ GONE = "the scheduler is gone"
 
 
 @dataclass(frozen=True)
-class WorkOrder:
-    """Request of a run to every worker, small enough for each task to carry it.
+class Order:
+    """What each task of a run carries.
 
     Attributes
     ----------
     token : str
         Name by which workers know the run again.
+    packed_parts : bytes
+        `Job.parts`, which only the run's process can make: others import no plugin.
     versions : mapping of (str, str) to Any
         Versions that rows must have, by name and parameters of the entry; unless they may be mixed.
     """
 
     token: str
-    packed_job: bytes
-    guard: Guard
-    versions: Mapping[tuple[str, str], Any]
-    mix_versions: bool = False
+    packed_parts: bytes
+    limits: Limits
+    versions: Mapping[Variant, Any]
+    mix_versions: bool
 
     @classmethod
-    def of_job(cls, job: Job, guard: Guard, mix_versions: bool = False) -> WorkOrder:
+    def of_job(cls, job: Job, limits: Limits, mix_versions: bool = False) -> Order:
         """Make the order for a job, with the versions of this process."""
-        job.parts  # noqa: B018  which the worker itself cannot make, for it imports no plugin
-        packed = zlib.compress(pickle.dumps(job))
-        return cls(uuid.uuid4().hex, packed, guard, job.plan.versions(), mix_versions)
+        packed = zlib.compress(pickle.dumps(job.parts))
+        return cls(uuid.uuid4().hex, packed, limits, job.plan.versions(), mix_versions)
 
-    @contextmanager
-    def lane(self) -> Iterator[Lane]:
-        """Start processes for the cells of the order, which end with the context.
-
-        InputError if one lacks a plugin of the order, or has other versions.
-        """
-        # A nanny has made the worker a daemon, which may not have children. And memory that goes back to
-        # the system at once makes an estimator take more than twice as long.
-        multiprocessing.current_process().daemon = False
-        os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
-        with Lane(pickle.loads(zlib.decompress(self.packed_job)), self.guard) as lane:
-            _busy[self.token].add(lane)
-            try:
-                self._require_fit(lane)
-                yield lane
-            finally:
-                _busy[self.token].discard(lane)
-
-    def _require_fit(self, lane: Lane) -> None:
-        """Refuse processes that would make other rows than the run's."""
+    def require_fit(self, worker: Worker) -> None:
+        """Refuse processes that lack a plugin, or would make other rows than the run's."""
         try:
-            found = lane.versions()
+            found = worker.versions()
             for (name, params), wanted in self.versions.items():
                 if (name, params) not in found:
                     there = " or ".join(params for other, params in found if other == name) or "none"
@@ -109,34 +91,43 @@ class WorkOrder:
 
 # The functions below run in the Dask worker.
 
-_busy: defaultdict[str, set[Lane]] = defaultdict(set)
-"""Processes at work, by the token of their order."""
+_busy: defaultdict[str, set[Worker]] = defaultdict(set)
+"""Workers of this machine, by the token of their order."""
 
 
-def work(order: WorkOrder, blocks: Sequence[Block]) -> list[Row]:
-    """Work off blocks: the Dask task."""
-    with order.lane() as lane:
-        return list(lane.work(blocks))
+def make_rows(order: Order, blocks: Sequence[Block]) -> list[Row]:
+    """Work on blocks: the Dask task. InputError if its processes lack a plugin or have another version."""
+    # A nanny has made the Dask worker a daemon, which may not have children. And memory that goes back to
+    # the system at once makes an estimator take more than twice as long.
+    multiprocessing.current_process().daemon = False
+    os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
+    with Worker(pickle.loads(zlib.decompress(order.packed_parts)), order.limits) as worker:
+        _busy[order.token].add(worker)
+        try:
+            order.require_fit(worker)
+            return list(worker.rows(blocks))
+        finally:
+            _busy[order.token].discard(worker)
 
 
-async def check_worker(order: WorkOrder) -> None:
-    """Find out whether `work` can start its processes, at the same time as the worker's tasks."""
-    await asyncio.to_thread(work, order, ())
+async def check_worker(order: Order) -> None:
+    """Find out whether `make_rows` can start its processes, at the same time as the worker's tasks."""
+    await asyncio.to_thread(make_rows, order, ())
 
 
 async def stop(token: str) -> None:
     """End all processes of an order, at the same time as the worker's tasks."""
-    for lane in _busy.pop(token, set()):
-        await asyncio.to_thread(lane.stop)
+    for worker in _busy.pop(token, set()):
+        await asyncio.to_thread(worker.stop)
 
 
 # The functions below run in the process of the run.
 
 
-def work_on_cluster(
-    job: Job, blocks: Sequence[Block], guard: Guard, address: str, mix_versions: bool = False
+def rows_on_cluster(
+    job: Job, blocks: Sequence[Block], limits: Limits, address: str, mix_versions: bool = False
 ) -> Generator[Row, None, None]:
-    """Work off blocks on the workers of a Dask scheduler; rows come in the order in which they are done.
+    """Work on blocks on the workers of a Dask scheduler; rows come in the order in which they are made.
 
     Scheduler and workers are checked before this returns. A cell that several workers in a row die of is
     ``killed``. InputError if there is no scheduler or no worker, or a worker lacks a plugin or has another
@@ -144,7 +135,7 @@ def work_on_cluster(
     """
     with ExitStack() as stack:
         stack.enter_context(_quiet())
-        cluster = _Cluster(address, WorkOrder.of_job(job, guard, mix_versions))
+        cluster = _Cluster(address, Order.of_job(job, limits, mix_versions))
         stack.callback(cluster.leave)
         cluster.check()
         return _rows(cluster, job, blocks, stack.pop_all())
@@ -154,28 +145,30 @@ def _rows(
     cluster: _Cluster, job: Job, blocks: Sequence[Block], stack: ExitStack
 ) -> Generator[Row, None, None]:
     with stack:
-        trials = [tuple(group) for _, group in groupby(blocks, key=lambda block: block[:2])]
-        pieces = trials if len(trials) >= cluster.n_tasks() else [(block,) for block in blocks]
         suspects: list[Block] = []
-        for piece, rows in cluster.work(pieces):
+        for task, rows in cluster.work(pieces(blocks, cluster.n_tasks())):
             if rows is None:
-                suspects += [block._replace(entries=(entry,)) for block in piece for entry in block.entries]
+                suspects += [block._replace(entries=(key,)) for block in task for key in block.entries]
             else:
                 yield from rows
         # Any cell of a task may have killed the worker; one cell alone shows whether it does.
-        for suspect in suspects:
-            for _, rows in cluster.work([(suspect,)]):
-                if rows is not None:
-                    yield from rows
-                else:  # the scene is observed here, because a row needs it
-                    (row,) = Workbench(job).observe(suspect).values()
-                    yield row.failed("killed", "several Dask workers died in this cell", 0.0)
+        for cell in suspects:
+            for _, rows in cluster.work([(cell,)]):
+                yield from _killed(job, cell) if rows is None else rows
+
+
+def _killed(job: Job, cell: Block) -> Iterator[Row]:
+    """Row of a cell that workers die of; it is observed here, for what a row says of its observation."""
+    ready = next(work(job, [cell]))
+    assert isinstance(ready, Ready)
+    for row in ready.rows.values():
+        yield row.failed("killed", "several Dask workers died in this cell", 0.0)
 
 
 class _Cluster:
     """Workers of a scheduler: checks them, gives them tasks, and notices their loss."""
 
-    def __init__(self, address: str, order: WorkOrder) -> None:
+    def __init__(self, address: str, order: Order) -> None:
         self._address, self._order = address, order
         try:
             self._client = Client(address, timeout=WAIT_S, set_as_default=False)
@@ -184,8 +177,7 @@ class _Cluster:
                 f"no scheduler there ({error}); give the address of a running `dask scheduler`, such as "
                 "tcp://10.0.0.1:8786"
             ) from error
-        self._done: SimpleQueue[Future[list[Row]]] = SimpleQueue()
-        self._running: dict[Future[list[Row]], Piece] = {}
+        self._running: dict[Future[list[Row]], Sequence[Block]] = {}
         self._last_alive_s = time.monotonic()
         self._is_lost = False
 
@@ -195,31 +187,42 @@ class _Cluster:
             self._client.wait_for_workers(1, timeout=WAIT_S)
         except TimeoutError as error:
             raise self._error(self._no_worker()) from error
-        answers = self._client.run(check_worker, self._order, on_error="return")
-        for worker, fault in answers.items():
+        faults = self._client.run(check_worker, self._order, on_error="return")
+        for worker, fault in faults.items():
             if fault is not None:
                 raise self._refused(f"worker {worker}", fault)
 
-    def work(self, pieces: Sequence[Piece]) -> Iterator[tuple[Piece, list[Row] | None]]:
-        """Work off pieces, a task each; yields them with their rows, or with None if workers died in it."""
-        waiting = deque(pieces)
+    def work(self, tasks: Sequence[Sequence[Block]]) -> Iterator[tuple[Sequence[Block], list[Row] | None]]:
+        """Work on tasks; yields them with their rows, or with None if workers died in one."""
+        waiting, done = deque(tasks), SimpleQueue[Future[list[Row]]]()
         while waiting or self._running:
             n_tasks = self.n_tasks()
             while waiting and len(self._running) < n_tasks:
-                piece = waiting.popleft()
-                future = self._client.submit(work, self._order, piece, pure=False, key=None)
-                self._running[future] = piece
-                future.add_done_callback(self._done.put)
+                task = waiting.popleft()
+                future = self._client.submit(make_rows, self._order, task, pure=False, key=None)
+                self._running[future] = task
+                future.add_done_callback(done.put)
             with suppress(Empty):
-                future = self._done.get(timeout=POLL_S)
+                future = done.get(timeout=POLL_S)
                 yield self._running.pop(future), self._rows_of(future)
 
     def n_tasks(self) -> int:
-        """Tasks that workers have at a time."""
-        return TASKS_A_THREAD * max(self._n_threads(), 1)
+        """Tasks that workers have at a time; InputError if the cluster is lost."""
+        try:
+            if self._client.status != "running":
+                raise OSError
+            n_threads = int(sum(self._client.nthreads().values()))
+        except OSError as error:
+            raise self._lost(GONE) from error
+        now_s = time.monotonic()
+        if n_threads:
+            self._last_alive_s = now_s
+        elif now_s - self._last_alive_s > WAIT_S:
+            raise self._lost(self._no_worker())
+        return TASKS_A_THREAD * max(n_threads, 1)
 
     def leave(self) -> None:
-        """Cancel running tasks and clear what workers keep; a lost cluster needs neither."""
+        """Cancel running tasks and end their processes; a lost cluster needs neither."""
         if not self._is_lost:
             with suppress(OSError):  # the scheduler ends at this moment
                 self._client.cancel(list(self._running))
@@ -232,7 +235,7 @@ class _Cluster:
             try:
                 return future.result(timeout=POLL_S)
             except OSError:  # such as TimeoutError: the worker that had the result may have died
-                self._n_threads()
+                self.n_tasks()
             except Exception:
                 if future.status == "finished":
                     raise
@@ -245,21 +248,6 @@ class _Cluster:
         if isinstance(error, InputError | ImportError | AttributeError):
             raise self._refused("a worker", error)
         raise error
-
-    def _n_threads(self) -> int:
-        """Present number of threads of all workers; raises an error if the cluster is lost."""
-        try:
-            if self._client.status != "running":
-                raise OSError
-            n_threads = int(sum(self._client.nthreads().values()))
-        except OSError as error:
-            raise self._lost(GONE) from error
-        now_s = time.monotonic()
-        if n_threads:
-            self._last_alive_s = now_s
-        elif now_s - self._last_alive_s > WAIT_S:
-            raise self._lost(self._no_worker())
-        return n_threads
 
     def _no_worker(self) -> str:
         return f"no worker for {WAIT_S:g} s; start some with `dask worker {self._address}`"

@@ -29,11 +29,10 @@ from multiprocessing.process import BaseProcess
 from threading import Event, Lock, Thread
 from typing import Any, Literal, Self, TypeVar, cast
 
-from isacbench.bench.suites.suite_kinds import PLANNERS
 from isacbench.streams import lent_streams
 
-PRELOADED = ["isacbench.bench.workers.guarded_cells", *PLANNERS]
-"""Modules that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
+PRELOADED = "isacbench.bench.workers.worker"
+"""Module that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
 
 _server = forkserver.ForkServer()
 """Beside the one of the standard library, which processes of the caller may come from."""
@@ -79,23 +78,6 @@ def _script_hidden() -> Iterator[None]:
         main.update(hidden)
 
 
-@contextmanager
-def _safe_path() -> Iterator[None]:
-    """Let Python processes that are started import nothing from the working folder.
-
-    It may hold another ``isacbench``: a checkout. Workers have the caller's path all the same.
-    """
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = before
-
-
 @cache
 def _preloaded() -> list[str]:
     """Modules that the server imports: what workers need."""
@@ -105,7 +87,7 @@ def _preloaded() -> list[str]:
         for point in entry_points(group=group)
         if point.dist is not None and point.dist.name == "isacbench"
     }
-    return [*PRELOADED, *sorted(built_in)]
+    return [PRELOADED, *sorted(built_in)]
 
 
 def _after_fork() -> None:
@@ -123,23 +105,26 @@ if hasattr(os, "register_at_fork"):  # not on Windows
 def start_process_server() -> ForkServerContext:
     """Start the server unless it runs, and do not wait for what it imports.
 
-    Returns
-    -------
-    ForkServerContext
-        Context of processes that inherit neither threads nor locks, and that
-        start in milliseconds.
+    Processes of the context inherit neither threads nor locks, and start in milliseconds.
     """
     _server.set_forkserver_preload(_preloaded())
     # The tracker unblocks these signals when it starts, and the server starts it where nothing has.
     resource_tracker.ensure_running()
-    # Signals that end a run are for this process: the server inherits that they are blocked, and its workers
-    # from it. What sends them to all processes would else leave nothing to make the report with.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-    try:
-        with _safe_path():
+    with _launching:  # threads that start it at the same time would find each other's environment
+        # Signals that end a run are for this process: the server inherits that they are blocked, and its
+        # workers from it. What sends them to all processes would else leave nothing to make the report with.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+        # Nor does it import anything from the working folder, which may hold another isacbench: a checkout.
+        # Workers have the caller's path all the same.
+        safe_path = os.environ.get("PYTHONSAFEPATH")
+        os.environ["PYTHONSAFEPATH"] = "1"
+        try:
             _server.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+            del os.environ["PYTHONSAFEPATH"]
+            if safe_path is not None:
+                os.environ["PYTHONSAFEPATH"] = safe_path
     return _Context()
 
 
@@ -156,14 +141,7 @@ T = TypeVar("T")
 
 
 class ProcessLostError(Exception):
-    """The process was lost before it answered.
-
-    Attributes
-    ----------
-    status : {"timeout", "killed"}
-    reason : str
-        In words.
-    """
+    """The process was lost before it answered: its status in a row, and the reason in words."""
 
     def __init__(self, status: Literal["timeout", "killed"], reason: str) -> None:
         super().__init__(reason)
@@ -183,15 +161,20 @@ class GuardedProcess:
         Called first in every fresh process.
     *args : object
         Its arguments.
+
+    Attributes
+    ----------
+    has_begun : bool
+        Whether there is a process, in which `begin` was called.
     """
 
     def __init__(self, begin: Callable[..., None], *args: object) -> None:
+        self.has_begun = False
         self._begin = begin, *args
         self._stopped = Event()
         self._changing = Lock()
-        self._process: BaseProcess
+        self._process: BaseProcess | None = None
         self._connection: Connection
-        self._is_there = self._has_begun = False
 
     def __enter__(self) -> Self:
         return self
@@ -207,7 +190,6 @@ class GuardedProcess:
     def renew(self) -> None:
         """End the process; the next call starts a fresh one. CancelledError if it was stopped meanwhile."""
         self._end()
-        self._is_there = False
         self._refuse_if_stopped()
 
     def pause(self) -> None:
@@ -222,12 +204,6 @@ class GuardedProcess:
         """Go on after `pause`."""
         self._signal(signal.SIGCONT)
 
-    def _signal(self, number: int) -> None:
-        with self._changing:
-            if self._is_there and self._process.pid is not None:
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(self._process.pid, number)
-
     def call(self, function: Callable[..., T], *args: object, timeout_s: float | None = None) -> T:
         """Call a function in the process and return its answer, or raise whatever it raises.
 
@@ -236,54 +212,67 @@ class GuardedProcess:
         """
         with self._changing:
             self._refuse_if_stopped()
-            if not self._is_there:
+            if self._process is None:
                 context = start_process_server()
                 self._connection, theirs = context.Pipe()
                 # A daemon ends with this process, even where it is not stopped.
                 self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
                 self._process.start()
                 theirs.close()
-                self._is_there, self._has_begun = True, False
-        if not self._has_begun:
+        if not self.has_begun:
             self._ask(None, *self._begin)
-            self._has_begun = True
+            self.has_begun = True
         return cast("T", self._ask(timeout_s, function, *args))
 
     def _ask(self, timeout_s: float | None, *call: object) -> Any:
-        with suppress(BrokenPipeError, ConnectionResetError):  # `_receive` reports a process that has ended
+        """Send a call, and wait for its answer or the end of the process."""
+        if (process := self._process) is None:
+            raise CancelledError  # it was stopped meanwhile
+        with suppress(BrokenPipeError, ConnectionResetError):  # of a process that has ended
             self._connection.send(call)
-        is_result, answer = self._receive(timeout_s)
-        if is_result:
-            return answer
-        raise answer
-
-    def _receive(self, timeout_s: float | None) -> Any:
-        ready = connection.wait([self._connection, self._process.sentinel], timeout_s)
+        ready = connection.wait([self._connection, process.sentinel], timeout_s)
         if not ready:
             self.renew()
             raise ProcessLostError("timeout", f"more than {timeout_s:g} s")
+        received = None
         if self._connection in ready:
             with suppress(EOFError, OSError):
-                return self._connection.recv()
-        self._process.join(GRACE_S)
-        code = self._process.exitcode
-        if code == -signal.SIGTERM:
+                received = self._connection.recv()
+        if received is not None:
+            is_result, answer = received
+            if is_result:
+                return answer
+            raise answer
+        process.join(GRACE_S)
+        if process.exitcode == -signal.SIGTERM:
             # A scheduler that ends a job signals all its processes: the caller may be about to stop, too.
             self._stopped.wait(GRACE_S)
         self.renew()
-        raise ProcessLostError("killed", f"the process {_cause(code)}")
+        raise ProcessLostError("killed", f"the process {_cause(process.exitcode)}")
+
+    def _signal(self, number: int) -> None:
+        with self._changing:
+            if self._process is not None:
+                _signal_group(self._process, number)
 
     def _end(self) -> None:
         """End the process and all processes that were started in it."""
-        self._signal(signal.SIGKILL)
         with self._changing:
-            if self._is_there:
-                self._process.kill()  # which may not have a group yet
-                self._process.join(END_S)
+            process, self._process, self.has_begun = self._process, None, False
+            if process is not None:
+                _signal_group(process, signal.SIGKILL)
+                process.kill()  # which may not have a group yet
+                process.join(END_S)
 
     def _refuse_if_stopped(self) -> None:
         if self._stopped.is_set():
             raise CancelledError
+
+
+def _signal_group(process: BaseProcess, number: int) -> None:
+    if process.pid is not None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, number)
 
 
 def _cause(code: int | None) -> str:
@@ -324,8 +313,10 @@ def _answer(calls: Connection) -> None:
         answer: tuple[bool, Any]
         try:
             answer = True, function(*arguments)
-        except BaseException as error:
+        except Exception as error:
             answer = False, error
+        except BaseException as error:  # which would end the caller
+            answer = False, RuntimeError(f"{type(error).__name__}: {error}")
         if os.getpid() != process_id:
             os._exit(1)  # a plugin has forked, and this is its child
         try:

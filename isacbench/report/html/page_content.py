@@ -18,7 +18,7 @@ from isacbench.bench.compare.pairs import code_version
 from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
 from isacbench.bench.kinds.imaging import SCORE_AXES, ScoreAxis
-from isacbench.bench.kinds.scenes import ImagedScene
+from isacbench.bench.kinds.scenes import ImagingTask
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
@@ -161,7 +161,7 @@ def _numbers_of(joined: JoinedRuns, names: Iterable[str], params: Iterable[str])
     return [places[variant] for variant in zip(names, params, strict=True)]
 
 
-def _imaged(run: Run) -> Mapping[str, ImagedScene]:
+def _imaged(run: Run) -> Mapping[str, ImagingTask]:
     """Scenes that were imaged; none of a reference that was published as rows alone."""
     return run.imaged_scenes if run.has_scenarios else {}
 

@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from isacbench.bench.cells.cell import array_digest, seed_global_generators
-from isacbench.bench.kinds.scenes import SharedImage
+from isacbench.bench.cells.cell import array_digest, content_digest, seed_global_generators
 from isacbench.cores import one_blas_thread
 from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PaperFrame
@@ -103,6 +102,14 @@ def test_a_single_bit_changes_the_digest(shape, data):
     assert array_digest(array) != before
 
 
+@given(st.integers(1, 40), st.data())
+def test_a_value_of_a_mask_changes_the_digest_whatever_its_length(n, data):
+    mask = np.zeros(n, dtype=bool)
+    before = array_digest(mask)
+    mask[data.draw(st.integers(0, n - 1))] = True
+    assert array_digest(mask) != before != array_digest(np.empty(0, dtype=bool))
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_another_order_changes_the_digest(axis):
     array = cells((3, 4, 5))
@@ -133,20 +140,19 @@ def test_other_signs_change_the_digest(n):
     ],
 )
 def test_the_digest_of_an_observation_sees_the_last_digit_of_all_that_is_known(tiny, part, change):
-    scenario = load_scenario(tiny)
-    shared = SharedImage(None, {}, 3, scenario, observe_echo(scenario, 0), None)
-    before = shared.digest()
-    assert shared.digest() == before
-    changed = copy.copy(getattr(shared.observation, part))
+    observation = observe_echo(load_scenario(tiny), 0)
+    before = content_digest(observation)
+    assert content_digest(observation) == before
+    changed = copy.copy(getattr(observation, part))
     for name, value in change.items():
         object.__setattr__(changed, name, value)
-    object.__setattr__(shared.observation, part, changed)
-    assert shared.digest() != before
+    object.__setattr__(observation, part, changed)
+    assert content_digest(observation) != before
 
 
 @pytest.mark.parametrize("other", [PaperFrame(), None])
 def test_the_digest_of_an_observation_sees_another_type(tiny, other):
-    shared = SharedImage(None, {}, 3, None, observe_echo(load_scenario(tiny), 0), None)
-    before = shared.digest()
-    object.__setattr__(shared.observation, "frame", other)
-    assert shared.digest() != before
+    observation = observe_echo(load_scenario(tiny), 0)
+    before = content_digest(observation)
+    object.__setattr__(observation, "frame", other)
+    assert content_digest(observation) != before

@@ -14,10 +14,10 @@ from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.verdicts import parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
-from isacbench.bench.plan.run_plan import Shard
 from isacbench.bench.run.merging import merge
+from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import Execution, run, run_suite
+from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.store.manifest import read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
@@ -310,12 +310,12 @@ def test_every_repeat_meets_an_observation_that_nobody_has_read(moody_suite):
 
 def test_the_first_estimate_has_the_deadline_and_the_repeats_have_one_each(moody_suite):
     troubles = {
-        "hang,at=0": ("timeout", "more than 0.5 s"),
-        "hang,at=1": ("timeout", "more than 1.5 s, in 3 repeats"),
+        "hang,at=0": ("timeout", "more than 1 s"),
+        "hang,at=1": ("timeout", "more than 3 s, in 3 repeats"),
         "leave,at=1": ("killed", "the process exited with code 7, in 3 repeats"),
     }
     estimators = [f"moody[kind={trouble}]" for trouble in troubles] + ["moody[kind=steady]"]
-    records = timed_run(moody_suite, estimators=estimators, jobs=1, timeout_s=0.5)
+    records = timed_run(moody_suite, estimators=estimators, jobs=1, timeout_s=1)
     assert [*zip(records["status"], records["reason"], strict=True)] == [*troubles.values(), ("ok", "")]
     assert records["timing"].all()
 
@@ -328,7 +328,7 @@ def test_the_worker_is_idle_while_its_answers_are_taken(moody_suite, tmp_path):
     def progress(n_done, n_cells):
         seen.append((n_done, len(log.read_text())))
 
-    run_suite(suite, progress=progress, execution=Execution(n_jobs=1, repeats=3))
+    run_suite(suite, progress=progress, options=RunOptions(jobs=1, timing=True, repeats=3))
     assert seen == [(n, 5 * n) for n in (1, 2, 3, 4)]  # the first estimate, three timed, one for its memory
 
 
@@ -349,17 +349,17 @@ def test_what_cannot_be_timed_is_refused(suite, options, message):
 def n_made(suite, folder, **options):
     """Run into a folder and return the records and the number of cells that were made."""
     calls = []
-    execution = Execution(**options)
-    results = run_suite(suite, folder, lambda *done: calls.append(done), execution)
+    chosen = RunOptions(**options)
+    results = run_suite(suite, folder, lambda *done: calls.append(done), chosen)
     return results.rows, len(calls)
 
 
 def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_says_so(suite, ordinary):
     # A shard makes only its own rows again.
-    records, n = n_made(suite, ordinary, repeats=2, shard=Shard(1, 3))
+    records, n = n_made(suite, ordinary, timing=True, repeats=2, shard="1/3")
     assert (records["timing"] == (records["trial"] == 0)).all()
     assert n == 2
-    records, n = n_made(suite, ordinary, repeats=2)
+    records, n = n_made(suite, ordinary, timing=True, repeats=2)
     assert (n, len(records)) == (4, 6)
     assert records["timing"].all()
     assert records[STAGE_COLUMNS].notna().all(axis=None)
@@ -367,7 +367,7 @@ def test_rows_that_were_not_timed_are_made_again_by_a_timed_run_whose_session_sa
     assert [(one["timing"], one["repeats"]) for one in sessions] == [(False, None), (True, 2), (True, 2)]
     text = (ordinary / "manifest.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-    assert n_made(suite, ordinary, repeats=3)[1] == 0
+    assert n_made(suite, ordinary, timing=True, repeats=3)[1] == 0
 
 
 def test_timed_rows_are_kept_by_a_run_that_is_not_timed_and_by_scoring_again(suite, tmp_path):

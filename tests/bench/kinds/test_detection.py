@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.kinds.detection import MAP_GAIN_DB, DetectionKind, DetectionSuite, count_cells
 from isacbench.bench.kinds.power_maps import draw_power_map
 from isacbench.bench.run.runner import run
@@ -147,7 +147,7 @@ def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of
     observation = observe_echo(scenario, 0.0)
     # Nearest to the first, beside the second, far from both, and just not far.
     shower = Shower([(25, 1), (28, -3), (25, 9), (25, 4)])
-    counts = count_cells(MeasuredImage(scenario, observation, shower, 0.0, PointCloud.empty()))
+    counts = count_cells(Image(scenario, observation, shower, 0.0, PointCloud.empty()))
     rows, columns = observation.gate.shape
     far = sum(
         all(max(abs(row - r), abs(column - v)) > 3 for r, v in ((25, 1), (28, -2)))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.cell import MeasuredImage
+from isacbench.bench.cells.cell import Image
 from isacbench.bench.kinds.population import match_points, measure_lone_scatterers, scene_bound
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells, space_places
@@ -28,7 +28,7 @@ def scene(places=PLACES, amplitude=None):
 def measured(places, snr_db=0.0, scenario=None):
     xyz, velocity = space_places(SPACE, np.reshape(places, (-1, 4)))
     cloud = PointCloud(xyz, velocity, np.ones(len(xyz)))
-    shot = MeasuredImage(scenario or scene(), None, None, snr_db, cloud)
+    shot = Image(scenario or scene(), None, None, snr_db, cloud)
     return tuple(measure_lone_scatterers(shot).values())
 
 

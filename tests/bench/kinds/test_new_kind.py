@@ -6,11 +6,11 @@ import pytest
 
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.kinds.kind import NO_SCENARIOS, Kind, lines_of
-from isacbench.bench.kinds.scenes import ImagedScene, build_estimators
-from isacbench.bench.plan.run_plan import Shard
+from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.run.merging import merge
+from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.run.runner import run_suite
 from isacbench.bench.statistics import summarise
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
@@ -35,11 +35,11 @@ class CountKind(Kind):
     better: ClassVar = {"n_counted": "higher"}
 
     def scenes(self, suite, scenarios):
-        def measure(shot):
-            return {"n_counted": len(shot.cloud) + suite.offset}
+        def measure(image):
+            return {"n_counted": len(image.cloud) + suite.offset}
 
         entries = build_estimators(suite)
-        return [ImagedScene(suite, one, entries, measure=measure) for one in scenarios.values()]
+        return [ImagingTask(suite, one, entries, measure=measure) for one in scenarios.values()]
 
     def summary(self, rows):
         keys = ["scenario", "estimator", "params", "snr_db"]
@@ -78,7 +78,7 @@ def test_a_new_kind_is_run_stored_tabulated_and_drawn(suite, tmp_path):
 def test_parts_of_a_new_kind_are_merged_scored_again_and_compared_in_its_direction(suite, tmp_path):
     suite, merged, less = suite.replace(trials=8), tmp_path / "merged", tmp_path / "less"
     for k in (1, 2):
-        run_suite(suite, tmp_path / f"part{k}", execution=Execution(shard=Shard(k, 2)))
+        run_suite(suite, tmp_path / f"part{k}", options=RunOptions(shard=f"{k}/2"))
     assert merge([tmp_path / "part1", tmp_path / "part2"], merged).run.rows["n_counted"].tolist() == [7] * 8
     assert rescore(merged).changes == []
     run_suite(suite.replace(offset=0), less)

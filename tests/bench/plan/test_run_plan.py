@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.kinds.scenes import Entry
-from isacbench.bench.plan.run_plan import BlockQueue, Plan, Shard
+from isacbench.bench.plan.run_plan import Plan, Shard, pieces
 from isacbench.errors import InputError
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What a plan wants to know of a scene."""
+class Task:
+    """What a plan wants to know of a task."""
 
     name: str
     snr_db: list[float]
@@ -27,7 +27,7 @@ class Scene:
 def plans(draw):
     names = draw(st.lists(st.text(min_size=1), min_size=1, max_size=3, unique=True))
     finite = st.floats(allow_nan=False, allow_infinity=False)
-    scenes = []
+    tasks = []
     for name in names:
         snr_db = draw(st.lists(finite, min_size=1, max_size=4, unique=True))
         keys = draw(
@@ -35,19 +35,19 @@ def plans(draw):
                 st.tuples(st.sampled_from("ab"), st.text(max_size=2)), min_size=1, max_size=4, unique=True
             )
         )
-        scenes.append(Scene(name, snr_db, [Entry(*key, plugin=None) for key in keys]))
-    return Plan(scenes, draw(st.integers(1, 4)))
+        tasks.append(Task(name, snr_db, [Entry(*key, plugin=None) for key in keys]))
+    return Plan(tasks, draw(st.integers(1, 4)))
 
 
 def every_cell(plan):
     """Keys of all cells, by loops."""
     return pd.DataFrame(
         [
-            (scene.name, one.name, one.params, snr_db, trial)
-            for scene in plan.scenes
+            (task.name, one.name, one.params, snr_db, trial)
+            for task in plan.tasks
             for trial in range(plan.n_trials)
-            for snr_db in scene.snr_db
-            for one in scene.entries
+            for snr_db in task.snr_db
+            for one in task.entries
         ],
         columns=["scenario", "estimator", "params", "snr_db", "trial"],
     )
@@ -55,7 +55,7 @@ def every_cell(plan):
 
 def cells_of(plan, blocks):
     """Keys of the cells of blocks."""
-    return [(block.scene, block.trial, block.snr_db, entry) for block in blocks for entry in block.entries]
+    return [(*block[:3], *key) for block in blocks for key in block.entries]
 
 
 def marks(plan, data):
@@ -113,31 +113,14 @@ def test_parts_share_the_cells_and_none_is_empty_while_another_has_two_observati
         assert max(sizes) - min(sizes) <= 1
 
 
-@given(plans(), st.integers(1, 5), st.data())
-def test_every_block_is_handed_out_once_whoever_asks_when(plan, n_workers, data):
+@given(plans(), st.integers(0, 12), st.data())
+def test_pieces_are_trials_in_order_or_single_blocks_where_trials_are_too_few(plan, n, data):
     blocks = plan.blocks(marks(plan, data))
-    queue = BlockQueue(blocks)
-    working = [queue.blocks() for _ in range(n_workers)]
-    got = []
-    while working:
-        worker = data.draw(st.sampled_from(working))
-        block = next(worker, None)
-        if block is None:
-            working.remove(worker)
-        else:
-            got.append(block)
-    assert len(got) == len(blocks)
-    assert set(got) == set(blocks)
-
-
-@given(plans())
-def test_one_worker_gets_blocks_in_order_and_two_share_no_echo_while_there_are_others(plan):
-    blocks = plan.blocks(np.ones(plan.n_cells, dtype=np.bool_))
-    assert list(BlockQueue(blocks).blocks()) == blocks
-    queue = BlockQueue(blocks)
-    first, second = next(queue.blocks()), next(queue.blocks(), None)
-    if len({block[:2] for block in blocks}) > 1:
-        assert second[:2] != first[:2]
+    handed_out = pieces(blocks, n)
+    assert [block for piece in handed_out for block in piece] == blocks
+    trials = {block[:2] for block in blocks}
+    assert len(handed_out) == (len(trials) if len(trials) >= n else len(blocks))
+    assert all(len({block[:2] for block in piece}) == 1 for piece in handed_out)
 
 
 @given(st.integers(1, 99), st.integers(1, 99))

@@ -180,7 +180,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="look
 @linux
 def test_a_killed_run_leaves_its_rows_no_process_and_no_lock(start, finish, tmp_path, undisturbed):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "1", SLUGGISH_S="0.2", MARKER=marker, DRAW_NOTHING="yes")
+    process = start(folder, "-j", "1", SLUGGISH_S="0.5", MARKER=marker, DRAW_NOTHING="yes")
     wait_until(lambda: rows_in(folder) >= 4)
     assert len(running(marker)) >= 3
     process.kill()
@@ -229,7 +229,7 @@ def test_an_interrupt_writes_the_rows_so_far(
     start, finish, tmp_path, undisturbed, interrupt, code, environment
 ):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker, **environment)
+    process = start(folder, "-j", "2", SLUGGISH_S="0.5", MARKER=marker, **environment)
     wait_until(lambda: rows_in(folder) >= 4)
     interrupt(process, marker)
     assert process.wait(PATIENCE_S) == code
@@ -285,7 +285,7 @@ def test_an_interrupt_at_any_moment_is_no_traceback_and_goes_on(start, finish, t
 @pytest.mark.parametrize("delay_s", [0.05, 0.3, 1])
 def test_an_impatient_interrupt_ends_the_run_as_well(start, finish, tmp_path, undisturbed, delay_s):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "2", SLUGGISH_S="0.2", MARKER=marker)
+    process = start(folder, "-j", "2", SLUGGISH_S="0.5", MARKER=marker)
     wait_until(lambda: rows_in(folder) >= 4)
     for _ in range(3):
         os.killpg(process.pid, signal.SIGINT)

@@ -10,30 +10,30 @@ from isacbench.bench.run.runner import run
 
 
 @pytest.fixture
-def told():
-    """Return the texts that were told."""
+def lines():
+    """Return the lines that were written."""
     return []
 
 
 @pytest.fixture
-def minutely(clock, told):
-    return paced_progress("cells", told.append, 60, clock=clock)
+def minutely(clock, lines):
+    return paced_progress("cells", lines.append, 60, clock=clock)
 
 
-def test_a_line_is_written_when_a_minute_has_passed_and_not_before(clock, minutely, told):
+def test_a_line_is_written_when_a_minute_has_passed_and_not_before(clock, minutely, lines):
     for n_done in range(1, 661):
         clock.time_s += 0.75
         minutely(n_done, 660)
-    assert len(told) == 8
-    assert told[2] == "240 of 660 cells, 0:03:00, about 0:05:15 left"
+    assert len(lines) == 8
+    assert lines[2] == "240 of 660 cells, 0:03:00, about 0:05:15 left"
 
 
-def test_what_an_earlier_call_has_done_does_not_count_as_speed(clock, minutely, told):
+def test_what_an_earlier_call_has_done_does_not_count_as_speed(clock, minutely, lines):
     clock.time_s += 30
     minutely(601, 660)
     clock.time_s += 30
     minutely(602, 660)
-    assert told == ["602 of 660 cells, 0:01:00, about 0:29:00 left"]
+    assert lines == ["602 of 660 cells, 0:01:00, about 0:29:00 left"]
 
 
 def wanted(tiny, **options):

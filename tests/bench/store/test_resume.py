@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.run_plan import Shard
-from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
@@ -53,7 +53,7 @@ def go(suite, folder, *rerun, **options):
         suite,
         folder,
         progress=lambda *done: calls.append(done),
-        execution=Execution(rerun=rerun, **options),
+        options=RunOptions(rerun=rerun, **options),
     )
     return results, len(calls)
 
@@ -68,7 +68,7 @@ def kill_after(suite, folder, n_cells, *rerun):
             raise KilledError
 
     with pytest.raises(KilledError):
-        run_suite(suite, folder, progress, Execution(rerun=rerun))
+        run_suite(suite, folder, progress, RunOptions(rerun=rerun))
 
 
 def table(folder):
@@ -178,7 +178,7 @@ def test_rows_are_kept_unless_they_are_asked_for_and_an_interrupted_rerun_goes_o
     assert go(suite, folder)[1] == 2
     assert table(folder) == undisturbed
     # A part of a run drops no rows of the others.
-    assert go(suite, folder, "all", shard=Shard(2, 2))[1] == 6
+    assert go(suite, folder, "all", shard="2/2")[1] == 6
     assert table(folder) == undisturbed
 
 
@@ -324,7 +324,7 @@ def test_missing_files_are_made_anew(suite, folder, undisturbed, names, finished
 def test_cells_are_not_kept_where_other_metrics_scored_them_or_it_is_not_known_which(suite, folder, finished):
     path, further = folder / "manifest.json", suite.replace(metrics=["repository"])
     with pytest.raises(InputError, match="repository: not at all"):
-        go(further, folder, "all", shard=Shard(1, 2))
+        go(further, folder, "all", shard="1/2")
     manifest = json.loads(path.read_text())
     manifest["scores"]["metrics"]["paper"]["version"] = 0
     path.write_text(json.dumps(manifest))
@@ -369,12 +369,12 @@ def test_a_folder_that_cannot_be_locked_is_told(suite, folder):
 @pytest.mark.parametrize("n_jobs", [pytest.param(1, marks=SLOW), 2])
 def test_processes_go_on_with_what_this_process_began_and_give_its_table(suite, folder, undisturbed, n_jobs):
     kill_after(suite, folder, 5)
-    assert go(suite, folder, n_jobs=n_jobs)[1] == 7
+    assert go(suite, folder, jobs=n_jobs)[1] == 7
     assert table(folder) == undisturbed
 
 
 def test_parts_of_a_run_make_its_cells_once(suite, folder, undisturbed):
-    made = [go(suite, folder, shard=Shard(k, 2))[1] for k in (1, 2, 2)]
+    made = [go(suite, folder, shard=f"{k}/2")[1] for k in (1, 2, 2)]
     assert made == [6, 6, 0]
     assert table(folder) == undisturbed
 
@@ -431,7 +431,7 @@ def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(
     suite, folder, finished, undisturbed, monkeypatch
 ):
     monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.2)
-    nowhere = Execution(dask="tcp://127.0.0.1:1", rerun=("all",))
+    nowhere = RunOptions(dask="tcp://127.0.0.1:1", rerun=("all",))
     with pytest.raises(InputError, match="dask"):
-        run_suite(suite, folder, execution=nowhere)
+        run_suite(suite, folder, options=nowhere)
     assert table(folder) == undisturbed

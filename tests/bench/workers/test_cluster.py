@@ -9,8 +9,11 @@ import sys
 import time
 from concurrent.futures import CancelledError
 from contextlib import closing
+from queue import SimpleQueue
+from threading import Thread
 from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import psutil
 import pytest
@@ -18,11 +21,12 @@ from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.run_plan import Block, load_job
-from isacbench.bench.run.runner import Execution, run, run_suite
+from isacbench.bench.plan.run_plan import load_job
+from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers.cluster import WorkOrder, stop
-from isacbench.bench.workers.guarded_cells import Guard
+from isacbench.bench.workers.cell import Limits
+from isacbench.bench.workers.cluster import Order, make_rows, stop
 from isacbench.cli import app
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import load_plugin_file
@@ -210,7 +214,7 @@ def test_a_run_goes_on_where_a_worker_is_killed_and_no_row_is_lost_or_doubled(cl
                 busy.extend(client.processing()[address])
             victim.kill()
 
-    records = run_suite(slow, progress=kill, execution=Execution(dask=cluster.address)).rows
+    records = run_suite(slow, progress=kill, options=RunOptions(dask=cluster.address)).rows
     assert busy
     assert victim.wait() == -signal.SIGKILL
     pd.testing.assert_frame_equal(apart_from_times(records), apart_from_times(run(slow)))
@@ -248,12 +252,12 @@ def test_an_interrupt_keeps_the_rows_so_far_and_leaves_no_process_behind(cluster
         if n_done == 5:
             raise KeyboardInterrupt
 
-    out, execution = tmp_path / "run", Execution(dask=cluster.address)
-    results = run_suite(slow, out, interrupt, execution)
+    out, options = tmp_path / "run", RunOptions(dask=cluster.address)
+    results = run_suite(slow, out, interrupt, options)
     assert results.manifest["interrupted"]
     assert len(results.rows) == 5
     assert not lanes_left(cluster)
-    again = run_suite(slow.replace(trials=1), tmp_path / "other", execution=execution)
+    again = run_suite(slow.replace(trials=1), tmp_path / "other", options=options)
     assert not again.manifest["interrupted"]
 
 
@@ -268,7 +272,7 @@ def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, 
                 lost.scheduler.kill()
 
         with pytest.raises(InputError, match=r"scheduler is gone; the rows so far are kept"):
-            run_suite(slow, tmp_path / "run", kill, Execution(dask=lost.address))
+            run_suite(slow, tmp_path / "run", kill, RunOptions(dask=lost.address))
         orphan.kill()  # it would look for its scheduler for a while
     assert capfd.readouterr().err == ""
     done = []
@@ -355,27 +359,37 @@ def test_a_later_worker_with_another_plugin_is_told(slow, plugin_folder, tmp_pat
                 started.append(found.start("worker", "--nthreads", "4"))
 
         with pytest.raises(InputError, match=r"a worker: .*test-plugins digest"):
-            run_suite(slow.replace(trials=200), progress=start, execution=Execution(dask=found.address))
+            run_suite(slow.replace(trials=200), progress=start, options=RunOptions(dask=found.address))
 
 
-def wait_for_end(process_id):
-    """Wait for the end of a process, which nobody here is the parent of."""
-    deadline = time.monotonic() + 30
-    while psutil.pid_exists(process_id):
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.05)
 
 
-def test_a_process_ends_with_the_task_that_it_was_started_for_or_with_its_run(suite):
-    order, block = WorkOrder.of_job(load_job(suite), Guard()), Block(0, 0, 0.0, (0, 1))
-    with order.lane() as lane:
-        assert len(list(lane.work([block]))) == 2
-        process_id = lane._at_work.call(os.getpid)
-    wait_for_end(process_id)
-    with order.lane() as lane:
-        list(lane.work([block]))
-        process_id = lane._at_work.call(os.getpid)
-        asyncio.run(stop(order.token))
-        wait_for_end(process_id)
-        with pytest.raises(CancelledError):
-            list(lane.work([block]))
+def children():
+    """Processes below this one that cells run in."""
+    return {one.pid for one in psutil.Process().children(recursive=True) if one.ppid() != os.getpid()}
+
+
+def test_processes_end_with_the_task_that_they_were_started_for_or_with_its_run(suite, wreck):
+    job, before = load_job(suite), children()
+    rows = make_rows(Order.of_job(job, Limits()), job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_)))
+    assert len(rows) == job.plan.n_cells
+    assert children() <= before
+    job = load_job(suite.replace(estimators=["wreck[kind=loop]"]))
+    order, ended = Order.of_job(job, Limits()), SimpleQueue()
+
+    def work():
+        try:
+            ended.put(make_rows(order, job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))))
+        except BaseException as error:
+            ended.put(error)
+
+    Thread(target=work, daemon=True).start()
+    wait_until(lambda: children() - before)
+    asyncio.run(stop(order.token))
+    assert isinstance(ended.get(timeout=60), CancelledError)
+    assert children() <= before

@@ -52,8 +52,8 @@ def test_a_deadline_ends_the_process(process):
 
 
 def test_a_deadline_does_not_count_the_time_in_which_a_process_begins():
-    with GuardedProcess(time.sleep, 1.0) as guarded:
-        assert guarded.call(abs, -1, timeout_s=0.5) == 1
+    with GuardedProcess(time.sleep, 1.5) as guarded:
+        assert guarded.call(abs, -1, timeout_s=1.0) == 1
 
 
 def test_a_fresh_process_begins_as_the_first_one_did():

@@ -1,9 +1,14 @@
 """The server of worker processes."""
 
+import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+
+from isacbench.bench.workers import guarded_process
 
 SCRIPT = """
 import os
@@ -77,3 +82,12 @@ def test_workers_start_from_whatever_process_calls_and_leave_the_caller_s_own_al
     script.write_text(CALLERS.replace("CALL", call.replace("\n", "\n    ")))
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=120)
     assert (done.stdout, done.stderr) == (f"1\n{printed}\n", "")
+
+
+def test_threads_that_start_the_server_at_the_same_time_leave_the_environment_as_it_was(monkeypatch):
+    before = dict(os.environ)
+    monkeypatch.setattr(guarded_process._server, "ensure_running", lambda: time.sleep(0.1))
+    with ThreadPoolExecutor(4) as threads:
+        started = [threads.submit(guarded_process.start_process_server) for _ in range(4)]
+    assert [one.result() is not None for one in started] == [True] * 4
+    assert dict(os.environ) == before

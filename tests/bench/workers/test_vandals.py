@@ -49,15 +49,17 @@ VANDAL = """
 @dataclass(frozen=True)
 class Vandal:
     name: ClassVar[str] = "vandal"
+    act: str = "pass"
 
     def estimate(self, observation):
-        ACT
+        exec(ACTS.get(self.act, "pass"))
         return PointCloud(np.zeros((1, 3)), [0.0], [1.0])
 """
 WITNESS = """
 @dataclass(frozen=True)
 class Witness:
     name: ClassVar[str] = "witness"
+    after: str = "nothing"
 
     def estimate(self, observation):
         for stream in (sys.stdout, sys.stderr, sys.__stdout__, sys.__stderr__):
@@ -78,59 +80,70 @@ class Witness:
 
 
 @pytest.fixture
-def reason_beside(tiny, write_plugin):
-    """Return a function that gives what the witness reports, beside a vandal."""
+def reports(tiny, write_plugin):
+    """Return a function that gives what a witness reports after each of some acts, and before all of them."""
     witness = write_plugin("witness.py", HEAD + WITNESS)
 
-    def run_both(act, jobs, at_import=False):
-        source = HEAD + (
-            act + "\n" + VANDAL.replace("ACT", "pass") if at_import else VANDAL.replace("ACT", act)
-        )
-        names = ["vandal", "witness"]
+    def run_all(acts, jobs, at_import="pass"):
+        vandal = write_plugin("vandal.py", f"{HEAD}{at_import}\nACTS = {acts!r}\n{VANDAL}")
+        each = [text for act in acts for text in (f"vandal[act={act}]", f"witness[after={act}]")]
         suite = Suite(name="t", scenarios=[str(tiny)], estimators=["oracle"], snr_db=[0, 5], trials=1)
-        rows = run(suite, estimators=names, plugins=[write_plugin("vandal.py", source), witness], jobs=jobs)
+        rows = run(suite, estimators=["witness", *each], plugins=[vandal, witness], jobs=jobs)
         assert (rows["status"][rows["estimator"] == "vandal"] == "ok").all(), rows["reason"].tolist()
-        return set(rows["reason"][rows["estimator"] == "witness"])
+        found = rows[rows["estimator"] == "witness"]
+        return dict(zip(found["params"] + found["snr_db"].astype(str), found["reason"], strict=True))
 
-    return run_both
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of the vandal's own files
-@pytest.mark.parametrize("at_import", [False, True], ids=["in estimate", "at import"])
-@pytest.mark.parametrize("act", ACTS)
-def test_what_a_plugin_changes_in_the_caller_s_process_is_undone(reason_beside, act, at_import):
-    if at_import and act == "zone":
-        pytest.skip("a plugin may set the environment when it is imported")
-    (undisturbed,) = reason_beside("pass", None)
-    assert reason_beside(ACTS[act], None, at_import) == {undisturbed}
+    return run_all
 
 
-def test_no_plugin_meets_the_process_that_another_has_changed(reason_beside):
-    (undisturbed,) = reason_beside("pass", 1)
+def assert_equal(found):
+    (first, *_) = found.values()
+    assert [key for key, report in found.items() if report != first] == []
+
+
+ignoring_own_files = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+@ignoring_own_files
+def test_what_plugins_change_in_the_caller_s_process_is_undone(reports):
+    assert_equal(reports(ACTS, None))
+
+
+@ignoring_own_files
+@pytest.mark.parametrize("act", sorted({*ACTS} - {"zone"}))  # a plugin may set the environment for later
+def test_what_the_import_of_a_plugin_changes_is_undone(reports, act):
+    found = reports({}, None)
+    assert_equal({**found, **{f"{key} {act}": one for key, one in reports({}, None, ACTS[act]).items()}})
+
+
+def test_no_plugin_meets_the_process_that_another_has_changed(reports):
+    undisturbed = reports({}, 1)
     acts = {**ALONE, **ACTS, "constant": "np.pi = 3.0"}
     everything = "; ".join(act for name, act in acts.items() if name != "wrap")
-    assert reason_beside(everything, 1) == {undisturbed}
+    assert_equal({**undisturbed, **reports({"everything": everything}, 1)})
 
 
 def test_what_a_plugin_has_left_running_stands_still_while_others_work(tiny, write_plugin, tmp_path):
     stamps = tmp_path / "stamps"
     busy = f"subprocess.Popen(['sh', '-c', 'while :; do date +%s.%N >> {stamps}; sleep 0.01; done'])"
+    path = str(stamps)
+    begin = f"{busy}\nwhile not os.path.exists({path!r}) or not os.path.getsize({path!r}): pass"
     plain = (
         WITNESS.split("        for stream")[0]
         + f"""
-        before = open({str(stamps)!r}).read()
+        before = open({path!r}).read()
         time.sleep(0.5)
-        after = open({str(stamps)!r}).read()
+        after = open({path!r}).read()
         raise RuntimeError(f"{{len(after) - len(before)}} written, {{len(before) > 0}}")
 """
     )
     files = [
-        write_plugin("vandal.py", HEAD + VANDAL.replace("ACT", f"{busy}; time.sleep(0.3)")),
+        write_plugin("vandal.py", f"{HEAD}ACTS = {{'pass': {begin!r}}}\n{VANDAL}"),
         write_plugin("witness.py", HEAD + plain),
     ]
     suite = Suite(name="t", scenarios=[str(tiny)], estimators=["oracle"], snr_db=[0], trials=1)
     rows = run(suite, estimators=["vandal", "witness"], plugins=files, jobs=1)
-    assert rows["reason"].tolist() == ["", "RuntimeError: 0 written, True (witness.py, line 26, in estimate)"]
+    assert rows["reason"].tolist() == ["", "RuntimeError: 0 written, True (witness.py, line 27, in estimate)"]
     size = stamps.stat().st_size
     time.sleep(0.2)
     assert stamps.stat().st_size == size  # it ended with the run

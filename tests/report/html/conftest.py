@@ -9,7 +9,8 @@ import pytest
 
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.link import LinkSuite
-from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 
@@ -165,7 +166,8 @@ def runs(yard, tmp_path_factory):
         folder = root / name
         if not folder.exists():
             with known():
-                run_suite(suites[name], folder, execution=Execution(repeats=1 if "timed" in name else None))
+                timing = {"timing": True, "repeats": 1} if "timed" in name else {}
+                run_suite(suites[name], folder, options=RunOptions(**timing))
         return folder
 
     return make

@@ -16,11 +16,13 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.run_plan import Block, load_job
-from isacbench.bench.run.runner import Execution, run_suite
+from isacbench.bench.plan.run_plan import load_job
+from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers import guarded_cells
-from isacbench.bench.workers.guarded_cells import Guard, Lane, work_guarded
+from isacbench.bench.workers import worker as worker_module
+from isacbench.bench.workers.cell import Limits
+from isacbench.bench.workers.worker import Worker, rows_guarded
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.discovery import load_plugin_file, local_plugins
 
@@ -99,7 +101,7 @@ def suite(wreck, tiny):
 
 def guarded(suite, n_jobs=1, **limits):
     limits = {"timeout_s": 60, "memory_mib": MEMORY_MIB, **limits}
-    return run_suite(suite, execution=Execution(n_jobs=n_jobs, guard=Guard(**limits)))
+    return run_suite(suite, options=RunOptions(jobs=n_jobs, **limits))
 
 
 def others(records):
@@ -240,7 +242,7 @@ def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
     load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what=what)))
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=3)
     with pytest.raises(InputError, match=message):
-        run_suite(suite, tmp_path / "run", execution=Execution(n_jobs=2))
+        run_suite(suite, tmp_path / "run", options=RunOptions(jobs=2))
     assert Context().run(local_plugins) == ()  # other threads know nothing of the file
 
 
@@ -249,56 +251,51 @@ def test_versions_of_a_process_that_leaves_while_it_loads_plugins_are_not_waited
     load_plugin_file(write_plugin("homebody.py", BROKEN_IN_WORKERS.format(what="os._exit(0)")))
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=1)
     with (
-        Lane(load_job(suite), Guard(timeout_s=None)) as lane,
+        Worker(load_job(suite).parts, Limits(timeout_s=None)) as worker,
         pytest.raises(InputError, match="loading the plugins: the process exited with code 0"),
     ):
-        lane.versions()
+        worker.versions()
+
+
+def all_blocks(job):
+    return job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))
 
 
 @pytest.fixture
-def lane(suite):
-    """Return a lane whose first cell never ends."""
+def endless(suite):
+    """Return a worker and a function that lets it work in a thread on a cell that never ends.
+
+    What ended the work comes from the queue that the function returns.
+    """
     job = load_job(suite([]).replace(estimators=["wreck[kind=loop]", "good"]))
-    with Lane(job, Guard()) as lane:
-        yield lane
-
-
-BLOCK = Block(0, 0, 0.0, (0, 1))
-
-
-def work_in_thread(lane):
-    """Work in a thread; what ended it comes back from the queue."""
     ended = SimpleQueue()
 
     def work():
         try:
-            ended.put(list(lane.work([BLOCK])))
+            ended.put(list(worker.rows(all_blocks(job))))
         except BaseException as error:
             ended.put(error)
 
-    Thread(target=work, daemon=True).start()
-    return ended
+    def start():
+        Thread(target=work, daemon=True).start()
+        return ended
+
+    with Worker(job.parts, Limits()) as worker:
+        yield worker, start
 
 
 @pytest.mark.parametrize("delay_s", [0, 0.2, *(pytest.param(t, marks=SLOW) for t in (0.05, 0.1, 1))])
-def test_a_busy_lane_can_be_stopped_from_another_thread_at_any_moment(lane, delay_s):
-    ended = work_in_thread(lane)
+def test_a_busy_worker_can_be_stopped_from_another_thread_at_any_moment(endless, delay_s):
+    worker, start = endless
+    ended = start()
     time.sleep(delay_s)
-    lane.stop()
+    worker.stop()
     assert isinstance(ended.get(timeout=60), CancelledError)
-
-
-def test_a_lane_that_was_stopped_does_not_work_again(lane):
-    lane.stop()
-    lane.stop()
-    with pytest.raises(CancelledError):
-        next(lane.work([BLOCK]))
 
 
 def test_a_run_that_is_left_early_ends_its_processes(suite):
     job = load_job(suite([]).replace(trials=3))
-    blocks = job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))
-    outcomes = work_guarded(job, blocks, Guard(), 2)
+    outcomes = rows_guarded(job, all_blocks(job), Limits(), 2)
     next(outcomes)
     before = {child.pid for child in active_children()}
     assert before
@@ -307,7 +304,7 @@ def test_a_run_that_is_left_early_ends_its_processes(suite):
 
 
 def test_a_run_without_a_cell_left_starts_nothing(suite):
-    assert list(work_guarded(load_job(suite([])), [], Guard(), 2)) == []
+    assert list(rows_guarded(load_job(suite([])), [], Limits(), 2)) == []
 
 
 def test_a_process_that_dies_of_an_earlier_cell_costs_the_present_one_nothing(suite):
@@ -326,19 +323,20 @@ def test_a_process_that_dies_of_an_earlier_cell_costs_the_present_one_nothing(su
 )
 def test_limits_that_are_none_are_refused(limits, message):
     with pytest.raises(InputError, match=message):
-        Guard(**limits)
+        Limits(**limits)
 
 
 def test_limits_without_a_worker_to_hold_them_are_refused():
     with pytest.raises(
         InputError, match="timeout_s and memory_mib limit worker processes: give jobs or dask"
     ):
-        Execution(guard=Guard(timeout_s=1))
+        RunOptions(timeout_s=1)
 
 
 def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):
-    monkeypatch.setattr(guarded_cells, "_workbench", None, raising=False)
+    for name in ("_job", "_messages"):
+        monkeypatch.setattr(worker_module, name, None, raising=False)
     monkeypatch.setattr(gc, "freeze", lambda: None)
     with warnings.catch_warnings():
-        guarded_cells._start_worker(None, None)
+        worker_module._start(None, None, None)
         warnings.warn("a scatterer is far away", InputWarning, stacklevel=1)
