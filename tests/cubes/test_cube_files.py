@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 
 import h5py
@@ -58,40 +57,6 @@ def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, wr
     write(tmp_path / name, cube=array)
     with open_cube(str(tmp_path / name), tile_bytes=SMALL_TILE_BYTES) as cube:
         assert_gives(cube, array)
-
-
-def test_a_mat_file_of_the_other_byte_order_is_read(tmp_path):
-    """Swap the bytes of a file that holds nothing but numbers of four and eight bytes."""
-    array = random_cube(dtype=np.complex64)
-    write_mat(tmp_path / "little.mat", cube=array)
-    header, body = np.split(np.fromfile(tmp_path / "little.mat", np.uint8), [128])
-    words = body.view("<u4").byteswap()
-    name = body.tobytes().index(b"cube") // 4
-    words[name] = body.view("<u4")[name]
-    header[124:128] = np.frombuffer(b"\x01\x00MI", np.uint8)
-    (tmp_path / "big.mat").write_bytes(header.tobytes() + words.tobytes())
-    with open_cube(tmp_path / "big.mat") as cube:
-        assert_gives(cube, array)
-
-
-def test_parts_that_matlab_stores_in_small_integers_are_numbers_as_any_other(tmp_path):
-    """The tag of a part gives its type; MATLAB picks the smallest integer, scipy never."""
-    whole = np.arange(6.0).reshape(1, 3, 2, 1)
-    array = whole - 1j * whole
-    write_mat(tmp_path / "plain.mat", cube=array)
-    data = (tmp_path / "plain.mat").read_bytes()
-    start = data.index(b"cube") + 4
-    parts = b"".join(
-        np.array([kind, part.nbytes], "<u4").tobytes() + part.tobytes(order="F") + bytes(-part.nbytes % 8)
-        for kind, part in ((2, whole.astype("u1")), (3, (-whole).astype("<i2")))
-    )
-    inside = data[136:start] + parts
-    element = np.array([14, len(inside)], "<u4").tobytes() + inside
-    stream = zlib.compress(element)
-    for stored in (element, np.array([15, len(stream)], "<u4").tobytes() + stream):
-        (tmp_path / "small.mat").write_bytes(data[:128] + stored)
-        with open_cube(tmp_path / "small.mat") as cube:
-            assert_gives(cube, array)
 
 
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
@@ -242,7 +207,7 @@ def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_
 def test_open_arrays_that_are_not_complete_are_refused(tmp_path):
     with h5py.File(tmp_path / "c.h5", "w") as file:
         cube = file.create_dataset("cube", SHAPE, np.complex64, chunks=(12, 10, 3, 2))
-        with pytest.raises(InputError, match="is not complete: 0 of 4 chunks"):
+        with pytest.raises(InputError, match="is not complete: the file has 0 of 4 chunks"):
             open_cube(cube)
     write_zarr2(tmp_path / "c.zarr", cube=random_cube())
     (tmp_path / "c.zarr" / "cube" / "1.0.1.3").unlink()
