@@ -249,8 +249,8 @@ NO_CUBE = [
     (CUBE.real.astype(np.float32), "holds float32; a cube takes complex64 or complex128"),
     (np.ones(SHAPE, ">i2"), "holds int16; a cube takes complex64 or complex128"),
     (np.ones(SHAPE, np.clongdouble), "holds complex256; a cube takes complex64 or complex128"),
-    (CUBE[0], "has 3 axes, shape (10, 3, 4); a cube takes four: (subcarriers, symbols, P, Q)"),
-    (CUBE[:, :0], "is empty, shape (24, 0, 3, 4); a cube takes at least one"),
+    (CUBE[0], "has shape (10, 3, 4); a cube takes four axes, none empty: (subcarriers, symbols, P, Q)"),
+    (CUBE[:, :0], "has shape (24, 0, 3, 4); a cube takes four axes, none empty"),
 ]
 
 GRID_TAKES = "a transmitted grid takes"
