@@ -6,7 +6,6 @@ import json
 import pickle
 import struct
 import zipfile
-import zlib
 
 import h5py
 import numpy as np
@@ -173,15 +172,6 @@ def bomb(header, n_mib, names=("xyz.npy",)):
     return write
 
 
-def lying_directory(path):
-    """A member that has more bytes in the directory than in the archive, so that its header is believed."""
-    data = npy_bytes((4, 3, 2, 2), "<c8", data=bytes(8))
-    np_size = struct.pack("<I", len(data))
-    npz({"cube.npy": data}, zipfile.ZIP_STORED)(path)
-    raw = path.read_bytes()
-    path.write_bytes(raw.replace(np_size, struct.pack("<I", 10**6)))
-
-
 def pickled_npz(path):
     np.savez(path, xyz=np.array([[Trap(path.parent)] * 3], dtype=object), velocity=np.ones(1))
 
@@ -192,7 +182,6 @@ NPZ = {
     "a bomb of one": bomb(npy_bytes((BOMB_MIB * 2**20 // 24, 3)), BOMB_MIB),
     "a bomb of many": bomb(npy_bytes((2**16, 3)), 2, names=[f"a{index}.npy" for index in range(12)]),
     "a bomb of a header": bomb(b"\x93NUMPY\x02\x00" + struct.pack("<I", 10 * 2**20), 10),
-    "a directory that lies": lying_directory,
     "no member": npz({}),
     "no array": npz({"xyz.npy": b"neither"}),
 }
@@ -201,38 +190,8 @@ NPZ = {
 # mat
 
 
-def mat_elements(*elements):
-    return content(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(elements))
-
-
-def mat_array(shape, numbers, kind=6, claimed=None):
-    """An array of a class and a shape, and a part that claims so many bytes."""
-    claimed = len(numbers) if claimed is None else claimed
-    body = struct.pack("<IIII", 6, 8, kind, 0)
-    body += struct.pack("<II", 5, 4 * len(shape)) + struct.pack(f"<{len(shape)}i", *shape)
-    body += bytes(-len(body) % 8)
-    body += struct.pack("<HH", 1, 3) + b"xyz\0" + struct.pack("<II", 9, claimed) + numbers
-    return struct.pack("<II", 14, len(body)) + body
-
-
 def mat_of(**arrays):
     return lambda path: savemat(path, arrays)
-
-
-def compressed_mat(n_mib):
-    """An array of so many MiB of zeros."""
-
-    def write(path):
-        packer = zlib.compressobj(1)
-        n_bytes = n_mib * 2**20
-        head = mat_array((n_bytes // 24, 3), b"", claimed=n_bytes)
-        data = packer.compress(struct.pack("<II", 14, len(head) - 8 + n_bytes) + head[8:])
-        for _ in range(n_mib):
-            data += packer.compress(bytes(2**20))
-        data += packer.flush()
-        mat_elements(struct.pack("<II", 15, len(data)) + data)(path)
-
-    return write
 
 
 def unknown_filter73(file):
@@ -253,10 +212,6 @@ MAT = {
     "7.3, nothing written": mat73(lambda file: dataset73(file, (3, 10**6)))[1],
     "7.3, a structure": mat73(lambda file: file.create_group("xyz/velocity"))[1],
     "cells": mat_of(xyz=np.array([TABLE, "a"], dtype=object), velocity=TABLE[:, 3]),
-    "1e9 rows": mat_elements(mat_array((10**9, 3), bytes(24))),
-    "negative rows": mat_elements(mat_array((-1, -3), bytes(24))),
-    "an unknown class": mat_elements(mat_array((1, 3), bytes(24), kind=200)),
-    "a bomb": compressed_mat(BOMB_MIB),
 }
 
 
