@@ -224,23 +224,16 @@ def test_a_refused_file_is_closed_again(tmp_path):
         h5py.File(tmp_path / name, "a").close()
 
 
-@pytest.mark.parametrize(
-    ("axes", "words"),
-    [
-        ((3, 2, 1, 0), ". The axes look permuted: numpy.transpose with axes (3, 2, 1, 0) would fit"),
-        ((1, 0, 2, 3), ". The axes look permuted: numpy.transpose with axes (1, 0, 2, 3) would fit"),
-        ((2, 0, 3, 1), ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"),
-        (None, ""),
-    ],
-)
-def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named(axes, words):
+def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named():
     system = System(n_subcarriers=24, n_symbols=10)
     array = VirtualArray(tx_shape=(1, 2), rx_shape=(3, 2), tx_spacing=2)
-    require_shape(open_cube(random_cube()), system, array)
-    found = random_cube()[1:] if axes is None else random_cube().transpose(axes)
-    with pytest.raises(InputError) as refused:
-        require_shape(open_cube(found), system, array)
-    assert str(refused.value) == (
-        f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
-        f"(subcarriers, symbols, P, Q){words}"
-    )
+    cube = random_cube()
+    require_shape(open_cube(cube), system, array)
+    hint = ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"
+    for found, words in ((cube[1:], ""), (cube.transpose(2, 0, 3, 1), hint)):
+        with pytest.raises(InputError) as refused:
+            require_shape(open_cube(found), system, array)
+        assert str(refused.value) == (
+            f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
+            f"(subcarriers, symbols, P, Q){words}"
+        )

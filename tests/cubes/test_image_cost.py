@@ -66,12 +66,6 @@ def test_the_oracle_takes_no_echo(street):
     assert total.full[OPERATIONS] > 1e10
 
 
-def test_a_double_cube_takes_twice_the_bytes(street):
-    single, double = (image_cost(street, Music2d(), dtype) for dtype in (np.complex64, np.complex128))
-    assert steps_of(double)["read"].computed[BYTES] == 2 * steps_of(single)["read"].computed[BYTES]
-    assert double.total.computed[OPERATIONS] == single.total.computed[OPERATIONS]
-
-
 def test_a_wider_region_takes_more_and_an_fft_in_the_end(street):
     wider = dataclasses.replace(street.region, y_m=(-40.0, 100.0))
     costs = [image_cost(one, Music2d()) for one in (street, dataclasses.replace(street, region=wider))]
@@ -102,9 +96,3 @@ def test_the_command_prints_steps_and_json():
     content = json.loads(CliRunner().invoke(app, ["plan", "-s", "street", "-e", "fft4d", "--json"]).stdout)
     assert content["range_bins"] == [256, 344]
     assert content["total"]["full"]["bytes"] > content["total"]["computed"]["bytes"]
-
-
-def test_an_unknown_precision_is_told():
-    shown = CliRunner().invoke(app, ["plan", "--precision", "half"])
-    assert shown.exit_code == 2
-    assert "single" in shown.stderr
