@@ -72,6 +72,7 @@ CSV = {
     # What can be read in two ways
     "0,1.5,2,3\n1,4,5,6\n": NUMBERED,
     "1 1.5 2 3\n2 4 5 6\n": NUMBERED,
+    "9,1.5,2,3\n4,4,5,6\n": NUMBERED,
     "0,1,2,3\n7,4,5,6\n": NUMBERED,
     "# columns: v x y z\n7,4,5,6\n": "the comment 'columns: v x y z' may name the 4 columns; ",
 }

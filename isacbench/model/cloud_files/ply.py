@@ -95,7 +95,7 @@ def _parsed_header(path: Path, lines: list[str]) -> tuple[str, int, list[tuple[s
                 pass
             case ["format", form, "1.0"] if form in _ORDERS:
                 order = _ORDERS[form]
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if re.fullmatch("[0-9]{1,18}", count):
                 elements.append((name, int(count)))
             case ["property", kind, name] if elements and kind in _TYPES:
                 properties.append((len(elements), name, _TYPES[kind]))

@@ -131,7 +131,7 @@ def read_points_csv(path: str | Path) -> Points:
     if not {*_SCATTERER[:-1]} <= {*plain} <= {*known} or len({*plain}) < len(plain):
         raise InputError(
             f"{path}: {table.place}: takes the columns x, y, z, v and optionally amplitude and object, "
-            f"not {shortened(', '.join(table.names)) or 'rows without a header'}"
+            f"not {shortened(', '.join(filter(None, table.names))) or 'rows without a header'}"
         )
     if not table.rows:
         raise InputError(f"{path}: holds no points below its header")
@@ -147,7 +147,7 @@ def _read_csv(path: Path) -> dict[str, Floats]:
     if table.names:
         found = find_columns(path, table.place, table.names)
         return dict(zip(found, table.values(table.names, [*found.values()]).T, strict=True))
-    first, n_rows = table.rows[0], len(table.rows)
+    first = table.rows[0]
     if len(first) not in (3, 4, 5):
         raise InputError(
             f"{path}: {table.place}: {len(first)} fields; without a header a cloud takes 3, 4 or 5 "
@@ -156,11 +156,9 @@ def _read_csv(path: Path) -> dict[str, Floats]:
     columns = POINT_COLUMNS[: len(first)]
     values = table.values(columns, range(len(first)))
     numbers_columns = first == [str(column) for column in range(len(first))]
-    numbers_rows = len(first) > 3 and any(
-        first[0] == str(start) and np.array_equal(values[:, 0], np.arange(start, start + n_rows))
-        for start in (0, 1)
-    )
-    if numbers_columns or numbers_rows:
+    is_whole = (values % 1 == 0).all(axis=0)
+    are_distinct = 1 < len(values) == len(np.unique(values[:, 0]))
+    if numbers_columns or (len(first) > 3 and is_whole[0] and not is_whole.all() and are_distinct):
         raise InputError(
             f"{path}: {table.place}: may number the columns or the rows; allowed is a header x, y, z ... and "
             f"{NO_ROW_NUMBERS}"
