@@ -54,18 +54,10 @@ TILES_AHEAD = 1
 class Tile(NamedTuple):
     """A part of a cube, loaded when it is asked for.
 
-    Attributes
-    ----------
-    subcarriers, symbols : slice
-        Covered part, with explicit bounds and step 1.
-    elements : ndarray of intp, shape (e,)
-        Covered array elements, as indices into the requested list.
-    load : callable
-        Returns the values, complex of the cube's precision and native byte
-        order, shape (subcarriers, symbols, e), in any strides. The array may
-        be a view or a mapped file and must not be written to. May be called
-        from any thread, in any order and again; what it took is released with
-        the array that it returned.
+    It covers slices of subcarriers and symbols with explicit bounds, and elements as indices (e,) into the
+    requested list. `load` returns the values (subcarriers, symbols, e) in the cube's precision and native
+    byte order, in any strides: perhaps a view, not to be written to. It may be called from any thread and
+    again; what it took is released with the array that it returned.
     """
 
     subcarriers: slice
@@ -132,18 +124,7 @@ class Cube:
             array.require_filled()
 
     def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
-        """Cut the cube of some elements into disjoint tiles.
-
-        Parameters
-        ----------
-        elements : ndarray of int, shape (e, 2)
-            Indices (p, q) of the elements that are needed, one at least.
-
-        Raises
-        ------
-        InputError
-            If an element lies outside the array.
-        """
+        """Cut the cube of some elements (e, 2), given by their indices (p, q), into disjoint tiles."""
         outside = ((elements < 0) | (elements >= self.shape[2:])).any(axis=1)
         if outside.any():
             element = tuple(elements[outside.argmax()].tolist())

@@ -47,19 +47,10 @@ MOST_CHUNKS = 2**22
 class StoredArray:
     """Array in a file, of which nothing but the header was read.
 
-    Attributes
-    ----------
-    shape : tuple of int
-    dtype : dtype
-        Complex where the file holds pairs of real fields.
-    read : callable
-        Reads a box, given as one slice an axis, in any thread; () is all.
-    strides, chunks : tuple of int, optional
-        How it lies in a file that can be read in parts.
-    drops_ones : bool
-        True if the program that wrote the file drops trailing axes of length one.
-    require_filled : callable
-        Raises `InputError` if parts were never written; libraries give zeros for them.
+    Its type is complex where the file holds pairs of real fields. `read` takes a box, one slice an axis, in
+    any thread; () is all. Strides or chunks say how it lies in a file that can be read in parts.
+    `drops_ones` tells that the program that wrote it drops trailing axes of length one. `require_filled`
+    raises `InputError` if parts were never written, for which libraries give zeros.
     """
 
     shape: Lengths

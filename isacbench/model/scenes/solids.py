@@ -114,19 +114,7 @@ Part = tuple[Floats, Sequence[int]]
 
 
 def solid_of(kind: str, keys: dict[str, Any]) -> list[Part]:
-    """Parts of an object.
-
-    Parameters
-    ----------
-    kind : str
-        As in a scenario file.
-    keys : dict
-        Sizes of the object, as its outline takes them.
-
-    Returns
-    -------
-    list of (ndarray of float64 of shape (n, 3, 3), sequence of int)
-    """
+    """Parts of an object of a kind, whose keys are the sizes that its outline takes."""
     return _SOLIDS[kind](**keys) if kind in _SOLIDS else []
 
 
