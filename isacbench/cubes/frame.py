@@ -249,9 +249,16 @@ def observe_cube(
             )
         known = np.ones(sensed.shape) if symbols is None else symbols
         used, factors = (known != 0).any(axis=1), None
+        remarks: list[str] = []
         if symbols is not None or not sensed.all():
-            if division == "reciprocal":
-                _warn_of_weak_carriers(cube.name, np.abs(known).max(axis=1, where=sensed, initial=0))
+            amplitude = np.abs(known).max(axis=1, where=sensed, initial=0)
+            is_weak = (amplitude > 0) & (amplitude < WEAK * amplitude.max())
+            if division == "reciprocal" and is_weak.any():
+                remarks.append(
+                    f"{counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
+                    f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the "
+                    "division raises their noise as much; write 0 for null carriers, or choose division = 'wiener'"
+                )
             factors = np.zeros(sensed.shape, dtype=np.complex128)
             factors[used] = division_factors(
                 known[used], sensed[used], signal.division, np.inf if snr_db is None else snr_db
@@ -261,27 +268,14 @@ def observe_cube(
     nulls = observation.nulls
     if nulls is not None and (nulls.missed > MOST_MISSED or nulls.missed_beyond > MOST_MISSED_BEYOND):
         own_db, beyond_db = (20 * np.log10(missed) for missed in (nulls.missed, nulls.missed_beyond))
-        warnings.warn(
-            f"{cube.name}: {nulls.null.size} null carriers lie between others: false ranges are up to "
+        remarks.append(
+            f"{nulls.null.size} null carriers lie between others: false ranges are up to "
             f"{own_db:.0f} dB of an echo from the region, up to {beyond_db:.0f} dB of one from beyond it; "
-            "a region of fewer range bins leaves less",
-            InputWarning,
-            stacklevel=2,
+            "a region of fewer range bins leaves less"
         )
+    for remark in remarks:
+        warnings.warn(f"{cube.name}: {remark}", InputWarning, stacklevel=2)
     return observation
-
-
-def _warn_of_weak_carriers(name: str, amplitude: NDArray[np.float64]) -> None:
-    """Tell of subcarriers in which little was transmitted: their noise is divided by next to nothing."""
-    is_weak = (amplitude > 0) & (amplitude < WEAK * amplitude.max())
-    if is_weak.any():
-        warnings.warn(
-            f"{name}: {counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
-            f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the division "
-            "raises their noise as much; write 0 for null carriers, or choose division = 'wiener'",
-            InputWarning,
-            stacklevel=3,
-        )
 
 
 def _checked_grid(

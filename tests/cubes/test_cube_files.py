@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import h5py
@@ -143,13 +142,10 @@ def test_the_transmitted_grid_is_found_beside_the_cube_and_in_a_file_of_its_own(
 def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
     np.save(tmp_path / "real.npy", np.array([[1, 0], [0, -1]], np.int8))
     assert read_grid(tmp_path / "real.npy").dtype == np.complex128
-    big = np.asfortranarray(GRID).astype(">c8")
-    np.save(tmp_path / "big.npy", big)
-    np.savez_compressed(tmp_path / "big.npz", cube=random_cube(), transmitted=big)
-    for name in ("big.npy", "big.npz"):
-        grid = read_grid(tmp_path / name)
-        assert grid.dtype.isnative
-        assert np.array_equal(grid, GRID)
+    np.save(tmp_path / "big.npy", np.asfortranarray(GRID).astype(">c8"))
+    grid = read_grid(tmp_path / "big.npy")
+    assert grid.dtype.isnative
+    assert np.array_equal(grid, GRID)
 
 
 # What is refused when it is opened is in the table of tests/hostile.
@@ -162,22 +158,10 @@ def test_other_things_than_arrays_and_paths_are_refused():
         open_cube(random_cube().real)
 
 
-@pytest.mark.parametrize("kind", FORMATS)
-def test_an_element_outside_the_array_and_a_file_that_ends_early_are_refused(tmp_path, kind):
-    write, filename = FORMATS[kind]
-    path = tmp_path / filename
-    for compressed in (False, True):
-        write(path, cube=random_cube(), compressed=compressed)
-        with open_cube(path) as cube:
-            for element in ((3, 0), (0, 4), (-1, 0)):
-                with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
-                    next(cube.tiles(np.array([(0, 0), element])))
-        whole = path.read_bytes() if path.is_file() else b""
-        for size in (1, 130, 200, len(whole) - 1) if whole else ():
-            path.write_bytes(whole[:size])
-            with pytest.raises(InputError, match=r"truncated|cannot be read as|wanted is"):
-                open_cube(path)
-        shutil.rmtree(path, ignore_errors=True)
+def test_an_element_outside_the_array_is_refused():
+    for element in ((3, 0), (0, 4), (-1, 0)):
+        with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
+            next(open_cube(random_cube()).tiles(np.array([(0, 0), element])))
 
 
 def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
