@@ -257,7 +257,8 @@ def observe_cube(
                 remarks.append(
                     f"{counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
                     f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the "
-                    "division raises their noise as much; write 0 for null carriers, or choose division = 'wiener'"
+                    "division raises their noise as much; write 0 for null carriers, or choose "
+                    "division = 'wiener'"
                 )
             factors = np.zeros(sensed.shape, dtype=np.complex128)
             factors[used] = division_factors(
