@@ -199,16 +199,16 @@ def _only_array(path: Path, entries: Entries, wanted: str, n_axes: int) -> tuple
 def _all_named(entries: Entries, wanted: str) -> list[str]:
     """Names of all that is called the cube or the grid; what lies in a group of that name is the grid."""
     place = np.s_[-1:] if wanted == CUBE_NAME else np.s_[:]
-    return [name for name in entries if wanted in _parts(name)[place]]
+    return [name for name in entries if wanted in re.split(r"[/.\\]", _plain(name))[place]]
 
 
-def _parts(name: str) -> list[str]:
-    """Parts of the path of an entry in small letters and digits."""
-    return [re.sub(r"[\W_]", "", part).lower() for part in re.split(r"[/.\\]", name)]
+def _plain(name: str) -> str:
+    """Path of an entry in small letters, without underscores and the like."""
+    return re.sub(r"[^\w/.\\]|_", "", name).lower()
 
 
 def _is_called_grid(name: str) -> bool:
-    return GRID_NAME in "".join(_parts(name))
+    return GRID_NAME in _plain(name)
 
 
 def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:

@@ -121,8 +121,14 @@ def _whole_chunks(
     n_chunk, n_left = chunk_lengths(shape, dtype.itemsize)[0], shape[0]
     waiting = np.empty((0, *shape[1:]), dtype)
     for block in blocks:
-        waiting = np.concatenate([waiting, values := _in_precision(block, path, shape, dtype)])
-        n_left -= len(values)
+        given = unmasked_array(f"{path}: a block", block)
+        if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
+            raise InputError(
+                f"{path}: a block takes complex numbers of shape "
+                f"(n, {', '.join(map(str, shape[1:]))}), not {given.dtype} of shape {given.shape}"
+            )
+        waiting = np.concatenate([waiting, np.ascontiguousarray(given, dtype=dtype)])
+        n_left -= len(given)
         if n_left < 0:
             raise InputError(f"{path}: {shape[0] - n_left} subcarriers were given; the cube has {shape[0]}")
         if n_whole := len(waiting) - (len(waiting) % n_chunk if n_left else 0):
@@ -132,17 +138,6 @@ def _whole_chunks(
                 progress(shape[0] - n_left - len(waiting), shape[0])
     if n_left:
         raise InputError(f"{path}: only {shape[0] - n_left} of {shape[0]} subcarriers were given")
-
-
-def _in_precision(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
-    """Convert a block to the precision of the cube."""
-    given = unmasked_array(f"{path}: a block", block)
-    if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
-        raise InputError(
-            f"{path}: a block takes complex numbers of shape "
-            f"(n, {', '.join(map(str, shape[1:]))}), not {given.dtype} of shape {given.shape}"
-        )
-    return np.ascontiguousarray(given, dtype=dtype)
 
 
 def _write_npy(path: Path, shape: Shape, dtype: np.dtype[Any], blocks: Iterable[Complex]) -> None:
