@@ -5,9 +5,6 @@ columns of a table by their place; casts to other types cut off imaginary parts
 and fractions.
 """
 
-from __future__ import annotations
-
-from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -47,10 +44,7 @@ def checked_array(what: str, values: ArrayLike, dtype: DTypeLike = np.float64) -
         wanted = np.result_type(wanted, plain)
     if plain.dtype.kind not in "fiuc" or not np.can_cast(plain.dtype, wanted, "same_kind"):
         raise InputError(f"{what} holds {plain.dtype}; allowed are {allowed}")
-    converted = plain.astype(wanted, copy=False)
-    if wanted.kind == "i" and plain.dtype.kind == "u" and (converted < 0).any():
-        raise InputError(f"{what} holds {plain.max()}; allowed are whole numbers below 2^63")
-    return converted
+    return plain.astype(wanted, copy=False)
 
 
 def unmasked_array(what: str, values: ArrayLike) -> NDArray[Any]:
@@ -74,7 +68,7 @@ def _require_plain(what: str, values: Any) -> None:
         raise InputError(f"{what} has a unit; allowed are plain numbers")
     if n_masked := int(np.count_nonzero(np.ma.getmask(values))):
         raise InputError(f"{what} has {n_masked} masked numbers of {np.size(values)}; drop or fill them")
-    for row in values if isinstance(values, list | tuple | deque) else ():
+    for row in values if isinstance(values, list | tuple) else ():
         if not isinstance(row, float | int | complex):
             # The index of a row of a DataFrame has the names of columns.
             names: list[Any] = getattr(getattr(row, "index", None), "tolist", list)()
@@ -86,7 +80,7 @@ def _require_plain(what: str, values: Any) -> None:
 def named_columns(values: object) -> dict[str, Any] | None:
     """Find the columns of a table: a DataFrame, a structured array, an Arrow table, a mapping, a named tuple.
 
-    None for what has no names of columns. Ascending numbers are no names.
+    None for what has no names of columns. Numbers are no names.
 
     Examples
     --------
@@ -105,14 +99,9 @@ def named_columns(values: object) -> dict[str, Any] | None:
         table = dict(zip(labels, values, strict=True)) if labels else values
     else:
         labels = getattr(values, "column_names", getattr(values, "columns", None))
-    if labels is None or _are_places(labels):
+    if labels is None or all(isinstance(label, int | np.integer) for label in labels):
         return None
     return {str(label): table[label] for label in labels}
-
-
-def _are_places(labels: Any) -> bool:
-    """Tell if labels are ascending whole numbers, as those of a DataFrame made of an array."""
-    return all(isinstance(label, int | np.integer) for label in labels) and list(labels) == sorted(labels)
 
 
 def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> None:

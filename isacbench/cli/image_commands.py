@@ -183,16 +183,16 @@ def plan_command(
     opt.register(plugin)
     opt.require_names([scenario], [estimator])
     from isacbench.charts import text_table
-    from isacbench.cubes.image_cost import HEADER, image_cost
+    from isacbench.cubes.image_cost import HEADER, cost_rows, image_cost
     from isacbench.plugins.registry import build_estimator
 
     scene = isacbench.load_scenario(scenario)
     cost = image_cost(scene, build_estimator(estimator), _dtype(precision))
     if as_json:
-        print_json(cost.to_json())
+        print_json(cost)
         return
     title = f"{scene.name}, {estimator}: recorded frame, compared with the full 4-D chain"
-    print_tables(text_table(title, HEADER, cost.rows()))
+    print_tables(text_table(title, HEADER, cost_rows(cost)))
     say("Operations of a matrix product (partial DFT) take a sixteenth of the time of those of an FFT.")
 
 

@@ -7,8 +7,6 @@ their range and by the peak of either line's spectrum, as the frame is,
 and as it would be in other conventions.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from functools import cached_property
@@ -243,59 +241,42 @@ def observe_cube(
             grid = read_grid(grid)
         sensed = sensed_elements(scenario.system, sensing)
         symbols = None if grid is None else _checked_grid(grid, cube, sensed, sensing)
-        _require_known(cube, symbols, division, snr_db)
-        factors = carriers = None
+        if symbols is None and division != "reciprocal":
+            raise InputError(f"{cube.name}: division = {division!r} needs the transmitted grid")
+        if (division == "wiener") != (snr_db is not None):
+            raise InputError(
+                f"{cube.name}: division = 'wiener', and no other, takes the SNR of the echo, snr_db"
+            )
+        known = np.ones(sensed.shape) if symbols is None else symbols
+        used, factors = (known != 0).any(axis=1), None
+        remarks: list[str] = []
         if symbols is not None or not sensed.all():
-            known = np.ones(sensed.shape) if symbols is None else symbols
-            used = (known != 0).any(axis=1)
-            if division == "reciprocal":
-                _warn_of_weak_carriers(cube.name, np.abs(known).max(axis=1, where=sensed, initial=0))
+            amplitude = np.abs(known).max(axis=1, where=sensed, initial=0)
+            is_weak = (amplitude > 0) & (amplitude < WEAK * amplitude.max())
+            if division == "reciprocal" and is_weak.any():
+                remarks.append(
+                    f"{counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
+                    f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the "
+                    "division raises their noise as much; write 0 for null carriers, or choose "
+                    "division = 'wiener'"
+                )
             factors = np.zeros(sensed.shape, dtype=np.complex128)
             factors[used] = division_factors(
                 known[used], sensed[used], signal.division, np.inf if snr_db is None else snr_db
             )
-            carriers = None if used.all() else used
         source = cube if cube.is_in_memory else array_or_path
-    observation = CubeObservation(source, scenario, factors, workers, sensing, carriers)
+    observation = CubeObservation(source, scenario, factors, workers, sensing, None if used.all() else used)
     nulls = observation.nulls
     if nulls is not None and (nulls.missed > MOST_MISSED or nulls.missed_beyond > MOST_MISSED_BEYOND):
         own_db, beyond_db = (20 * np.log10(missed) for missed in (nulls.missed, nulls.missed_beyond))
-        warnings.warn(
-            f"{cube.name}: {nulls.null.size} null carriers lie between others: false ranges are up to "
+        remarks.append(
+            f"{nulls.null.size} null carriers lie between others: false ranges are up to "
             f"{own_db:.0f} dB of an echo from the region, up to {beyond_db:.0f} dB of one from beyond it; "
-            "a region of fewer range bins leaves less",
-            InputWarning,
-            stacklevel=2,
+            "a region of fewer range bins leaves less"
         )
+    for remark in remarks:
+        warnings.warn(f"{cube.name}: {remark}", InputWarning, stacklevel=2)
     return observation
-
-
-def _warn_of_weak_carriers(name: str, amplitude: NDArray[np.float64]) -> None:
-    """Tell of subcarriers in which little was transmitted: their noise is divided by next to nothing."""
-    is_weak = (amplitude > 0) & (amplitude < WEAK * amplitude.max())
-    if is_weak.any():
-        warnings.warn(
-            f"{name}: {counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
-            f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the division "
-            "raises their noise as much; write 0 for null carriers, or choose division = 'wiener'",
-            InputWarning,
-            stacklevel=3,
-        )
-
-
-def _require_known(
-    cube: Cube, symbols: NDArray[np.complex128] | None, division: Division, snr_db: float | None
-) -> None:
-    """Refuse divisions that lack the transmitted grid or the SNR, and an SNR that is not used."""
-    if symbols is None and division != "reciprocal":
-        raise InputError(
-            f"{cube.name}: division = {division!r} needs the transmitted grid; "
-            "a cube that is already divided takes only 'reciprocal'"
-        )
-    if division == "wiener" and (snr_db is None or np.isnan(snr_db)):
-        raise InputError(f"{cube.name}: division = 'wiener' takes the SNR of the echo, snr_db = {snr_db}")
-    if division != "wiener" and snr_db is not None:
-        raise InputError(f"{cube.name}: snr_db needs division = 'wiener', not {division!r}")
 
 
 def _checked_grid(

@@ -11,11 +11,9 @@ matrix product take a sixteenth of the time of those of a strided FFT
 (`isacbench.dsp.partial_dft`). The subcarriers are taken to be outermost.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -37,71 +35,21 @@ HEADER = ["step", "computed", "cells", "of full", "bytes", "of full", "operation
 AMOUNTS = {"cells": "", "bytes": "B", "operations": ""}
 """Units of work: numbers that come out, bytes read and written in main memory or on disk, operations."""
 
+Content = dict[str, Any]
 Work = tuple[int, ...]
 
 
-class Step(NamedTuple):
-    """A step of the chain: how it is done, what is computed, and what the full chain would compute."""
+def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.complex64) -> Content:
+    """Count the work of an image of a recorded frame, whose numbers are of a type, in terms of JSON.
 
-    name: str
-    method: str
-    computed: Work
-    full: Work
-
-    def to_json(self) -> dict[str, Any]:
-        """Names of the amounts included."""
-        work = {part: dict(zip(AMOUNTS, getattr(self, part), strict=True)) for part in ("computed", "full")}
-        return {"name": self.name, "method": self.method, **work}
-
-
-class Cost(NamedTuple):
-    """Cost of an estimator's image of a frame.
-
-    Attributes
-    ----------
-    description : dict
-        Elements, needs, bins and precision, in terms of JSON.
-    steps : tuple of Step
-        In their order.
-    simulation : tuple of Step
-        Steps in place of reading and transforming, if the gate is simulated in
-        closed form instead of recorded.
-    """
-
-    description: dict[str, Any]
-    steps: tuple[Step, ...]
-    simulation: tuple[Step, ...]
-
-    @property
-    def total(self) -> Step:
-        """Work of all steps, and that of the full chain."""
-        computed, full = np.sum([(step.computed, step.full) for step in self.steps], axis=0).tolist()
-        return Step("total", "", tuple(computed), tuple(full))
-
-    def rows(self) -> list[list[str]]:
-        """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead."""
-        simulated = [step._replace(name=f"{step.name} (simulated)") for step in self.simulation]
-        return [_table_row(step) for step in (*self.steps, self.total, *simulated)]
-
-    def to_json(self) -> dict[str, Any]:
-        """Everything in terms of JSON."""
-        total = self.total.to_json()
-        return {
-            **self.description,
-            "steps": [step.to_json() for step in self.steps],
-            "simulation": [step.to_json() for step in self.simulation],
-            "total": {part: total[part] for part in ("computed", "full")},
-        }
-
-
-def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.complex64) -> Cost:
-    """Count the work of an image of a recorded frame, whose numbers are of a type.
+    ``steps`` and their ``total`` have what is computed and what the full chain would; ``simulation`` has the
+    steps in place of reading and transforming, if the gate is simulated in closed form instead of recorded.
 
     Examples
     --------
     >>> from isacbench import get_estimator, load_scenario
     >>> cost = image_cost(load_scenario("street"), get_estimator("music2d", integration="element"))
-    >>> [step.method for step in cost.steps[:2]]
+    >>> [step["method"] for step in cost["steps"][:2]]
     ['31 of 256 elements', 'partial DFT, 33 of 224 bins']
     """
     needs = needs_of(estimator)
@@ -142,13 +90,13 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     angles = n_cells * n_points, 16 * n_cells * e, n_cells * operations
     all_angles = n * m * plane, size * n * m * (n_all + plane), n * m * plane * _fft_operations(plane)
     method = f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins"
-    steps = (
-        Step("read", f"{e} of {n_all} elements", (read, read * size, 0), (frame, frame * size, 0)),
-        Step("Doppler", f"partial DFT, {d} of {m} bins", doppler, (frame, moved, frame * along_symbols)),
-        Step("range", method, along_range, (frame, moved, frame * along_subcarriers)),
-        Step("detection", power, detection, (n * m, size * frame, 4 * frame)),
-        Step("angles", cells, angles, all_angles),
-    )
+    steps = [
+        _step("read", f"{e} of {n_all} elements", (read, read * size, 0), (frame, frame * size, 0)),
+        _step("Doppler", f"partial DFT, {d} of {m} bins", doppler, (frame, moved, frame * along_symbols)),
+        _step("range", method, along_range, (frame, moved, frame * along_subcarriers)),
+        _step("detection", power, detection, (n * m, size * frame, 4 * frame)),
+        _step("angles", cells, angles, all_angles),
+    ]
 
     # Echoes are summed once a scene, those of one speed first. Noise is two normal numbers a cell.
     n_echoes, n_speeds = len(scenario.scatterers), np.unique(scenario.scatterers.velocity).size
@@ -156,17 +104,33 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     echo = whole, whole * DOUBLE_BYTES, 8 * (r * n_all * n_echoes + whole * n_speeds)
     full_echo = frame, frame * size, 8 * (n * n_all * n_echoes + frame * n_speeds)
     noise, full_noise = (whole, whole * DOUBLE_BYTES, 2 * whole), (frame, frame * size, 2 * frame)
-    description = {
+    gated_cells = "cells of the gate"
+    return {
         "elements": {"read": e, "all": n_all},
         "needs": asdict(needs),
         "range_bins": [int(gate.range_bins[0]), int(gate.range_bins[-1])],
         "doppler_bins": [int(gate.doppler_bins[0]), int(gate.doppler_bins[-1])],
         "range_method": "partial" if is_partial else "fft",
         "dtype": str(np.dtype(dtype)),
+        "steps": steps,
+        "simulation": [
+            _step("echo", gated_cells, echo, full_echo),
+            _step("noise", gated_cells, noise, full_noise),
+        ],
+        "total": {
+            part: {amount: sum(step[part][amount] for step in steps) for amount in AMOUNTS}
+            for part in ("computed", "full")
+        },
     }
-    name = "cells of the gate"
-    simulation = Step("echo", name, echo, full_echo), Step("noise", name, noise, full_noise)
-    return Cost(description, steps, simulation)
+
+
+def _step(name: str, method: str, computed: Work, full: Work) -> Content:
+    amounts = {"computed": computed, "full": full}
+    return {
+        "name": name,
+        "method": method,
+        **{part: dict(zip(AMOUNTS, work, strict=True)) for part, work in amounts.items()},
+    }
 
 
 def _fft_operations(n: int) -> int:
@@ -174,13 +138,20 @@ def _fft_operations(n: int) -> int:
     return round(5 * math.log2(max(n, 2)))
 
 
-def _table_row(step: Step) -> list[str]:
-    """Name, method, and amounts of work in three digits and a prefix, such as 1.23 k, each with its share."""
+def cost_rows(cost: Content) -> list[list[str]]:
+    """Table under `HEADER`: the steps and their total, and what a simulated frame takes instead.
+
+    Amounts of work have three digits and a prefix, such as 1.23 k, and each its share.
+    """
     from matplotlib.ticker import EngFormatter
 
-    row = [step.name, step.method]
-    for part, whole, unit in zip(step.computed, step.full, AMOUNTS.values(), strict=True):
-        percent = 100 * part / whole if whole else math.nan
-        share = f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
-        row += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
-    return row
+    rows = []
+    simulated = [{**step, "name": f"{step['name']} (simulated)"} for step in cost["simulation"]]
+    for step in (*cost["steps"], {"name": "total", "method": "", **cost["total"]}, *simulated):
+        rows.append([step["name"], step["method"]])
+        for amount, unit in AMOUNTS.items():
+            part, whole = step["computed"][amount], step["full"][amount]
+            percent = 100 * part / whole if whole else math.nan
+            share = f"{percent:.0f} %" if percent >= 10 else f"{percent:.2g} %"
+            rows[-1] += [EngFormatter(unit)(float(f"{part:.3g}")).strip(), share if whole else ""]
+    return rows

@@ -1,7 +1,5 @@
 """Opening recorded cubes and transmitted grids, from arrays or from files of any known format."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections import Counter
@@ -118,7 +116,7 @@ def read_grid(path: str | Path) -> Complex:
     _require_format(path)
     with arrays.open_arrays(path) as (entries, _):
         name, grid = _only_grid(path, entries)
-        unused = _unused_data(path, entries, {name, *_all_named(entries, CUBE_NAME)}, grid.shape, "grid")
+        unused = _unused_data(path, entries, {name, *_all_named(entries, CUBE_NAME)}, grid.shape)
     _warn(unused)
     return grid
 
@@ -133,7 +131,7 @@ def _open_file(path: Path, tile_bytes: int) -> Cube:
             name, cube.transmitted = _only_grid(path, entries)
             used.add(name)
             require_grid_of(cube, cube.transmitted)
-        cube.unused = _unused_data(path, entries, used, cube.shape[:2], "cube")
+        cube.unused = _unused_data(path, entries, used, cube.shape[:2])
         cube.close = opened.pop_all().close
     return cube
 
@@ -143,10 +141,9 @@ def _warn(unused: str) -> None:
         warnings.warn(unused, InputWarning, stacklevel=3)
 
 
-def _unused_data(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...], beside: str) -> str:
+def _unused_data(path: Path, entries: Entries, used: set[str], shape: tuple[int, ...]) -> str:
     """Say what may be data of the frame beside what is used, and refuse what may be the grid."""
-    taken = [entries[name] for name in used if isinstance(entries[name], StoredArray)]
-    others = {name: entry for name, entry in entries.items() if name not in used and entry not in taken}
+    others = {name: entry for name, entry in entries.items() if name not in used}
     has_grid = bool(_all_named(entries, GRID_NAME))
     unclear = {
         name: entry
@@ -155,10 +152,10 @@ def _unused_data(path: Path, entries: Entries, used: set[str], shape: tuple[int,
     }
     if unclear:
         raise InputError(
-            f"{path}: holds {arrays.names_of(unclear)} beside the {beside}, which may be the transmitted "
-            f"grid; allowed is one array named {GRID_NAME!r}"
+            f"{path}: holds {arrays.names_of(unclear)}, which may be the transmitted grid; "
+            f"allowed is one array named {GRID_NAME!r}"
         )
-    unused = {name: entry for name, entry in others.items() if _may_be_data(name, entry, shape)}
+    unused = {name: entry for name, entry in others.items() if _may_be_data(entry, shape)}
     return f"{path}: does not use {arrays.names_of(unused)}" if unused else ""
 
 
@@ -187,69 +184,48 @@ def _only_grid(path: Path, entries: Entries) -> tuple[str, Complex]:
 
 def _only_array(path: Path, entries: Entries, wanted: str, n_axes: int) -> tuple[str, StoredArray]:
     """Take the array of a name, else the only one of `n_axes` axes; unnamed formats hold just one."""
-    inner = {name: entry for name, entry in entries.items() if "@" not in name}
-    stored = {name: entry for name, entry in inner.items() if isinstance(entry, StoredArray)}
+    stored = {name: entry for name, entry in entries.items() if isinstance(entry, StoredArray)}
     fitting = [name for name, array in stored.items() if not name or len(array.shape) == n_axes]
     at_root = [name for name in fitting if "/" not in name and n_axes == 2]  # settings may lie in groups
     named = _all_named(entries, wanted)
     names = named or at_root or fitting
-    if names and names[0] in stored and len({id(entries[name]) for name in names}) == 1:
+    if len(names) == 1 and names[0] in stored:
         return names[0], stored[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
-    found = arrays.names_of({name: entries[name] for name in named} or inner) or "no arrays"
+    found = arrays.names_of({name: entries[name] for name in named or entries}) or "no arrays"
     raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {found}")
 
 
 def _all_named(entries: Entries, wanted: str) -> list[str]:
     """Names of all that is called the cube or the grid; what lies in a group of that name is the grid."""
     place = np.s_[-1:] if wanted == CUBE_NAME else np.s_[:]
-    return [name for name in entries if wanted in _parts(name)[place]]
+    return [name for name in entries if wanted in re.split(r"[/.\\]", _plain(name))[place]]
 
 
-def _parts(name: str) -> list[str]:
-    """Parts of the path of an entry in small letters and digits; an attribute has no part but its name."""
-    return [re.sub(r"[\W_]", "", part).lower() for part in re.split(r"[/.\\]", name.rpartition("@")[2])]
+def _plain(name: str) -> str:
+    """Path of an entry in small letters, without underscores and the like."""
+    return re.sub(r"[^\w/.\\]|_", "", name).lower()
 
 
 def _is_called_grid(name: str) -> bool:
-    return GRID_NAME in "".join(_parts(name))
+    return GRID_NAME in _plain(name)
 
 
 def _may_be_grid(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
     """Tell if an entry may have a number for each of the (subcarriers, symbols); cubes and axes do not."""
-    if isinstance(entry, str):
-        return entry == arrays.SPARSE or (entry not in arrays.TEXTS and _is_called_grid(name))
-    if entry.dtype.kind not in "biufcV":
+    # Beside a frame of one symbol, real numbers are the frequencies.
+    if isinstance(entry, str) or entry.dtype.kind not in ("cV" if 1 in shape else "biufcV"):
         return False
-    is_full = Counter(shape) <= Counter(entry.shape) and len(entry.shape) != 4
-    may_fit = (is_full or prod(entry.shape) == prod(shape)) and not _is_axis(entry, shape)
-    return may_fit or (_is_called_grid(name) and prod(entry.shape) > 1)
+    n, is_full = prod(entry.shape), Counter(shape) <= Counter(entry.shape) and len(entry.shape) != 4
+    return n > 1 and (is_full or n == prod(shape) or _is_called_grid(name))
 
 
-def _may_be_data(name: str, entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
-    """Tell if an entry may hold samples of the frame; scalars, texts, axes and small real tables do not."""
+def _may_be_data(entry: StoredArray | str, shape: tuple[int, ...]) -> bool:
+    """Tell if an entry may hold samples of the frame; scalars, texts and small real arrays do not."""
     if isinstance(entry, str):
-        return entry not in arrays.TEXTS and "@" not in name
-    if entry.dtype.kind in "SUT" or ("@" in name and entry.dtype.kind != "c"):
-        return False
-    n = prod(entry.shape)
+        return entry not in arrays.TEXTS
     least = {"c": 2, "V": 1, "O": 1}.get(entry.dtype.kind, prod(shape))
-    # One number, or its real and imaginary part, a subcarrier or a symbol.
-    is_along_axis = n > 1 and (_is_vector(entry, shape) or (n / 2 in shape and 2 in entry.shape))
-    return (n >= least or is_along_axis) and not _is_axis(entry, shape)
-
-
-def _is_vector(entry: StoredArray, shape: tuple[int, ...]) -> bool:
-    """Tell if an array is a number, or a vector as long as an axis of the grid."""
-    return max(entry.shape, default=1) == prod(entry.shape) in (1, *shape)
-
-
-def _is_axis(entry: StoredArray, shape: tuple[int, ...]) -> bool:
-    """Tell if an array is a real number, or a vector that ascends or descends as frequencies and times do."""
-    if entry.dtype.kind not in "biuf" or not _is_vector(entry, shape):
-        return False
-    steps = np.diff(entry.whole().ravel().astype(np.float64))
-    return bool((steps >= 0).all() or (steps <= 0).all())
+    return entry.dtype.kind not in "SUT" and prod(entry.shape) >= least
 
 
 def _place_in_file(path: Path, name: str) -> str:

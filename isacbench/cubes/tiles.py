@@ -1,7 +1,5 @@
 """Recorded cubes as sums of tiles, loaded one at a time: where to cut, and their transform to cells."""
 
-from __future__ import annotations
-
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -56,18 +54,10 @@ TILES_AHEAD = 1
 class Tile(NamedTuple):
     """A part of a cube, loaded when it is asked for.
 
-    Attributes
-    ----------
-    subcarriers, symbols : slice
-        Covered part, with explicit bounds and step 1.
-    elements : ndarray of intp, shape (e,)
-        Covered array elements, as indices into the requested list.
-    load : callable
-        Returns the values, complex of the cube's precision and native byte
-        order, shape (subcarriers, symbols, e), in any strides. The array may
-        be a view or a mapped file and must not be written to. May be called
-        from any thread, in any order and again; what it took is released with
-        the array that it returned.
+    It covers slices of subcarriers and symbols with explicit bounds, and elements as indices (e,) into the
+    requested list. `load` returns the values (subcarriers, symbols, e) in the cube's precision and native
+    byte order, in any strides: perhaps a view, not to be written to. It may be called from any thread and
+    again; what it took is released with the array that it returned.
     """
 
     subcarriers: slice
@@ -121,36 +111,24 @@ class Cube:
 
     def __init__(self, name: str, array: NDArray[Any] | StoredArray, tile_bytes: int = TILE_BYTES) -> None:
         self.is_in_memory = isinstance(array, np.ndarray)
-        self._array = unmasked_array(name, array) if isinstance(array, np.ndarray) else array
-        self.name = name
-        self.shape = require_cube(name, array.shape, array.dtype)
+        self.name, self.shape = name, require_cube(name, array.shape, array.dtype)
         self.dtype = array.dtype.newbyteorder("=")
         self.transmitted: Complex | None = None
         self.unused = ""
         self.close: Callable[[], None] = lambda: None
         self._tile_cells = tile_bytes // self.dtype.itemsize
-        if not isinstance(self._array, np.ndarray):
-            self._array.require_filled()
+        self._array: NDArray[Any] | StoredArray = array
+        if isinstance(array, np.ndarray):
+            self._array = unmasked_array(name, array)
+        else:
+            array.require_filled()
 
     def tiles(self, elements: NDArray[np.intp]) -> Iterator[Tile]:
-        """Cut the cube of some elements into disjoint tiles.
-
-        Parameters
-        ----------
-        elements : ndarray of int, shape (e, 2)
-            Indices (p, q) of the elements that are needed.
-
-        Raises
-        ------
-        InputError
-            If an element lies outside the array.
-        """
+        """Cut the cube of some elements (e, 2), given by their indices (p, q), into disjoint tiles."""
         outside = ((elements < 0) | (elements >= self.shape[2:])).any(axis=1)
         if outside.any():
-            p, q = elements[outside.argmax()].tolist()
-            raise InputError(f"{self.name}: has no element ({p}, {q}); its array is {self.shape[2:]}")
-        if not len(elements):
-            return
+            element = tuple(elements[outside.argmax()].tolist())
+            raise InputError(f"{self.name}: has no element {element}; its array is {self.shape[2:]}")
         chunks = getattr(self._array, "chunks", None)
         cut, lengths = (chunked_extents, chunks) if chunks else (strided_extents, self._array.strides)
         assert lengths is not None
@@ -184,12 +162,9 @@ def require_cube(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tup
     """Refuse an array that is no cube, and return its shape."""
     if not is_complex(dtype):
         raise InputError(f"{name}: holds {dtype.newbyteorder('=')}; a cube takes complex64 or complex128")
-    if len(shape) != 4:
-        axes = f"{len(shape)} {'axis' if len(shape) == 1 else 'axes'}"
-        raise InputError(f"{name}: has {axes}, shape {shape}; a cube takes four: {AXES}")
-    if min(shape) < 1:
-        raise InputError(f"{name}: is empty, shape {shape}; a cube takes at least one of {AXES} each")
-    n_subcarriers, n_symbols, n_p, n_q = (int(length) for length in shape)
+    if len(shape) != 4 or min(shape) < 1:
+        raise InputError(f"{name}: has shape {shape}; a cube takes four axes, none empty: {AXES}")
+    n_subcarriers, n_symbols, n_p, n_q = shape
     return n_subcarriers, n_symbols, n_p, n_q
 
 
@@ -204,11 +179,10 @@ def require_grid(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Non
         raise InputError(
             f"{name}: has shape {shape}; a transmitted grid takes two axes: (subcarriers, symbols)"
         )
-    takes = prod(shape) * np.dtype(np.complex128).itemsize
-    if takes > GRID_BYTES:
+    if (takes := 16 * prod(shape)) > GRID_BYTES:
         raise InputError(
-            f"{name}: has shape {shape}, which takes {binary_size(takes)}; a transmitted grid takes at most "
-            f"{binary_size(GRID_BYTES)}"
+            f"{name}: has shape {shape}, which takes {binary_size(takes)} as complex128; "
+            f"a transmitted grid takes at most {binary_size(GRID_BYTES)}"
         )
 
 
@@ -227,11 +201,9 @@ def require_shape(cube: Cube, system: System, array: VirtualArray) -> None:
     if cube.shape != wanted:
         orders = permutations(range(4))
         fitting = [str(axes) for axes in orders if tuple(cube.shape[axis] for axis in axes) == wanted]
-        hint = f"numpy.transpose with axes {' or '.join(fitting)} would fit"
-        raise InputError(
-            f"{cube.name}: has shape {cube.shape}; the scenario takes {wanted}: {AXES}"
-            + (f". The axes look permuted: {hint}" if fitting else "")
-        )
+        fault = f"{cube.name}: has shape {cube.shape}; the scenario takes {wanted}: {AXES}"
+        hint = f". The axes look permuted: numpy.transpose with axes {' or '.join(fitting)} would fit"
+        raise InputError(fault + hint if fitting else fault)
 
 
 def strided_extents(shape: Lengths, strides: Lengths, elements: Indices, cells: int) -> Iterator[Extent]:
@@ -280,14 +252,11 @@ def extents(
 
     The innermost axis of the nesting, which begins with the largest stride, changes fastest.
     """
-    steps: tuple[list[Any], ...] = (
-        slices(lengths[SUBCARRIERS], box[SUBCARRIERS]),
-        slices(lengths[SYMBOLS], box[SYMBOLS]),
-        [group[part] for group in groups for part in slices(len(group), box[ELEMENTS])],
-    )
+    parts = [group[part] for group in groups for part in slices(len(group), box[ELEMENTS])]
+    steps: list[list[Any]] = [*map(slices, lengths, box), parts]
     for choice in product(*(steps[axis] for axis in nesting)):
-        by_axis = dict(zip(nesting, choice, strict=True))
-        yield by_axis[SUBCARRIERS], by_axis[SYMBOLS], by_axis[ELEMENTS]
+        subcarriers, symbols, elements = (choice[nesting.index(axis)] for axis in range(3))
+        yield subcarriers, symbols, elements
 
 
 def box_lengths(lengths: Sequence[int], nesting: Sequence[int], cells: int) -> Lengths:
@@ -370,9 +339,7 @@ def gate_cells(
     bins, n_subcarriers = gate.range_bins, system.n_subcarriers
     doppler = partial_dft.doppler_sums(gate.doppler_bins, system.n_symbols)
     along_doppler = doppler.rows_in(cube.dtype)
-    has_fast_lines = (
-        nulls is None and partial_dft.range_method(bins.size, n_subcarriers, "contiguous") == "fft"
-    )
+    has_fast_lines = partial_dft.range_method(bins.size, n_subcarriers, "contiguous") == "fft"
     along_range, n_lines = None, n_subcarriers
     if nulls is not None or partial_dft.range_method(bins.size, n_subcarriers) == "partial":
         along_range, n_lines = partial_dft.range_rows(bins, n_subcarriers), 0
@@ -389,7 +356,12 @@ def gate_cells(
                 block = block * weights[tile.subcarriers, tile.symbols, None]
             if nulls is not None:  # whatever they hold, NaN as well
                 block = np.where(nulls.used[tile.subcarriers, None, None], block, 0)
-            if has_fast_lines and len(block) == n_subcarriers and partial_dft.is_element_major(block):
+            if (
+                nulls is None
+                and has_fast_lines
+                and len(block) == n_subcarriers
+                and partial_dft.is_element_major(block)
+            ):
                 return not_zero, False, partial_dft.transform_lines(block, rows, bins)
             if along_range is None:
                 return not_zero, True, partial_dft.transform_block(block, rows)
@@ -455,17 +427,13 @@ def _warn_of_zeros(name: str, has_signal: Mask, is_sensed: Mask | np.bool_) -> N
 def _find_fault(cube: Cube, elements: NDArray[np.intp], nulls: NullCarriers | None) -> str:
     """Describe the first number that is not finite by its place, or else an overflow."""
     for tile in cube.tiles(elements):
-        block = tile.load()
-        faulty = ~np.isfinite(block)
+        faulty = ~np.isfinite(block := tile.load())
         if nulls is not None:
             faulty[~nulls.used[tile.subcarriers]] = False
         if faulty.any():
-            n, m, e = np.unravel_index(int(faulty.argmax()), block.shape)
-            p, q = elements[tile.elements[e]]
-            subcarrier = range(cube.shape[0])[tile.subcarriers][int(n)]
-            symbol = range(cube.shape[1])[tile.symbols][int(m)]
-            return (
-                f"{block[n, m, e]} at subcarrier {subcarrier}, symbol {symbol}, element ({p}, {q}); "
-                "allowed are finite numbers"
-            )
+            n, m, e = np.argwhere(faulty)[0]
+            subcarrier, symbol = tile.subcarriers.start + n, tile.symbols.start + m
+            element = tuple(elements[tile.elements[e]].tolist())
+            place = f"subcarrier {subcarrier}, symbol {symbol}, element {element}"
+            return f"{block[n, m, e]} at {place}; allowed are finite numbers"
     return f"sums over the frame overflow {cube.dtype}; scale the cube down"

@@ -7,9 +7,6 @@ frame. The transforms are unitary, so that this changes those cells and no
 others. An image of the cube is then the image of the observation.
 """
 
-from __future__ import annotations
-
-import math
 import secrets
 import shutil
 from collections.abc import Callable, Iterable, Iterator
@@ -35,10 +32,6 @@ Progress: TypeAlias = Callable[[int, int], None]
 CHUNK_BYTES = 2**19
 CHUNK_ELEMENTS = 2
 """Elements of a chunk along either axis of the array."""
-
-SPARE_BYTES = 2**20
-"""Room asked for beyond the numbers themselves: headers, indices, folders."""
-
 
 BLOCK_SUBCARRIERS = 16
 """Subcarriers of a block: 15 MB in double precision at the paper's size. The noise follows from it."""
@@ -81,9 +74,8 @@ def write_cube(
     ------
     InputError
         Before anything is written, if the suffix is another, the file exists,
-        its folder does not, the shape or type is not a cube's, or the disk has
-        too little room; later if a block does not fit, is masked or has numbers too
-        large or too small for the precision, or if subcarriers are missing.
+        its folder does not, or the shape or type is not a cube's; later if a block
+        does not fit or is masked, if subcarriers are missing, or if the disk is full.
 
     Examples
     --------
@@ -97,10 +89,6 @@ def write_cube(
     write = WRITERS[known_suffix(path, WRITERS, "a cube is written as")]
     checked_shape = tiles.require_cube(str(path), shape, dtype)
     require_new(path)
-    wanted = math.prod(checked_shape) * dtype.itemsize + SPARE_BYTES
-    free = shutil.disk_usage(path.parent).free
-    if free < wanted:
-        raise InputError(f"{path}: takes {wanted / 1e9:.2f} GB, its disk has {free / 1e9:.2f} GB left")
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         with write_errors(path):
@@ -133,8 +121,14 @@ def _whole_chunks(
     n_chunk, n_left = chunk_lengths(shape, dtype.itemsize)[0], shape[0]
     waiting = np.empty((0, *shape[1:]), dtype)
     for block in blocks:
-        waiting = np.concatenate([waiting, values := _in_precision(block, path, shape, dtype)])
-        n_left -= len(values)
+        given = unmasked_array(f"{path}: a block", block)
+        if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
+            raise InputError(
+                f"{path}: a block takes complex numbers of shape "
+                f"(n, {', '.join(map(str, shape[1:]))}), not {given.dtype} of shape {given.shape}"
+            )
+        waiting = np.concatenate([waiting, np.ascontiguousarray(given, dtype=dtype)])
+        n_left -= len(given)
         if n_left < 0:
             raise InputError(f"{path}: {shape[0] - n_left} subcarriers were given; the cube has {shape[0]}")
         if n_whole := len(waiting) - (len(waiting) % n_chunk if n_left else 0):
@@ -144,24 +138,6 @@ def _whole_chunks(
                 progress(shape[0] - n_left - len(waiting), shape[0])
     if n_left:
         raise InputError(f"{path}: only {shape[0] - n_left} of {shape[0]} subcarriers were given")
-
-
-def _in_precision(block: ArrayLike, path: Path, shape: Shape, dtype: np.dtype[Any]) -> Complex:
-    """Convert a block to the precision of the cube."""
-    given = unmasked_array(f"{path}: a block", block)
-    if given.dtype.kind != "c" or given.shape[1:] != shape[1:]:
-        raise InputError(
-            f"{path}: a block takes complex numbers of shape "
-            f"(n, {', '.join(map(str, shape[1:]))}), not {given.dtype} of shape {given.shape}"
-        )
-    try:
-        with np.errstate(over="raise"):
-            values = np.ascontiguousarray(given, dtype=dtype)
-    except FloatingPointError:
-        raise InputError(f"{path}: a block has numbers that are too large for {dtype}") from None
-    if not values.any() and given.any():
-        raise InputError(f"{path}: a block has numbers that are too small for {dtype}")
-    return values
 
 
 def _write_npy(path: Path, shape: Shape, dtype: np.dtype[Any], blocks: Iterable[Complex]) -> None:
@@ -230,7 +206,7 @@ class FrameSimulator:
             grid = resource_grid(self._scenario, array.positions, subcarriers)
             if correction is not None:
                 noise = self._white_block(subcarriers)
-                noise += self._spread(correction, subcarriers)
+                noise += self._along_doppler.conj().T @ self._along_subcarriers(correction, subcarriers)
                 noise *= self._noise_amplitude
                 grid += noise
             if self._carried is not None:
@@ -254,12 +230,10 @@ class FrameSimulator:
             correction -= cells
         return correction
 
-    def _spread(self, cells: Complex, subcarriers: slice) -> Complex:
-        """Cells of the gate as a block (n, n_symbols, e) of the resource grid: the adjoint transform."""
-        n_range, n_doppler, n_elements = cells.shape
-        lines = self._along_range[:, subcarriers].conj().T @ cells.reshape(n_range, n_doppler * n_elements)
-        grid: Complex = self._along_doppler.conj().T @ lines.reshape(-1, n_doppler, n_elements)
-        return grid
+    def _along_subcarriers(self, cells: Complex, subcarriers: slice) -> Complex:
+        """Doppler bins (n, n_doppler, e) of a block of subcarriers that cells of the gate have."""
+        lines = self._along_range[:, subcarriers].conj().T @ cells.reshape(len(cells), -1)
+        return lines.reshape(-1, *cells.shape[1:])
 
     def _white_block(self, subcarriers: slice) -> Complex:
         """Unit noise (n, n_symbols, e) of a block; the same whenever it is asked for."""

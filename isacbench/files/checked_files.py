@@ -1,7 +1,5 @@
 """Files that users name: checked before they are opened, read up to a limit, never overwritten by mistake."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterable, Iterator
@@ -49,11 +47,10 @@ def require_file(path: Path, limit_bytes: int | None = None, missing: str = "doe
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: {missing}") from None
-    except (OSError, ValueError) as error:
-        raise AccessError(f"{path}: cannot be accessed: {getattr(error, 'strerror', error)}") from error
+    except OSError as error:
+        raise AccessError(f"{path}: cannot be accessed: {error.strerror}") from error
     if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe or a device"
-        raise InputError(f"{path}: is {kind}, not a file")
+        raise InputError(f"{path}: is not a file")
     if limit_bytes is not None and found.st_size > limit_bytes:
         raise InputError(
             f"{path}: has {binary_size(found.st_size)}; allowed are at most {binary_size(limit_bytes)}"
@@ -83,12 +80,10 @@ def require_picture(path: Path) -> None:
 def require_replaceable(path: Path) -> None:
     """Refuse a file that could not be written or replaced; call it before the work whose result it takes."""
     with write_errors(path):
-        is_taken = path.exists() and not path.is_file()
-        is_placed = path.parent.is_dir()
-    if is_taken:
-        raise InputError(f"{path}: cannot be written: is not a file")
-    if not is_placed:
-        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be written: is not a file")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
 @contextmanager
@@ -125,12 +120,7 @@ def require_inside(path: Path, *folders: Path) -> None:
     A file from somebody else must not make a user's program read files of the
     user elsewhere, and quote them in messages.
     """
-    try:
-        target = path.resolve()
-        inside = any(target.is_relative_to(folder.resolve()) for folder in folders)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be accessed: {getattr(error, 'strerror', error)}") from error
-    if not inside:
+    if not any(path.resolve().is_relative_to(folder.resolve()) for folder in folders):
         raise InputError(
             f"{path}: leads out of the folder {folders[0]}; allowed is a file in it or in a folder below it, "
             "and no symbolic link to elsewhere"

@@ -20,7 +20,7 @@ COMMANDS = {
 REFUSED = {
     "twn[seed=1]": "town",
     "town[seed=1,densty=high]": "density",
-    "town[seed=0:1000000]": "1000001 scenes",
+    "town[seed=0:1000000]": "at most 1000 scenes",
     "town[sed=1]": "did you mean 'seed'?",
     f"town[seed=0:{'9' * 5000}]": "range first:last",
     "town[seed=5:1]": "range first:last",

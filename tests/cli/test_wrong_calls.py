@@ -123,8 +123,8 @@ FILES = [
         "'papers'",
         "allowed are objects, occupancy, paper",
     ),
-    ("tiny.csv", "x,y,z,v\n1,2,3,4\n1,nan,3,4\n", IMAGE, "tiny.csv", "row 3", "y is NaN"),
-    ("tiny.csv", "x,y,z\n1,2,3\n", IMAGE, "tiny.csv", "column v is missing", "x, y, z, v"),
+    ("tiny.csv", "x,y,z,v\n1,2,3,4\n1,nan,3,4\n", IMAGE, "tiny.csv", "row 3", "y is nan"),
+    ("tiny.csv", "x,y,z\n1,2,3\n", IMAGE, "tiny.csv", "takes the columns x, y, z, v"),
 ]
 
 

@@ -97,13 +97,6 @@ def test_tiles_of_an_element_major_array_are_views_of_requested_elements(element
         assert max(len(tile.elements) for tile in tiles) <= 2
 
 
-def test_an_array_whose_symbols_are_outermost_is_cut_along_symbols():
-    array = random_cube((10, 24, 3, 4)).swapaxes(0, 1)
-    tiles = list(open_cube(array, tile_bytes=array.nbytes // 5).tiles(all_elements()))
-    assert [tile.symbols for tile in tiles] == [slice(k, k + 2) for k in range(0, 10, 2)]
-    assert all(np.shares_memory(tile.load(), array) for tile in tiles)
-
-
 def test_the_papers_cube_is_cut_into_64_subcarriers():
     array = np.broadcast_to(np.complex64(1), (2048, 224, 16, 16))  # Has no strides, so C order is assumed.
     elements = all_elements(array.shape)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 
 import h5py
@@ -60,40 +58,6 @@ def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, wr
         assert_gives(cube, array)
 
 
-def test_a_mat_file_of_the_other_byte_order_is_read(tmp_path):
-    """Swap the bytes of a file that holds nothing but numbers of four and eight bytes."""
-    array = random_cube(dtype=np.complex64)
-    write_mat(tmp_path / "little.mat", cube=array)
-    header, body = np.split(np.fromfile(tmp_path / "little.mat", np.uint8), [128])
-    words = body.view("<u4").byteswap()
-    name = body.tobytes().index(b"cube") // 4
-    words[name] = body.view("<u4")[name]
-    header[124:128] = np.frombuffer(b"\x01\x00MI", np.uint8)
-    (tmp_path / "big.mat").write_bytes(header.tobytes() + words.tobytes())
-    with open_cube(tmp_path / "big.mat") as cube:
-        assert_gives(cube, array)
-
-
-def test_parts_that_matlab_stores_in_small_integers_are_numbers_as_any_other(tmp_path):
-    """The tag of a part gives its type; MATLAB picks the smallest integer, scipy never."""
-    whole = np.arange(6.0).reshape(1, 3, 2, 1)
-    array = whole - 1j * whole
-    write_mat(tmp_path / "plain.mat", cube=array)
-    data = (tmp_path / "plain.mat").read_bytes()
-    start = data.index(b"cube") + 4
-    parts = b"".join(
-        np.array([kind, part.nbytes], "<u4").tobytes() + part.tobytes(order="F") + bytes(-part.nbytes % 8)
-        for kind, part in ((2, whole.astype("u1")), (3, (-whole).astype("<i2")))
-    )
-    inside = data[136:start] + parts
-    element = np.array([14, len(inside)], "<u4").tobytes() + inside
-    stream = zlib.compress(element)
-    for stored in (element, np.array([15, len(stream)], "<u4").tobytes() + stream):
-        (tmp_path / "small.mat").write_bytes(data[:128] + stored)
-        with open_cube(tmp_path / "small.mat") as cube:
-            assert_gives(cube, array)
-
-
 @pytest.mark.parametrize("write", [write_mat, write_mat73])
 def test_the_trailing_ones_that_matlab_drops_come_back(tmp_path, write):
     for number, shape in enumerate([(5, 4, 3, 1), (5, 4, 1, 1), (5, 1, 1, 1), (1, 1, 1, 1)]):
@@ -136,7 +100,6 @@ def test_tiles_partition_the_cube_keep_to_their_memory_and_load_in_any_thread_or
         order = np.random.default_rng(0).permutation([*range(len(tiles))] * 3)
         loaded = list(pool.map(lambda tile: tile.load(), [tiles[k] for k in order]))
         expected = [tile.load() for tile in tiles]
-        assert list(cube.tiles(np.empty((0, 2), np.intp))) == []
     assert all(np.array_equal(values, expected[k]) for k, values in zip(order, loaded, strict=True))
     assert max(values.nbytes for values in expected) <= budget
     covered = np.zeros((*SHAPE[:2], 12), int)
@@ -179,13 +142,10 @@ def test_the_transmitted_grid_is_found_beside_the_cube_and_in_a_file_of_its_own(
 def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
     np.save(tmp_path / "real.npy", np.array([[1, 0], [0, -1]], np.int8))
     assert read_grid(tmp_path / "real.npy").dtype == np.complex128
-    big = np.asfortranarray(GRID).astype(">c8")
-    np.save(tmp_path / "big.npy", big)
-    np.savez_compressed(tmp_path / "big.npz", cube=random_cube(), transmitted=big)
-    for name in ("big.npy", "big.npz"):
-        grid = read_grid(tmp_path / name)
-        assert grid.dtype.isnative
-        assert np.array_equal(grid, GRID)
+    np.save(tmp_path / "big.npy", np.asfortranarray(GRID).astype(">c8"))
+    grid = read_grid(tmp_path / "big.npy")
+    assert grid.dtype.isnative
+    assert np.array_equal(grid, GRID)
 
 
 # What is refused when it is opened is in the table of tests/hostile.
@@ -198,22 +158,10 @@ def test_other_things_than_arrays_and_paths_are_refused():
         open_cube(random_cube().real)
 
 
-@pytest.mark.parametrize("kind", FORMATS)
-def test_an_element_outside_the_array_and_a_file_that_ends_early_are_refused(tmp_path, kind):
-    write, filename = FORMATS[kind]
-    path = tmp_path / filename
-    for compressed in (False, True):
-        write(path, cube=random_cube(), compressed=compressed)
-        with open_cube(path) as cube:
-            for element in ((3, 0), (0, 4), (-1, 0)):
-                with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
-                    next(cube.tiles(np.array([(0, 0), element])))
-        whole = path.read_bytes() if path.is_file() else b""
-        for size in (1, 130, 200, len(whole) - 1) if whole else ():
-            path.write_bytes(whole[:size])
-            with pytest.raises(InputError, match=r"truncated|cannot be read as|wanted is"):
-                open_cube(path)
-        shutil.rmtree(path, ignore_errors=True)
+def test_an_element_outside_the_array_is_refused():
+    for element in ((3, 0), (0, 4), (-1, 0)):
+        with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
+            next(open_cube(random_cube()).tiles(np.array([(0, 0), element])))
 
 
 def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
@@ -242,7 +190,7 @@ def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_
 def test_open_arrays_that_are_not_complete_are_refused(tmp_path):
     with h5py.File(tmp_path / "c.h5", "w") as file:
         cube = file.create_dataset("cube", SHAPE, np.complex64, chunks=(12, 10, 3, 2))
-        with pytest.raises(InputError, match="is not complete: 0 of 4 chunks"):
+        with pytest.raises(InputError, match="is not complete: the file has 0 of 4 chunks"):
             open_cube(cube)
     write_zarr2(tmp_path / "c.zarr", cube=random_cube())
     (tmp_path / "c.zarr" / "cube" / "1.0.1.3").unlink()
@@ -260,23 +208,16 @@ def test_a_refused_file_is_closed_again(tmp_path):
         h5py.File(tmp_path / name, "a").close()
 
 
-@pytest.mark.parametrize(
-    ("axes", "words"),
-    [
-        ((3, 2, 1, 0), ". The axes look permuted: numpy.transpose with axes (3, 2, 1, 0) would fit"),
-        ((1, 0, 2, 3), ". The axes look permuted: numpy.transpose with axes (1, 0, 2, 3) would fit"),
-        ((2, 0, 3, 1), ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"),
-        (None, ""),
-    ],
-)
-def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named(axes, words):
+def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named():
     system = System(n_subcarriers=24, n_symbols=10)
     array = VirtualArray(tx_shape=(1, 2), rx_shape=(3, 2), tx_spacing=2)
-    require_shape(open_cube(random_cube()), system, array)
-    found = random_cube()[1:] if axes is None else random_cube().transpose(axes)
-    with pytest.raises(InputError) as refused:
-        require_shape(open_cube(found), system, array)
-    assert str(refused.value) == (
-        f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
-        f"(subcarriers, symbols, P, Q){words}"
-    )
+    cube = random_cube()
+    require_shape(open_cube(cube), system, array)
+    hint = ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"
+    for found, words in ((cube[1:], ""), (cube.transpose(2, 0, 3, 1), hint)):
+        with pytest.raises(InputError) as refused:
+            require_shape(open_cube(found), system, array)
+        assert str(refused.value) == (
+            f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
+            f"(subcarriers, symbols, P, Q){words}"
+        )

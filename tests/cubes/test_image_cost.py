@@ -20,7 +20,7 @@ from isacbench.cubes.image_cost import image_cost
 from isacbench.model.scenes.scenario import load_scenario
 
 FRAME = 2048 * 224
-CELLS, BYTES, OPERATIONS = range(3)
+CELLS, BYTES, OPERATIONS = "cells", "bytes", "operations"
 ESTIMATORS = [
     Music2d(),
     Music2d(integration="element"),
@@ -39,44 +39,38 @@ def street():
 
 
 def steps_of(cost):
-    return {step.name: step for step in cost.steps}
+    return {step["name"]: step for step in cost["steps"]}
 
 
 def test_the_full_chain_is_four_transforms_of_the_whole_frame(street):
     steps = steps_of(image_cost(street, Music2d()))
     n_all = FRAME * 256
-    assert steps["read"].full[BYTES] == n_all * 8
-    assert steps["Doppler"].full[OPERATIONS] == n_all * round(5 * np.log2(224))
-    assert steps["range"].full[OPERATIONS] == n_all * 55
-    assert steps["angles"].full[CELLS] == FRAME * 48 * 48
+    assert steps["read"]["full"][BYTES] == n_all * 8
+    assert steps["Doppler"]["full"][OPERATIONS] == n_all * round(5 * np.log2(224))
+    assert steps["range"]["full"][OPERATIONS] == n_all * 55
+    assert steps["angles"]["full"][CELLS] == FRAME * 48 * 48
 
 
 def test_what_is_computed_is_the_gate_on_the_elements_that_are_read(street):
     n_range, n_doppler = 89, 33
     steps = steps_of(image_cost(street, Music2d(integration="element")))
-    assert steps["read"].computed[CELLS] == FRAME * 31
-    assert steps["Doppler"].computed[CELLS] == 2048 * n_doppler * 31
-    assert steps["range"].computed[CELLS] == n_range * n_doppler * 31
-    assert steps["detection"].computed[CELLS] == n_range * n_doppler
+    assert steps["read"]["computed"][CELLS] == FRAME * 31
+    assert steps["Doppler"]["computed"][CELLS] == 2048 * n_doppler * 31
+    assert steps["range"]["computed"][CELLS] == n_range * n_doppler * 31
+    assert steps["detection"]["computed"][CELLS] == n_range * n_doppler
 
 
 def test_the_oracle_takes_no_echo(street):
-    total = image_cost(street, Oracle()).total
-    assert total.computed == (0, 0, 0)
-    assert total.full[OPERATIONS] > 1e10
-
-
-def test_a_double_cube_takes_twice_the_bytes(street):
-    single, double = (image_cost(street, Music2d(), dtype) for dtype in (np.complex64, np.complex128))
-    assert steps_of(double)["read"].computed[BYTES] == 2 * steps_of(single)["read"].computed[BYTES]
-    assert double.total.computed[OPERATIONS] == single.total.computed[OPERATIONS]
+    total = image_cost(street, Oracle())["total"]
+    assert {*total["computed"].values()} == {0}
+    assert total["full"][OPERATIONS] > 1e10
 
 
 def test_a_wider_region_takes_more_and_an_fft_in_the_end(street):
     wider = dataclasses.replace(street.region, y_m=(-40.0, 100.0))
     costs = [image_cost(one, Music2d()) for one in (street, dataclasses.replace(street, region=wider))]
-    assert [cost.description["range_method"] for cost in costs] == ["partial", "fft"]
-    assert costs[1].total.computed[CELLS] > costs[0].total.computed[CELLS]
+    assert [cost["range_method"] for cost in costs] == ["partial", "fft"]
+    assert costs[1]["total"]["computed"][CELLS] > costs[0]["total"]["computed"][CELLS]
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda one: f"{one.name}-{one.needs.elements}")
@@ -91,7 +85,7 @@ def test_an_image_reads_as_many_elements_as_planned(small_street, noisy_cube, es
     monkeypatch.setattr(frame, "gate_cells", spy)
     truth = (small_street.truth,) if getattr(estimator, "needs_truth", False) else ()
     estimator.estimate(observe_cube(noisy_cube, small_street), *truth)
-    assert len(read) == image_cost(small_street, estimator).description["elements"]["read"]
+    assert len(read) == image_cost(small_street, estimator)["elements"]["read"]
 
 
 def test_the_command_prints_steps_and_json():
@@ -102,9 +96,3 @@ def test_the_command_prints_steps_and_json():
     content = json.loads(CliRunner().invoke(app, ["plan", "-s", "street", "-e", "fft4d", "--json"]).stdout)
     assert content["range_bins"] == [256, 344]
     assert content["total"]["full"]["bytes"] > content["total"]["computed"]["bytes"]
-
-
-def test_an_unknown_precision_is_told():
-    shown = CliRunner().invoke(app, ["plan", "--precision", "half"])
-    assert shown.exit_code == 2
-    assert "single" in shown.stderr

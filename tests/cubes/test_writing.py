@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-from collections import namedtuple
 from unittest.mock import Mock, call
 
 import numpy as np
@@ -115,23 +113,14 @@ def test_what_exists_is_not_overwritten_even_if_it_came_meanwhile(tmp_path, file
         ("c.h5", SHAPE, "c8", "has suffix '.h5'; a cube is written as .npy, .zarr$"),
         ("c", SHAPE, "c8", "has no suffix"),
         ("none/c.npy", SHAPE, "c8", "its folder .*none does not exist$"),
-        ("c.npy", SHAPE[:3], "c8", "has 3 axes"),
+        ("c.npy", SHAPE[:3], "c8", "has shape .* a cube takes four axes"),
         ("c.npy", SHAPE, "f8", "holds float64"),
-        ("c.npy", (0, 1, 1, 1), "c8", "is empty"),
         ("x" * 300 + ".npy", SHAPE, "c8", "cannot be written: File name too long$"),
     ],
 )
 def test_what_cannot_be_created_is_told_before_work(tmp_path, name, shape, dtype, reason):
     with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path / name))}: {reason}"):
         write_cube(tmp_path / name, shape, [random_cube()], dtype)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_told_before_work(tmp_path, monkeypatch):
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 0, 10**9))
-    with pytest.raises(InputError, match=r"takes 1\.03 GB, its disk has 1\.00 GB left$"):
-        write_cube(tmp_path / "c.npy", (1000, 500, 16, 16), [])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -143,8 +132,6 @@ def test_a_full_disk_is_told_before_work(tmp_path, monkeypatch):
         (random_cube((25, *SHAPE[1:])), "25 subcarriers were given; the cube has 24$"),
         (random_cube()[:23], "only 23 of 24 subcarriers were given$"),
         (np.ma.masked_less(random_cube()[:2], -1), "a block has .* masked numbers of 240"),
-        (1e40 * random_cube(dtype=np.complex128)[:2], "numbers that are too large for complex64$"),
-        (1e-60 * random_cube(dtype=np.complex128)[:2], "numbers that are too small for complex64$"),
     ],
 )
 def test_blocks_that_do_not_fit_are_refused_and_leave_nothing(tmp_path, block, reason):

@@ -58,17 +58,20 @@ DISC = {"shape": "disc", "radius": 1.0}
         ({"title": "a", "shapes": [{**DISC, "radius": "x"}]}, "shapes[0].radius = 'x': "),
         ({"title": "a", "shapes": [{**DISC, "disc": "x"}]}, "shapes[0].disc = 'x': "),
         ({"title": "a", "shapes": [DISC, {"shape": "box"}]}, "missing key shapes[1].sides"),
-        ({"title": "a", "shapes": [{"shape": "box", "sides": [1]}]}, "missing item shapes[0].sides[1]"),
+        ({"title": "a", "shapes": [{"shape": "box", "sides": [1]}]}, "missing key shapes[0].sides[1]"),
         ({"title": "a", "shapes": [{"radius": 1}]}, "missing key shapes[0].shape"),
         (
             {"title": "a", "shapes": [{"shape": "bax"}]},
             "shapes[0].shape = 'bax': did you mean 'box'? allowed are box, disc",
         ),
-        ({"title": "a", "shapes": {"shape": "box"}}, "shapes = {'shape': 'box'}: allowed is a list"),
-        ({"title": "a", "tags": []}, "tags = []: allowed is a list of 1 or more"),
+        (
+            {"title": "a", "shapes": {"shape": "box"}},
+            "shapes = {'shape': 'box'}: input should be",
+        ),
+        ({"title": "a", "tags": []}, "tags = []: list should have at least 1 item"),
         (
             {"title": "a", "shapes": [{"shape": "box", "sides": [1, 2, 3]}]},
-            "shapes[0].sides = [1, 2, 3]: allowed is a list of 2 or fewer",
+            "shapes[0].sides = [1, 2, 3]: list should have at most 2 items",
         ),
     ],
 )

@@ -6,13 +6,10 @@ arrays: a row takes the format in which its fault is most likely.
 
 from __future__ import annotations
 
-import struct
 import zipfile
 
 import h5py
 import numpy as np
-import zarr
-from scipy.io import savemat
 from scipy.sparse import csc_array
 
 from isacbench.cubes import open_cube, read_grid
@@ -25,10 +22,7 @@ from ..cubes.samples import (
     mat,
     mat73,
     npz,
-    put_mat73,
     random_cube,
-    write_mat,
-    write_npz,
     write_zarr,
     zarr_of,
 )
@@ -36,99 +30,86 @@ from ..cubes.samples import (
 # Points in text
 
 TAKES = "a cloud takes x, y, z and, if there, v (or velocity) and power; it has"
-NO_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
-NAME_EACH = f"; allowed are a name for each, or {NO_NUMBERS}"
 NO_VELOCITY = "allowed is the name velocity for m/s, positive when approaching, or nothing like it"
 NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
-COUNTED = "the first column may number the rows, and may be x as well; "
-NUMBERED = "row 1: may be a header that numbers the columns; allowed are the names x, y, z ... and"
-COMMENT = "may be a comment or a row; a row takes no # or // in front"
+FIELDS = (
+    "allowed are as many in all rows and in the header, and rows without their numbers (pandas: index=False"
+)
+NUMBERED = (
+    "may number the columns or the rows; allowed is a header x, y, z ... and rows without their numbers"
+)
+NUMBER = "expected a number, with a decimal point (or a comma, between semicolons)"
 
 CSV = {
     " \n\n": "is empty; at least the header x,y,z is required",
+    "# x,y,z\n": "is empty; at least the header",
     "x,y,z,v,amplitude\n1,2,3,4,5\n": f"has no power, but amplitude; {NO_POWER} for points of power 1",
     "\nx,y,z,speed\n1,2,3,4\n": f"has no velocity, but speed; {NO_VELOCITY} for unknown velocities",
     "x,y,z,v [m/s]\n": "has no velocity, but v [m/s]; ",
     "x,y,v,power\n": f"row 1: z is missing; {TAKES} x, y, v, power",
-    "x,y,z,v,v\n": f"row 1: v appears twice, as v and v; {TAKES} x, y, z, v, v",
-    "x,y,z,v,velocity\n": "row 1: v appears twice, as v and velocity; ",
+    "x,y,z,v,velocity\n": f"row 1: v appears twice; {TAKES} x, y, z, v, velocity",
     "x,y,z,u,v\n": f"row 1: v beside u is of a texture; {TAKES} x, y, z, u, v",
     "V1,V2,V3,V4\n1,2,3,4\n": f"row 1: x is missing; {TAKES} V1, V2, V3, V4",
-    "x,y,z,v\n1,2,3,4\n1,2,3,nan\n": "row 3: column v is NaN; expected a finite number",
-    "x,y,z,v\n\n1,-inf,3,4\n": "row 3: column y is infinite; expected a finite number",
-    "x,y,z,v\n1,2,3\n": "row 2: column v is ''; expected a number",
-    "x y z v\n1 2 3\n": "row 2: 3 fields instead of 4 (x, y, z, v)",
-    "x,y,z,v\n2,2,3,4,5\n": f"row 2: 5 fields instead of 4 (x, y, z, v){NAME_EACH}",
-    '"x","y","z"\n"1.5","2.5","3.5","4.5"\n': f"row 2: 4 fields instead of 3 (x, y, z){NAME_EACH}",
-    "x y z\n3 1 2 3\n9 4 5 6\n": f"row 2: 4 fields instead of 3 (x, y, z){NAME_EACH}",
-    "x,y,z,v\n1,2,3,4,\n": "row 2: 5 fields instead of 4 (x, y, z, v)",
-    "x,y,z\n1,2,3\n#N/A,5,6\n": f"row 3: {COMMENT}",
-    "x;y;z\r\n1;2;3\r\n# half\r\n #NV;5;6\r\n": f"row 4: {COMMENT}",
-    ",x,y,z\n#1,1,2,3\nb,4,5,6\n": f"row 2: {COMMENT}",
-    "1,2,3\n4,5,6\n//7,8,9\n": f"row 3: {COMMENT}",
-    "x,y,z,v\n1,2,3,NA\n": "row 2: column v is 'NA'; expected a number",
+    "x,y,z,v\n1,2,3,4\n1,2,3,nan\n": "row 3: column v is nan; expected a finite number",
+    "x,y,z,v\n\n1,-inf,3,4\n": "row 3: column y is -inf; expected a finite number",
+    "x,y,z,v\n1,2,3\n": f"row 2: 3 fields instead of 4; {FIELDS}",
+    "x y z v\n1 2 3\n": f"row 2: 3 fields instead of 4; {FIELDS}",
+    "x,y,z,v\n1,2,3,4,\n": "row 2: 5 fields instead of 4",
+    '"x" "y" "z" "v"\n"1" 1.5 2 3 -4\n': f"row 2: 5 fields instead of 4; {FIELDS}",
+    "x,y,z\n#N/A,5,6\n": f"row 2: column x is '#N/A'; {NUMBER}",
+    "x,y,z\n1,2,3\n# end\n": "row 3: 1 fields instead of 3",
+    "x,y,z,v\n1,2,3,NA\n": f"row 2: column v is 'NA'; {NUMBER}",
     "x;y;z;v\n1,5;2;3.5;4\n": "row 2: column z is '3.5'; expected a number",
-    "x\ty\tz\n1,5\t2\t3.5\n": "row 2: column z is '3.5'; expected a number",
+    "x;y;z;v\n1.234,5;2;3;4\n": "row 2: column x is '1.234,5'; expected a number",
+    "x\ty\tz\n1,5\t2\t3.5\n": "row 2: column x is '1,5'; expected a number",
     "x y z\n1 ,2 ,3\n": "row 2: column y is ',2'; expected a number",
     "1,5 2,5 3,5\n": "row 1: column y is '5 2'; expected a number",
-    "x\ty\tz\n1,234\t2\t5,678\n": "commas may be decimal or set thousands apart; allowed are decimal points",
-    "x;y;z;v\n1.234,5;2;3;4\n": "row 2: column x is '1.234,5'; expected a number",
-    'x,y,z,v,a\n1,2,3,4,b\n1,2,3,4,"a\nb"\n': "has a line break within quotes; allowed is one line a row",
-    "x,y,z,v\n1,2, abc,4\n": "row 2: column z is 'abc'; expected a number",
-    "1,2,3,four\n": "row 1: column v is 'four'; expected a number",
     "x,y,z,v\n1,2,1_0,4\n": "row 2: column z is '1_0'; expected a number",
     "x,y,z,v\n1,2,3,４\n": "row 2: column v is '４'; expected a number",
     "1,2,0x1p3,4\n": "row 1: column z is '0x1p3'; expected a number",
-    "1,2\n": "row 1: 2 fields; without a header a cloud takes 3, 4 or 5 (x, y, z, v, power)",
-    "0,1,2,3,4,5.5\n": "row 1: 6 fields; without a header a cloud takes 3, 4 or 5 (x, y, z, v, power), in",
-    "3\n1 2 3\n4 5 6\n": "row 1: 1 fields; without a header",
+    "1,2\n": "row 1: 2 fields; without a header a cloud takes 3, 4 or 5 (x, y, z, v, power), in rows without",
+    "0,1,2,3,4,5.5\n": "row 1: 6 fields; without a header a cloud takes 3, 4 or 5",
     # What can be read in two ways
-    "0,1.5,2,3\n1,4,5,6\n": COUNTED,
-    "1 1.5 2 3\n2 4 5 6\n": COUNTED,
-    "1.0,2,3,4\n2.0,4,5,6.5\n": COUNTED,
-    '"7" 1 2 3\n"9" 4 5 6\n': COUNTED,
-    '"1",1.5,2,3,4\n"2",4,5,6,7\n': COUNTED,
+    "0,1.5,2,3\n1,4,5,6\n": NUMBERED,
+    "1 1.5 2 3\n2 4 5 6\n": NUMBERED,
+    "9,1.5,2,3\n4,4,5,6\n": NUMBERED,
     "0,1,2,3\n7,4,5,6\n": NUMBERED,
-    ",0,1,2,3,4\n0,7,4,5,6,7\n": f"{NUMBERED} {NO_NUMBERS}",
     "# columns: v x y z\n7,4,5,6\n": "the comment 'columns: v x y z' may name the 4 columns; ",
-    "# x y z power snr\n7,4,5,6\n": "the comment 'x y z power snr' may name the 4 columns; ",
 }
 
-SCATTERERS = "; the file takes the columns x, y, z, v and optionally amplitude and object"
+SCATTERERS = "takes the columns x, y, z, v and optionally amplitude and object, not"
 POINTS = {
     "x,y,z,v\n": "holds no points below its header",
-    "x,y,z\n1,2,3\n": f"row 1: column v is missing{SCATTERERS}",
-    "x,y,z,v,power\n1,2,3,4,5\n": f"row 1: unknown column 'power'{SCATTERERS}",
-    "x,y,z,v,velocity\n1,2,3,4,5\n": f"row 1: column v appears twice{SCATTERERS}",
-    "1,2,3,4\n": f"row 1: column x is missing{SCATTERERS}",
+    "x,y,z\n1,2,3\n": f"row 1: {SCATTERERS} x, y, z",
+    "x,y,z,v,power\n1,2,3,4,5\n": f"row 1: {SCATTERERS} x, y, z, v, power",
+    "x,y,z,v,velocity\n1,2,3,4,5\n": f"row 1: {SCATTERERS} x, y, z, v, velocity",
+    "1,2,3,4\n": f"row 1: {SCATTERERS} rows without a header",
 }
 
 HEAD = "ply\nformat ascii 1.0\nelement vertex 2\n"
 PROPERTIES = "property float x\nproperty float y\nproperty float z\nproperty float v\n"
 ROWS = HEAD + PROPERTIES + "end_header\n1 2 3 4\n"
+NO_PLY = "is no PLY file, which starts with 'ply' and has a line 'end_header'"
+NO_VERTEX = "takes a line 'format' and the first element 'vertex'; its elements:"
 PLY = {
-    "x,y,z,v\n": "row 1: is not a PLY file, which starts with 'ply'",
-    HEAD + PROPERTIES: "the header has no line 'end_header'; is the file truncated?",
-    "ply\nelement vertex 0\nend_header\n": "the header has no line 'format'",
-    "ply\nformat ascii 2.0\n": "row 2: 'format ascii 2.0' does not belong in a PLY 1.0 header",
-    HEAD + "property half x\n": "row 4: 'property half x' does not belong in a PLY 1.0 header",
-    HEAD + "property float x\nproperty float x\n": "row 5: property x appears twice",
-    "ply\nformat ascii 1.0\nend_header\n": "has no element 'vertex'; its elements: none",
+    "x,y,z,v\n": NO_PLY,
+    HEAD + PROPERTIES: NO_PLY,
+    "ply\nelement vertex 0\nend_header\n": f"{NO_VERTEX} vertex",
+    "ply\nformat ascii 1.0\nend_header\n": f"{NO_VERTEX} none",
+    "ply\nformat ascii 1.0\nelement a 1\nelement vertex 2\nend_header\n": f"{NO_VERTEX} a, vertex",
+    "ply\nformat ascii 2.0\nend_header\n": "row 2: 'format ascii 2.0' does not belong in a PLY 1.0 header",
+    HEAD + "property half x\nend_header\n": "row 4: 'property half x' does not belong in a PLY 1.0 header",
     HEAD + "property float x\nproperty float y\nend_header\n": f"element vertex: z is missing; {TAKES} x, y",
     HEAD + "end_header\n": f"element vertex: x is missing; {TAKES} none",
-    HEAD + "element vertex 2\n": "row 4: element vertex appears twice",
-    HEAD + PROPERTIES + "property float velocity\nend_header\n": "v appears twice, as v and velocity",
+    HEAD + PROPERTIES + "property float velocity\nend_header\n": "element vertex: v appears twice",
     HEAD + PROPERTIES + "property list uchar int ids\nend_header\n": "has a list property; only plain ones",
     HEAD + PROPERTIES + "property float scalar_rcs\nend_header\n1 2 3 4 5\n1 2 3 4 5\n": (
         f"has no power, but scalar_rcs; {NO_POWER}"
     ),
     HEAD + "property float u\n" + PROPERTIES + "end_header\n": "v beside u is of a texture",
     ROWS: "is truncated: 1 of 2 vertices",
-    ROWS + "1 2 3\n": "row 10: 3 fields instead of 4 (x, y, z, v)",
+    ROWS + "1 2 3\n": "row 10: 3 fields instead of 4",
     ROWS + "1 2 x 3\n": "row 10: column z is 'x'; expected a number",
-    ROWS + "1 2 3 1_0\n": "row 10: column v is '1_0'; expected a number",
-    ROWS + "１ 2 3 4\n": "row 10: column x is '\ufffd\ufffd\ufffd'; expected a number",
-    ROWS + "1\u00a02 3 4\n": "row 10: 3 fields instead of 4 (x, y, z, v)",
     ROWS + "1 2 3 4\n\n1 2 3 4\n": "row 12: is one too many; the header allows 2",
 }
 
@@ -138,21 +119,18 @@ PLY = {
 TABLE = np.array([[1.0, 2, 3, 4, 0.5], [-0.1, 1 / 3, 1e-7, -3, 2.25]])
 XYZ, VELOCITY, POWER = TABLE[:, :3], TABLE[:, 3], TABLE[:, 4]
 PARTS = {"xyz": XYZ, "velocity": VELOCITY}
-ONE_TABLE = "takes real numbers of shape (n, 3), (n, 4) or (n, 5), not"
 POWERS = "Power", "rcs", "RCS_dBsm", "echo_power", "amplitude", "Intensity", "snr_db", "sigma", "pwr", "RCSdB"
 ARRAYS = (
-    "takes xyz (n, 3), optionally velocity (n) and power (n), "
-    "or exactly one array of shape (n, 4) or (n, 5), or else (n, 3)"
+    "takes real numbers: xyz (n, 3), optionally velocity (n) and power (n), or exactly one "
+    "array of shape (n, 4) or (n, 5), or else (n, 3), and none larger; it holds"
 )
 ONE_EACH = "takes 2 real numbers, one a row of xyz, not"
-POSE = "pose may be the cloud, and so may "
 
 NPY = [
-    (np.zeros((2, 6)), f"{ONE_TABLE} float64 of shape (2, 6)"),
-    (np.zeros(4), f"{ONE_TABLE} float64 of shape (4,)"),
-    (np.array([["a"] * 4]), f"{ONE_TABLE} <U1 of shape (1, 4)"),
-    (np.array([[0, 0, 0, 0], [0, 0, np.nan, 0]]), "row 2: column z is NaN; expected a finite number"),
-    (np.array([[0, 0, 0, 0, -np.inf]]), "row 1: column power is infinite; expected a finite number"),
+    (np.zeros((2, 6)), f"{ARRAYS} (float64 of shape (2, 6))"),
+    (np.array([["a"] * 4]), f"{ARRAYS} (<U1 of shape (1, 4))"),
+    (np.array([[0, 0, 0, 0], [0, 0, np.nan, 0]]), "row 2: column z is nan; expected a finite number"),
+    (np.array([[0, 0, 0, 0, -np.inf]]), "row 1: column power is -inf; expected a finite number"),
 ]
 
 NAMED = [
@@ -163,41 +141,36 @@ NAMED = [
         for name in ("Velocity", "doppler", "vel")
         for place in ("xyz", "points")
     ),
-    ({"pose": np.eye(4), "points": np.ones((50, 3)), "doppler": np.ones(50)}, POSE),
-    ({"pose": np.eye(4), **{name: np.ones(50) for name in "xyzv"}}, POSE),
-    ({"pose": np.eye(4), "points": np.ones((5, 3))}, POSE),
-    ({"estimate": TABLE, "truth": TABLE}, f"{ARRAYS}; several could be the cloud: estimate, truth"),
-    ({"points": np.zeros((2, 6))}, f"{ARRAYS}; it holds points (float64 of shape (2, 6))"),
-    ({"rotation": np.eye(3)}, f"{ARRAYS}; it holds rotation (float64 of shape (3, 3))"),
-    ({"normals": XYZ, "points": XYZ}, f"{ARRAYS}; several could be the cloud: normals, points"),
-    ({}, f"{ARRAYS}; it holds nothing"),
-    ({"velocity": VELOCITY}, "has no array xyz, but takes xyz (n, 3), optionally velocity (n) and power (n)"),
+    ({"pose": np.eye(4), "points": np.ones((50, 3)), "doppler": np.ones(50)}, ARRAYS),
+    ({"pose": np.eye(4), **{name: np.ones(50) for name in "xyzv"}}, ARRAYS),
+    ({"pose": np.eye(4), "points": np.ones((5, 3))}, f"{ARRAYS} pose (float64 of shape (4, 4)), points ("),
+    ({"estimate": TABLE, "truth": TABLE}, f"{ARRAYS} estimate (float64 of shape (2, 5)), truth ("),
+    ({"points": np.zeros((2, 6))}, f"{ARRAYS} points (float64 of shape (2, 6))"),
+    ({"rotation": np.eye(3)}, f"{ARRAYS} rotation (float64 of shape (3, 3))"),
+    ({"normals": XYZ, "points": XYZ}, f"{ARRAYS} normals (float64 of shape (2, 3)), points ("),
+    ({}, f"{ARRAYS} nothing"),
+    ({"velocity": VELOCITY}, "xyz takes real numbers of shape (n, 3), not nothing"),
     ({"xyz": TABLE}, "xyz takes real numbers of shape (n, 3), not float64 of shape (2, 5)"),
     ({"xyz": XYZ, "velocity": np.zeros((1, 3))}, f"velocity {ONE_EACH} float64 of shape (1, 3)"),
     ({**PARTS, "power": np.zeros((1, 2), complex)}, f"power {ONE_EACH} complex128 of shape (1, 2)"),
-    ({"xyz": XYZ, "velocity": [0, np.nan]}, "row 2: column v is NaN; expected a finite number"),
+    ({"xyz": XYZ, "velocity": [0, np.nan]}, "row 2: column v is nan; expected a finite number"),
 ]
 
 
-def of_other_classes(file):
-    """Variables of MATLAB that hold no numbers, or not as such."""
+def cell73(file):
     file.create_dataset("cell", (2, 1), h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
-    put_mat73(file, "names", np.ones((6, 4), np.uint32), kind="string")
-    for name, attribute in (("structure", "MATLAB_fields"), ("zeros", "MATLAB_sparse")):
-        put_mat73(file, f"{name}/xyz", TABLE)
-        file[name].attrs["MATLAB_class"] = np.bytes_("struct")
-        file[name].attrs[attribute] = np.uint64(2)
 
 
 MAT = [
-    (mat(truth={"points": np.ones((50, 4))}, estimate=TABLE), "estimate may be the cloud, and so may tr"),
+    (
+        mat(truth={"points": np.ones((50, 4))}, estimate=TABLE),
+        f"{ARRAYS} estimate (float64 of shape (2, 5)), tr",
+    ),
     (mat(**PARTS, power=csc_array(TABLE[:, 4:])), "power takes 2 real numbers"),
     (mat(**PARTS, power={"linear": POWER}), "has no power, but power/linear"),
-    (mat(s={"xyz": TABLE}, c=np.array([TABLE, "a"], dtype=object)), f"{ARRAYS}; it holds s/xyz ("),
     (
-        mat73(of_other_classes, label=np.array("street"), phases=np.ones((2, 4), complex)),
-        f"{ARRAYS}; it holds cell (cell), label (char), names (string), phases (complex128 of shape (2, 4)), "
-        "structure/xyz (float64 of shape (2, 5)), zeros (sparse matrix)",
+        mat73(cell73, label=np.array("street"), phases=np.ones((2, 4), complex)),
+        f"{ARRAYS} cell (cell), label (char), phases (complex128 of shape (2, 4))",
     ),
 ]
 
@@ -216,112 +189,32 @@ def npy(array):
     return ".npy", lambda path: np.save(path, array, allow_pickle=True)
 
 
-def members(**contents):
-    """An npz file with members of other kinds than arrays."""
-
-    def write(path):
-        np.savez(path, cube=CUBE)
-        with zipfile.ZipFile(path, "a") as archive:
-            for name, data in contents.items():
-                archive.writestr(name, data)
-
-    return ".npz", write
-
-
-def mat_objects(*names):
-    """Objects, such as tables and texts in double quotes, after a cube."""
-
-    def text(word):
-        return struct.pack("<II", 1, len(word)) + word.encode() + bytes(-len(word) % 8)
-
-    def element(*parts):
-        inside = b"".join(parts)
-        return struct.pack("<II", 14, len(inside)) + inside
-
-    def write(path):
-        savemat(path, {"cube": CUBE})
-        plain = path.read_bytes()
-        savemat(path, {"a": np.ones((6, 1), np.uint32)})
-        metadata = path.read_bytes()[128:]
-        head = struct.pack("<IIII", 6, 8, 17, 0)
-        objects = [element(head, text(name), text("MCOS"), text("string"), metadata) for name in names]
-        path.write_bytes(plain + b"".join(objects))
-
-    return ".mat", write
-
-
-def of_two_versions(path):
-    write_zarr(path, cube=CUBE)
-    zarr.create_array(path / "transmitted", data=QPSK, zarr_format=2)
-
-
-def zarr_with(name=None, **attributes):
-    """A zarr store with attributes of its root or of an array."""
-
-    def write(path):
-        write_zarr(path, cube=CUBE)
-        group = zarr.open(path)
-        (group[name] if name else group).attrs.update(attributes)
-
-    return ".zarr", write
-
-
-def sparse73(file):
-    put_mat73(file, "transmitted/data", QPSK.ravel())
-    file["transmitted"].attrs["MATLAB_class"] = np.bytes_("double")
-    file["transmitted"].attrs["MATLAB_sparse"] = np.uint64(N)
-
-
-def table73(file):
-    put_mat73(file, "transmitted", QPSK.real, kind="table")
-
-
-def group_twice(file):
-    file["symbols/values"] = np.ones(3)
-    file["transmitted"] = file["symbols"]
-
-
-def with_attributes(**attributes):
-    return h5(lambda file: file["cube"].attrs.update(attributes), cube=CUBE)
-
-
 def updated(**members):
     return h5(lambda file: file.update(members), cube=CUBE)
 
 
+NEEDS_GRID = "needs an array named 'transmitted'; it holds "
+WHICH_GRID = ", which may be the transmitted grid; allowed is one array named 'transmitted'"
+
 NOT_THE_GRID = [
-    (mat(cube=CUBE, transmitted=csc_array(QPSK)), "transmitted (sparse matrix)"),
-    (mat73(sparse73, cube=CUBE), "transmitted (sparse matrix)"),
-    (mat(cube=CUBE, transmitted=CELL), "transmitted (cell)"),
-    (mat(cube=CUBE, transmitted="grid.mat"), "transmitted (char)"),
-    (mat(cube=CUBE, transmitted=np.zeros((2, 1), [("grid", object)])), "transmitted (struct)"),
-    (mat(cube=CUBE, transmitted={"re": QPSK.real, "im": QPSK.imag}), "transmitted/re (float64 of shape"),
-    (mat_objects("transmitted", "unit", "units"), "transmitted (object)"),
-    (mat73(table73, cube=CUBE), "transmitted (table)"),
-    (npz(cube=CUBE, transmitted=QPSK.astype(object)), "transmitted (Python objects, which are never unpi"),
-    (members(**{"transmitted.csv": "1,1"}), "transmitted.csv (no array)"),
-    (members(transmitted=b"\x93NUMPY"), "transmitted (no array)"),
-    (npz(cube=CUBE, transmitted=QPSK, Transmitted=QPSK), ", Transmitted (complex128"),
-    (h5(cube=CUBE, **{"a/transmitted": QPSK, "b/transmitted": QPSK}), "a/transmitted (complex128"),
-    (updated(transmitted=h5py.SoftLink("/gone")), "transmitted (link)"),
-    (updated(transmitted=h5py.ExternalLink("grid.h5", "/x")), "transmitted (link)"),
-    (updated(transmitted=h5py.Empty("c16")), "transmitted (dataset)"),
-    (h5(lambda file: file.create_group("transmitted"), cube=CUBE), "transmitted (group)"),
-    (h5(group_twice, cube=CUBE), "transmitted (group)"),
-    (with_attributes(Transmitted=1), "cube@Transmitted (attribute)"),
-    (with_attributes(transmitted=QPSK), "cube@transmitted (complex128"),
-    (zarr_with("cube", transmitted="QPSK of seed 1"), "cube@transmitted (attribute)"),
-    ((".zarr", of_two_versions), "transmitted (no zarr array)"),
+    (mat(cube=CUBE, transmitted=csc_array(QPSK)), f"{NEEDS_GRID}transmitted (sparse matrix)"),
+    (mat(cube=CUBE, transmitted=CELL), f"{NEEDS_GRID}transmitted (cell)"),
+    (mat(cube=CUBE, transmitted="grid.mat"), f"{NEEDS_GRID}transmitted (char)"),
+    (mat(cube=CUBE, transmitted=np.zeros((2, 1), [("grid", object)])), f"{NEEDS_GRID}transmitted (struct"),
+    (mat(cube=CUBE, transmitted={"re": QPSK.real, "im": QPSK.imag}), f"{NEEDS_GRID}transmitted/re (float64"),
+    (mat73(cube=CUBE, transmitted=np.array("grid.mat")), f"{NEEDS_GRID}transmitted (char)"),
+    (npz(cube=CUBE, transmitted=QPSK.astype(object)), "transmitted: holds object; a transmitted grid takes"),
+    (npz(cube=CUBE, transmitted=QPSK, Transmitted=QPSK), f"{NEEDS_GRID}transmitted (complex128"),
+    (h5(cube=CUBE, **{"a/transmitted": QPSK, "b/transmitted": QPSK}), f"{NEEDS_GRID}a/transmitted (complex"),
+    (updated(transmitted=h5py.SoftLink("/gone")), f"{NEEDS_GRID}transmitted (link)"),
+    (updated(transmitted=h5py.ExternalLink("grid.h5", "/x")), f"{NEEDS_GRID}transmitted (link)"),
 ]
 
 MAY_BE_THE_GRID = [
     npz(cube=CUBE, tx=QPSK),
-    mat(cube=CUBE, X=csc_array(QPSK)),
     mat(cube=CUBE, setup={"tx": QPSK}),
     h5(cube=CUBE, **{"tx/grid": QPSK}),
     zarr_of(cube=CUBE, grid=QPSK),
-    mat(cube=CUBE, transmitted_symbols=CELL),
-    npz(cube=CUBE, transmitted_symbols=QPSK.astype(object)),
     npz(cube=CUBE, symbols=np.stack([QPSK, QPSK], axis=-1)),
     npz(cube=CUBE, symbols=QPSK.T),
     npz(cube=CUBE, symbols=QPSK.ravel()),
@@ -331,17 +224,11 @@ MAY_BE_THE_GRID = [
     npz(cube=CUBE, transmitted=QPSK.real, transmitted_im=QPSK.imag),
     npz(cube=CUBE, bpsk=np.ones(N * M)),
     npz(cube=CUBE, transmitted_preamble=np.sign(QPSK[:, 0].real)),
-    h5(lambda file: file.attrs.update(transmitted_preamble=QPSK[:, 0]), cube=CUBE),
-    h5(cube=CUBE, **{"#1": QPSK}),  # a name of cells in another program
-    with_attributes(grid=QPSK),
-    zarr_with(grid=QPSK.real.tolist()),
     npz(echo=CUBE, t=QPSK),
     *(kind(cube=CUBE[:, :1], symbols=QPSK[:, :1]) for kind in (npz, mat, mat73, h5)),
 ]
 
 MAY_BE_OTHER_GRIDS = [
-    mat(tx=csc_array(QPSK), used=np.ones((N, M))),
-    mat(cube=csc_array(QPSK), tx=csc_array(QPSK), used=np.ones((N, M))),
     npz(tx=QPSK.ravel(), mask=np.ones((N, M))),
     npz(re=QPSK.real, im=QPSK.imag.ravel()),
     npz(tx=np.stack([QPSK, QPSK]), used=np.ones((N, M))),
@@ -360,11 +247,9 @@ MAY_BE_THE_CUBE = [
 NO_CUBE = [
     (CUBE.real.astype(np.float32), "holds float32; a cube takes complex64 or complex128"),
     (np.ones(SHAPE, ">i2"), "holds int16; a cube takes complex64 or complex128"),
-    (np.ones(SHAPE, bool), "holds bool; a cube takes"),
     (np.ones(SHAPE, np.clongdouble), "holds complex256; a cube takes complex64 or complex128"),
-    (CUBE[0], "has 3 axes, shape (10, 3, 4); a cube takes four: (subcarriers, symbols, P, Q)"),
-    (CUBE[0, 0, 0], "has 1 axis, shape (4,); a cube takes four"),
-    (CUBE[:, :0], "is empty, shape (24, 0, 3, 4); a cube takes at least one"),
+    (CUBE[0], "has shape (10, 3, 4); a cube takes four axes, none empty: (subcarriers, symbols, P, Q)"),
+    (CUBE[:, :0], "has shape (24, 0, 3, 4); a cube takes four axes, none empty"),
 ]
 
 GRID_TAKES = "a transmitted grid takes"
@@ -416,47 +301,22 @@ def short_member(method):
     return ".npz", write
 
 
-def wrong_checksum(path):
-    write_npz(path, cube=CUBE, compressed=True)
-    with zipfile.ZipFile(path) as archive:
-        crc = archive.getinfo("cube.npy").CRC.to_bytes(4, "little")
-    path.write_bytes(path.read_bytes().replace(crc, bytes(4)))
-
-
-def flip_last(data):
-    return data[:-1] + bytes([data[-1] ^ 1])
-
-
-def truncated(n_bytes):
-    return f"is truncated: complex128 of shape {SHAPE} takes {n_bytes} bytes, the file has {n_bytes - 1}"
-
-
-SHORT = f"cube: is truncated: complex128 of shape {SHAPE} takes {CUBE.nbytes + 128} bytes, the file has"
-COMPRESSED_MAT = ".mat", lambda path: write_mat(path, cube=CUBE, compressed=True)
+SHORT = f"cube: is truncated: has less than complex128 of shape {SHAPE}"
 LACKS = "cube: lacks 1 of 24 chunks; if they hold zeros, "
 
 DAMAGED = [
-    *(
-        (changed(npy(np.asarray(CUBE, order=order)), lambda data: data[:-1]), truncated(CUBE.nbytes + 128))
-        for order in "CF"
-    ),
+    (changed(npy(CUBE), lambda data: data[:-1]), "cannot be read as npy: mmap length is greater than file"),
     *((short_member(method), SHORT) for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)),
-    ((".npz", wrong_checksum), "cannot be read as npz: Bad CRC-32"),
-    (changed(COMPRESSED_MAT, flip_last), "incorrect data check"),
     (
         h5(lambda file: file.create_dataset("cube", SHAPE, np.complex64)),
-        "not complete: 0 of 1 chunks were written",
+        "not complete: the file has 0 of 1 chunks",
     ),
-    (not_filled(chunks=(12, 10, 3, 2)), "cube: is not complete: 2 of 4 chunks were written"),
+    (not_filled(chunks=(12, 10, 3, 2)), "cube: is not complete: the file has 2 of 4 chunks"),
     (without_chunk("cube/1.0.1.3", zarr_format=2), LACKS),
     (without_chunk("cube/c/1/0/1/3"), LACKS),
     ((".zip", lambda path: path.write_text("junk")), "not a zip file"),
     (npz(cube=CUBE.real, cube_im=CUBE.imag), "cube: holds float64; a cube takes complex64"),
 ]
-
-
-NEEDS_GRID = "needs an array named 'transmitted'; it holds "
-WHICH_GRID = "which may be the transmitted grid; allowed is one array named 'transmitted'"
 
 
 def text(suffix, content):
@@ -470,13 +330,9 @@ FAULTS = [
     *((PointCloud.read, npy(array), words) for array, words in NPY),
     *((PointCloud.read, kind(**named), words) for named, words in NAMED for kind in (npz, mat, mat73)),
     *((PointCloud.read, file, words) for file, words in MAT),
-    *(
-        (opening, file, NEEDS_GRID, words)
-        for file, words in NOT_THE_GRID
-        for opening in (open_cube, read_grid)
-    ),
-    *((open_cube, file, "beside the cube, " + WHICH_GRID) for file in MAY_BE_THE_GRID),
-    *((read_grid, file, "beside the grid, " + WHICH_GRID) for file in MAY_BE_OTHER_GRIDS),
+    *((opening, *row) for row in NOT_THE_GRID for opening in (open_cube, read_grid)),
+    *((open_cube, file, WHICH_GRID) for file in MAY_BE_THE_GRID),
+    *((read_grid, file, WHICH_GRID) for file in MAY_BE_OTHER_GRIDS),
     *((open_cube, file, "needs an array named 'cube'") for file in MAY_BE_THE_CUBE),
     *((open_cube, npy(array), words) for array, words in NO_CUBE),
     *((open_cube, npz(cube=array), "cube: " + words) for array, words in NO_CUBE),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 
 import pytest
 from typer.testing import CliRunner
@@ -64,8 +63,8 @@ HOSTILE = {
     ".mat": CLOUDS[".mat"]["cells"],
     ".npy": CLOUDS[".npy"]["Python objects"],
     ".npz": CLOUDS[".npz"]["pickled"],
-    ".ply": CLOUDS[".ply"]["5000 digits"],
-    ".h5": CUBES[".h5"]["numbers in a pipe"],
+    ".ply": CLOUDS[".ply"]["1e18, ascii"],
+    ".h5": CUBES[".h5"]["1e18 cells"],
     ".zarr": ANY["a folder"],
     ".toml": TOML["arrays in arrays"],
     ".py": ANY["a terabyte"],
@@ -80,25 +79,6 @@ def test_every_command_that_reads_a_file_refuses_a_hostile_one(tmp_path, told, s
     for arguments in commands(path).values():
         assert "red" in told(*arguments)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("command", ["report", "rescore", "compare", "compare new", "merge"])
-@pytest.mark.parametrize("name", ["manifest.json", "results.parquet"])
-@pytest.mark.parametrize("kind", ["a folder", "a page of zeros"])
-def test_every_command_that_reads_a_run_refuses_a_hostile_one(made, tmp_path, told, command, name, kind):
-    good, bad = made[1], tmp_path / "bad"
-    shutil.copytree(good, bad)
-    (bad / name).unlink()
-    ANY[kind](bad / name)
-    arguments = {
-        "report": ("report", bad),
-        "rescore": ("rescore", bad),
-        "compare": ("compare", bad, good),
-        "compare new": ("compare", good, bad),
-        "merge": ("merge", bad, good, "-o", tmp_path / "merged"),
-    }[command]
-    assert "bad" in told(*arguments)
-    assert not (tmp_path / "merged").exists()
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".mat", ".ply"])

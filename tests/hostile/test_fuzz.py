@@ -38,9 +38,9 @@ def cloud_file(suffix):
 
 
 def big_endian_ply(path):
-    header = "ply\nformat binary_big_endian 1.0\nelement sensor 1\nproperty short id\nelement vertex 3\n"
+    header = "ply\nformat binary_big_endian 1.0\nelement vertex 3\n"
     header += "".join(f"property float {name}\n" for name in "xyzv") + "end_header\n"
-    path.write_bytes(header.encode() + bytes(2) + TABLE.astype(">f4").tobytes())
+    path.write_bytes(header.encode() + TABLE.astype(">f4").tobytes())
 
 
 def cube_npz(save):

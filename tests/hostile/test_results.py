@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import shutil
 import warnings
-from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
@@ -177,14 +175,3 @@ def test_a_manifest_without_sessions_is_rescored(run_folder):
     (run_folder / "manifest.json").write_text(json.dumps(manifest))
     assert not [change for change in rescore(run_folder).changes if change.n_rows]
     assert manifest_of(run_folder)["scores"]["metrics"]["paper"]["version"] == Paper.version
-
-
-def test_a_path_that_is_no_text_is_kept(made, run_folder):
-    """Names of files are bytes; the manifest holds them as JSON can."""
-    folder = Path(os.fsdecode(os.fsencode(run_folder.parent) + b"/\xff"))
-    folder.mkdir()
-    for name in ("tiny.toml", "tiny.csv"):
-        shutil.copy(made[1].parent / name, folder)
-    suite = made[0].replace(scenarios=[str(folder / "tiny.toml")])
-    run_suite(suite, out=run_folder.with_name("other"))
-    assert Run.open(run_folder.with_name("other")).suite.scenarios == suite.scenarios

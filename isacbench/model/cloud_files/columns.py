@@ -1,22 +1,20 @@
 """Names of the columns of points, as other programs spell them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
-from isacbench.files.escaping import quoted, shortened
+from isacbench.files.escaping import shortened
 
 POINT_COLUMNS = ["x", "y", "z", "v", "power"]
 """Columns of a cloud in tables and csv files: positions in m, radial velocity in m/s, power."""
 
 _BESIDE_OTHER_V = re.compile(r"(.*[_ ])?(t?u|s)", re.IGNORECASE)
 """Names of a texture or a colour, whose v is no velocity."""
-
-_PANDAS_INDEX = re.compile(r"level_\d+|__index_level_\d+__")
-"""Names that pandas gives to numbers of rows."""
 
 _ALIKE = {
     "v": (
@@ -25,7 +23,7 @@ _ALIKE = {
         "the name velocity for m/s, positive when approaching, or nothing like it for unknown velocities",
     ),
     "power": (
-        "pow|pwr|amplitude|intensity|magnitude|strength|reflect|gain|section|energy|level|rcs|snr|rssi"
+        "pow|pwr|amplitude|intensity|magnitude|strength|reflect|gain|section|energy|rcs|snr|rssi"
         "|(?<![a-z])(ampl?s?|mags?|p|sigma|dbs?m?)(?![a-z])",
         "power",
         "the name power for powers relative to a unit scatterer, or nothing like it for points of power 1",
@@ -46,11 +44,6 @@ def plain_name(name: str) -> str:
     return "v" if plain == "velocity" else plain
 
 
-def names_points(names: Sequence[str]) -> bool:
-    """Tell if x, y and z are among some names."""
-    return {"x", "y", "z"} <= {plain_name(name) for name in names}
-
-
 def find_columns(path: Path, place: str, names: Sequence[str]) -> dict[str, int]:
     """Find the columns of a cloud among the names that a file has at a place.
 
@@ -60,30 +53,35 @@ def find_columns(path: Path, place: str, names: Sequence[str]) -> dict[str, int]
     """
     plain = [plain_name(name) for name in names]
     texture = next(filter(_BESIDE_OTHER_V.fullmatch, names), None)
-    faults = [f"{quoted(name)} has control characters" for name in names if not name.isprintable()]
-    faults += [f"{name} is missing" for name in "xyz" if name not in plain]
-    if texture and "v" in plain:
-        plain = ["" if name.strip().lower() == "v" else one for name, one in zip(names, plain, strict=True)]
-        faults += [] if "v" in plain else [f"v beside {texture} is of a texture"]
-    for name in POINT_COLUMNS:
-        same = [one for one, spelled in zip(names, plain, strict=True) if spelled == name]
-        faults += [f"{name} appears twice, as {' and '.join(same)}"] if len(same) > 1 else []
+    faults = [f"{name} is missing" for name in "xyz" if name not in plain]
+    faults += [f"{name} appears twice" for name in POINT_COLUMNS if plain.count(name) > 1]
+    if texture and any(name.strip().lower() == "v" for name in names):
+        faults.append(f"v beside {texture} is of a texture")
     if faults:
         raise InputError(
             f"{path}: {place}: {faults[0]}; a cloud takes x, y, z and, if there, v (or velocity) and power; "
             f"it has {shortened(', '.join(names)) or 'none'}"
         )
     found = {name: plain.index(name) for name in POINT_COLUMNS if name in plain}
-    require_no_other_names(
-        path, found, [name for name, one in zip(names, plain, strict=True) if one not in found]
-    )
+    others = [name for name, spelled in zip(names, plain, strict=True) if spelled not in found]
+    require_no_other_names(path, found, others)
     return found
 
 
 def require_no_other_names(path: Path, columns: Collection[str], others: Sequence[str]) -> None:
     """Refuse what may be velocity or power, where no column is named so: all points would get none or 1."""
     for column, (like, name, allowed) in _ALIKE.items():
-        alike = re.compile(like, re.IGNORECASE)
-        found = ", ".join(one for one in others if alike.search(one) and not _PANDAS_INDEX.fullmatch(one))
+        found = ", ".join(filter(re.compile(like, re.IGNORECASE).search, others))
         if column not in columns and found:
             raise InputError(f"{path}: has no {name}, but {shortened(found)}; allowed is {allowed}")
+
+
+def require_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers: Sequence[int]) -> None:
+    """Refuse an array (n, len(columns)) that holds NaN or infinity, naming row and column of the first."""
+    faults = np.argwhere(~np.isfinite(values))
+    if faults.size:
+        row, column = faults[0]
+        raise InputError(
+            f"{path}: row {row_numbers[row]}: column {columns[column]} is {values[row, column]}; "
+            "expected a finite number"
+        )

@@ -4,8 +4,6 @@ The header is read here, because libraries of meshes drop in silence what they d
 in a row. NumPy reads binary rows, and ASCII rows are those of a csv file.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,10 +13,12 @@ import numpy as np
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted, shortened
-from isacbench.model.cloud_files.columns import find_columns
-from isacbench.model.cloud_files.csv_tables import BLANKS, CsvTable, require_finite
+from isacbench.model.cloud_files.columns import find_columns, require_finite
+from isacbench.model.cloud_files.csv_tables import BLANKS, CsvTable, split_rows
 
-_START = re.compile(rb"(?:\xef\xbb\xbf)?ply[ \t]*(\r\n|\r|\n)")
+_FILE = re.compile(
+    rb"(?:\xef\xbb\xbf)?ply[ \t]*\r?\n(?P<header>(?:.*\n)*?)end_header[ \t]*\r?(?:\n|\Z)(?P<body>(?s:.*))"
+)
 _TYPES = {
     name: code
     for names, code in (
@@ -27,16 +27,9 @@ _TYPES = {
     )
     for name in names.split()
 }
-_TYPE = "|".join(_TYPES)
-_LINE = re.compile(
-    r"format (ascii|binary_little_endian|binary_big_endian) 1\.0|element \S+ [0-9]{1,18}"
-    rf"|property (?:{_TYPE}) \S+|property list (?:{_TYPE}) (?:{_TYPE}) \S+"
-)
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 LIST = "list"
 """Type of a property of several numbers."""
-
-Elements = dict[str, tuple[int, dict[str, str]]]
-"""Length of each element and types of its properties, by their names."""
 
 
 def write_ply(points: Mapping[str, Floats], path: Path) -> None:
@@ -56,96 +49,66 @@ def write_ply(points: Mapping[str, Floats], path: Path) -> None:
 def read_ply(path: Path) -> dict[str, Floats]:
     """Read the vertices of a PLY file, ASCII or binary of either byte order, as points.
 
-    The element ``vertex`` needs the properties x, y and z; v (or velocity) and
-    power are optional and others are ignored, as are other elements. A v beside
-    u or s belongs to a texture or a colour.
+    The first element is ``vertex`` with the properties x, y and z; v (or velocity) and power are optional and
+    others are ignored, as are other elements. A v beside u or s belongs to a texture or a colour.
     """
-    content = path.read_bytes()
-    start = _START.match(content)
-    if not start:
-        raise InputError(f"{path}: row 1: is not a PLY file, which starts with 'ply'")
-    line_end = start[1]
-    end = re.compile(line_end + rb"end_header[ \t]*(?:" + line_end + rb"|\Z)").search(
-        content, start.end() - len(line_end)
-    )
-    header = content[start.end() : end.start() if end else None].decode("latin-1").split(line_end.decode())
-    form, elements = _parsed_header(path, header)
-    if not end:
-        raise InputError(f"{path}: the header has no line 'end_header'; is the file truncated?")
-    if "vertex" not in elements:
-        raise InputError(
-            f"{path}: has no element 'vertex'; its elements: {shortened(', '.join(elements)) or 'none'}"
-        )
-    n, types = elements["vertex"]
-    if LIST in types.values():
+    found = _FILE.fullmatch(path.read_bytes())
+    if not found:
+        raise InputError(f"{path}: is no PLY file, which starts with 'ply' and has a line 'end_header'")
+    header, body = found["header"].decode("latin-1").splitlines(), found["body"]
+    order, n, properties, n_elements = _parsed_header(path, header)
+    names = [name for name, _ in properties]
+    columns = find_columns(path, "element vertex", names)
+    if LIST in (kind for _, kind in properties):
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
-    columns = find_columns(path, "element vertex", [*types])
-    before = [elements[name] for name in [*elements][: [*elements].index("vertex")]]
-    body = content[end.end() :]
-    if form == "ascii":
-        first = sum(count for count, _ in before)
-        n_rows = sum(count for count, _ in elements.values())
-        values = _ascii_table(path, body, len(header) + 3, (first, n, n_rows)).values(
-            [*types], [*columns.values()]
-        )
+    if not order:
+        first = len(header) + 3
+        lines = enumerate(body.decode("ascii", "replace").splitlines(), first)
+        rows = [(number, line) for number, line in lines if line.strip()]
+        n_held = len(rows)
+        if n_held > n and n_elements == 1:
+            raise InputError(f"{path}: row {rows[n][0]}: is one too many; the header allows {n}")
     else:
-        order = "<" if form == "binary_little_endian" else ">"
-        if any(LIST in one.values() and count for count, one in before):
-            raise InputError(f"{path}: has lists before its vertices, which only an ASCII file may have")
-        offset = sum(count * _layout(one, order).itemsize for count, one in before if count)
-        layout = _layout(types, order)
-        _require_whole(path, (len(body) - offset) // layout.itemsize, n)
-        records = np.frombuffer(body, layout, n, offset) if n else np.empty(0, layout)
-        values = np.column_stack([records[[*types][k]].astype(np.float64) for k in columns.values()])
+        layout = np.dtype([("", order + kind) for _, kind in properties])
+        n_held = len(body) // layout.itemsize
+    if n_held < n:
+        raise InputError(f"{path}: is truncated: {n_held} of {n} vertices")
+    if not order:
+        numbers, texts = [number for number, _ in rows[:n]], [line for _, line in rows[:n]]
+        table = CsvTable(path, split_rows(path, texts, numbers, BLANKS, len(names)), numbers, BLANKS, [], "")
+        values = table.values(names, [*columns.values()])
+    else:
+        records = np.frombuffer(body, layout, n) if n else np.empty(0, layout)
+        values = np.column_stack([records[f"f{k}"].astype(np.float64) for k in columns.values()])
         require_finite(path, values, [*columns], range(1, n + 1))
     return dict(zip(columns, values.T, strict=True))
 
 
-def _parsed_header(path: Path, lines: list[str]) -> tuple[str, Elements]:
-    """Format and elements that the lines between ``ply`` and ``end_header`` announce."""
-    form, element, seen = "", "", set()
-    elements: Elements = {}
-    for row, text in enumerate(lines, start=2):
-        kind, *words = text.split() or ["comment"]
-        if kind in ("comment", "obj_info"):
-            continue
-        if not _LINE.fullmatch(" ".join([kind, *words])) or (kind == "property" and not element):
-            raise InputError(
-                f"{path}: row {row}: {quoted(text.strip()[:60])} does not belong in a PLY 1.0 header"
-            )
-        element = words[0] if kind == "element" else element
-        name = {"format": "line format", "element": f"element {element}"}.get(kind, f"property {words[-1]}")
-        if (key := name if kind != "property" else f"{element} {name}") in seen:
-            raise InputError(f"{path}: row {row}: {name} appears twice")
-        seen.add(key)
-        if kind == "format":
-            form = words[0]
-        elif kind == "element":
-            elements[element] = int(words[1]), {}
-        else:
-            elements[element][1][words[-1]] = words[0]
-    if not form:
-        raise InputError(f"{path}: the header has no line 'format'")
-    return form, elements
-
-
-def _layout(types: dict[str, str], order: str) -> np.dtype[np.void]:
-    return np.dtype([(name, order + _TYPES[kind]) for name, kind in types.items()])
-
-
-def _ascii_table(path: Path, body: bytes, first_row: int, counts: tuple[int, int, int]) -> CsvTable:
-    """Rows of the vertices of an ASCII file, one line each: (rows before them, their number, all rows)."""
-    first, n, n_rows = counts
-    lines = re.sub("\r\n?", "\n", body.decode("ascii", "replace")).split("\n")
-    rows = [(number, line) for number, line in enumerate(lines, first_row) if line.strip()]
-    _require_whole(path, len(rows) - first, n)
-    vertices = rows[first : first + n]
-    if len(rows) > n_rows:
-        raise InputError(f"{path}: row {rows[n_rows][0]}: is one too many; the header allows {n_rows}")
-    return CsvTable(path, [line for _, line in vertices], [number for number, _ in vertices], BLANKS, [], "")
-
-
-def _require_whole(path: Path, held: int, announced: int) -> None:
-    """Refuse a file with fewer vertices than its header announces."""
-    if held < announced:
-        raise InputError(f"{path}: is truncated: {max(held, 0)} of {announced} vertices")
+def _parsed_header(path: Path, lines: list[str]) -> tuple[str, int, list[tuple[str, str]], int]:
+    """Byte order, none of text; number of vertices, their properties; number of elements."""
+    order: str | None = None
+    elements: list[tuple[str, int]] = []
+    properties: list[tuple[int, str, str]] = []
+    for row, line in enumerate(lines, 2):
+        match line.split():
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case ["format", form, "1.0"] if form in _ORDERS:
+                order = _ORDERS[form]
+            case ["element", name, count] if re.fullmatch("[0-9]{1,18}", count):
+                elements.append((name, int(count)))
+            case ["property", kind, name] if elements and kind in _TYPES:
+                properties.append((len(elements), name, _TYPES[kind]))
+            case ["property", "list", _, _, name] if elements:
+                properties.append((len(elements), name, LIST))
+            case _:
+                raise InputError(
+                    f"{path}: row {row}: {quoted(line[:60])} does not belong in a PLY 1.0 header"
+                )
+    if order is None or [name for name, _ in elements[:1]] != ["vertex"]:
+        names = shortened(", ".join(name for name, _ in elements)) or "none"
+        raise InputError(
+            f"{path}: takes a line 'format' and the first element 'vertex'; its elements: {names}"
+        )
+    of_vertex = [(name, kind) for element, name, kind in properties if element == 1]
+    return order, elements[0][1], of_vertex, len(elements)

@@ -1,7 +1,5 @@
 """Point clouds in files: csv, npy, npz, mat and ply, recognised by their extension."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from math import prod
 from pathlib import Path
@@ -20,27 +18,21 @@ from isacbench.files.checked_files import (
     require_replaceable,
     write_errors,
 )
-from isacbench.files.escaping import quoted, shortened
+from isacbench.files.escaping import shortened
 from isacbench.model.cloud_files.columns import (
     POINT_COLUMNS,
     find_columns,
     plain_name,
+    require_finite,
     require_no_other_names,
 )
-from isacbench.model.cloud_files.csv_tables import (
-    NO_ROW_NUMBERS,
-    counts,
-    quotes_first_alone,
-    read_csv_table,
-    require_finite,
-)
+from isacbench.model.cloud_files.csv_tables import NO_ROW_NUMBERS, read_csv_table
 from isacbench.model.cloud_files.ply import read_ply, write_ply
 
 TAKES = "a cloud takes"
 
 _SCATTERER = (*POINT_COLUMNS[:-1], "amplitude")
 _OBJECT = "object"
-_TAKES = "takes xyz (n, 3), optionally velocity (n) and power (n)"
 
 
 class Points(NamedTuple):
@@ -134,31 +126,20 @@ def read_points_csv(path: str | Path) -> Points:
     """
     path = Path(path)
     table = read_csv_table(path)
-    plain = [plain_name(name) for name in table.names]
+    plain = [plain_name(name) for name in table.names if name]
     known = (*_SCATTERER, _OBJECT)
-    unknown = [name for name, one in zip(table.names, plain, strict=True) if name and one not in known]
-    missing = [name for name in _SCATTERER[:-1] if name not in plain]
-    twice = [name for name in known if plain.count(name) > 1]
-    for fault, found in (
-        ("unknown column {}", [*map(quoted, unknown)]),
-        ("column {} appears twice", twice),
-        ("column {} is missing", missing),
-    ):
-        if found:
-            raise InputError(
-                f"{path}: {table.place}: {fault.format(found[0])}; the file takes the columns x, y, z, v and "
-                "optionally amplitude and object"
-            )
-    if not table.lines:
+    if not {*_SCATTERER[:-1]} <= {*plain} <= {*known} or len({*plain}) < len(plain):
+        raise InputError(
+            f"{path}: {table.place}: takes the columns x, y, z, v and optionally amplitude and object, "
+            f"not {shortened(', '.join(filter(None, table.names))) or 'rows without a header'}"
+        )
+    if not table.rows:
         raise InputError(f"{path}: holds no points below its header")
-    wanted = [name for name in _SCATTERER if name in plain]
-    values = table.values(table.names, [plain.index(name) for name in wanted])
-    amplitude = values[:, 4] if "amplitude" in plain else np.ones(len(values))
-    objects: tuple[str, ...] = ()
-    if _OBJECT in plain:
-        column = plain.index(_OBJECT)
-        objects = tuple(table.fields(row)[column] for row in range(len(table.lines)))
-    return Points(values[:, :3], values[:, 3], amplitude, objects)
+    place_of = {plain_name(name): place for place, name in enumerate(table.names)}
+    values = table.values(table.names, [place_of[name] for name in _SCATTERER if name in place_of])
+    amplitude = values[:, 4] if "amplitude" in place_of else np.ones(len(values))
+    objects = [row[place_of[_OBJECT]].strip() for row in table.rows] if _OBJECT in place_of else ()
+    return Points(values[:, :3], values[:, 3], amplitude, tuple(objects))
 
 
 def _read_csv(path: Path) -> dict[str, Floats]:
@@ -166,33 +147,23 @@ def _read_csv(path: Path) -> dict[str, Floats]:
     if table.names:
         found = find_columns(path, table.place, table.names)
         return dict(zip(found, table.values(table.names, [*found.values()]).T, strict=True))
-    first = table.fields(0)
-    numbers = [*map(str, range(len(first)))]
-    if first in (numbers, ["", *numbers[:-1]]):
-        raise InputError(
-            f"{path}: {table.place}: may be a header that numbers the columns; allowed are the names x, y, z "
-            f"... and {NO_ROW_NUMBERS}"
-        )
+    first = table.rows[0]
     if len(first) not in (3, 4, 5):
         raise InputError(
             f"{path}: {table.place}: {len(first)} fields; without a header a cloud takes 3, 4 or 5 "
-            f"({', '.join(POINT_COLUMNS)})" + (f", in {NO_ROW_NUMBERS}" if len(first) == 6 else "")
+            f"({', '.join(POINT_COLUMNS)}), in {NO_ROW_NUMBERS}"
         )
     columns = POINT_COLUMNS[: len(first)]
     values = table.values(columns, range(len(first)))
-    is_named = quotes_first_alone(table.lines[0]) or counts(first[0], values[:, 0]) or _may_number(values)
-    if len(first) > len("xyz") and is_named:
+    numbers_columns = first == [str(column) for column in range(len(first))]
+    is_whole = (values % 1 == 0).all(axis=0)
+    are_distinct = 1 < len(values) == len(np.unique(values[:, 0]))
+    if numbers_columns or (len(first) > 3 and is_whole[0] and not is_whole.all() and are_distinct):
         raise InputError(
-            f"{path}: the first column may number the rows, and may be x as well; allowed is a header, or "
+            f"{path}: {table.place}: may number the columns or the rows; allowed is a header x, y, z ... and "
             f"{NO_ROW_NUMBERS}"
         )
     return dict(zip(columns, values.T, strict=True))
-
-
-def _may_number(values: Floats) -> bool:
-    """Tell if the first column may number rows: by whole numbers, all distinct, beside others."""
-    is_whole = (values % 1 == 0).all(axis=0)
-    return is_whole[0] and not is_whole.all() and 1 < len(values) == len(np.unique(values[:, 0]))
 
 
 def _write_csv(points: Mapping[str, Floats], path: Path) -> None:
@@ -211,14 +182,16 @@ def _read_arrays(path: Path) -> dict[str, Floats]:
                 f"{path}: its arrays take more than the {binary_size(CLOUD_BYTES)} that are allowed"
             )
         first, *others = [array.whole() for array in chosen.values()]
-        values = np.column_stack([first, *(other.ravel() for other in others)])
+        values = np.column_stack([first, *(other.ravel() for other in others)]).astype(np.float64, copy=False)
         columns = POINT_COLUMNS[: values.shape[1]]
         if "xyz" in chosen:  # and no table has this name
             columns = [*"xyz", *(plain_name(name) for name in [*chosen][1:])]
-        rest = {name: array for name, array in entries.items() if array not in chosen.values()}
-        beside = [name for name, array in rest.items() if _may_be_of_points(array, len(values))]
+        beside = [
+            name
+            for name, array in entries.items()
+            if name not in chosen and _may_be_of_points(array, len(values))
+        ]
         require_no_other_names(path, columns, beside)
-    values = values.astype(np.float64, copy=False)
     require_finite(path, values, columns, range(1, len(values) + 1))
     return dict(zip(columns, values.T, strict=True))
 
@@ -227,49 +200,39 @@ def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
     """Find the arrays that make a cloud: the table, or xyz and, if there, velocity and power."""
     if "xyz" in arrays or "velocity" in arrays:
         return _parts(path, arrays)
-    outer = [name for name in arrays if not set("/@") & {*name}] or arrays
+    numbers = {name: array for name, array in arrays.items() if _is_real(array)}
+    outer = {name: array for name, array in numbers.items() if "/" not in name} or numbers
     tables: dict[str, StoredArray] = {}
-    for columns in ((4, 5), (3,)):
+    for n_columns in ((4, 5), (3,)):
         # A matrix of 3 x 3 turns points; without a name it is all that a file has.
         tables = tables or {
             name: array
-            for name in outer
-            if _is_table(array := arrays[name], columns) and (array.shape != (3, 3) or not name)
+            for name, array in outer.items()
+            if len(array.shape) == 2 and array.shape[1] in n_columns and (array.shape != (3, 3) or not name)
         }
-    if len(tables) == 1:
-        _require_no_other_points(path, arrays, *tables.items())
-        return tables
-    if "" in arrays:
-        raise InputError(f"{path}: takes real numbers of shape (n, 3), (n, 4) or (n, 5), not {arrays['']}")
-    held = names_of({name: array for name, array in arrays.items() if "@" not in name}) or "nothing"
-    found = f"several could be the cloud: {', '.join(tables)}" if tables else f"it holds {held}"
-    raise InputError(
-        f"{path}: {_TAKES}, or exactly one array of shape (n, 4) or (n, 5), or else (n, 3); "
-        f"{shortened(found)}"
-    )
-
-
-def _require_no_other_points(path: Path, arrays: Entries, table: tuple[str, StoredArray]) -> None:
-    """Refuse a table without a name, such as the pose of a sensor, where other arrays may be the points."""
-    n, n_columns = table[1].shape
-    others: dict[str, StoredArray | str] = {
+    found = next(iter(tables.values())) if len(tables) == 1 else None
+    rivals = {  # such as the points beside the pose of a sensor
         name: array
-        for name, array in arrays.items()
-        if "@" not in name and _is_real(array)
-        if prod(array.shape) > n * n_columns or (array.shape[1:] in ((3,), (4,), (5,)) and array.shape[0] > n)
+        for name, array in numbers.items()
+        if found is None or prod(array.shape) > prod(found.shape) or _has_points(array, found.shape[0])
     }
-    if others:
+    if found is None or rivals:
+        held = names_of({**tables, **rivals} if tables else arrays) or "nothing"
         raise InputError(
-            f"{path}: {table[0]} may be the cloud, and so may {shortened(names_of(others))}; allowed are the "
-            "names xyz (n, 3), velocity (n) and power (n), or no other such array"
+            f"{path}: takes real numbers: xyz (n, 3), optionally velocity (n) and power (n), or exactly one "
+            f"array of shape (n, 4) or (n, 5), or else (n, 3), and none larger; it holds {held}"
         )
+    return tables
+
+
+def _has_points(array: StoredArray, n: int) -> bool:
+    """Tell if an array may hold more than n points."""
+    return array.shape[1:] in ((3,), (4,), (5,)) and array.shape[0] > n
 
 
 def _parts(path: Path, arrays: Entries) -> dict[str, StoredArray]:
     """Find the arrays xyz and, if there, velocity and power."""
-    if "xyz" not in arrays:
-        raise InputError(f"{path}: has no array xyz, but {_TAKES}")
-    xyz = arrays["xyz"]
+    xyz = arrays.get("xyz", "nothing")
     if not (_is_real(xyz) and len(xyz.shape) == 2 and xyz.shape[1] == 3):
         raise InputError(f"{path}: xyz takes real numbers of shape (n, 3), not {xyz}")
     parts, n = {"xyz": xyz}, xyz.shape[0]
@@ -286,11 +249,6 @@ def _parts(path: Path, arrays: Entries) -> dict[str, StoredArray]:
 def _is_real(array: StoredArray | str) -> TypeGuard[StoredArray]:
     """Tell if an entry of a file is an array of integers or floats."""
     return isinstance(array, StoredArray) and array.dtype.kind in "fiu"
-
-
-def _is_table(array: StoredArray | str, columns: tuple[int, ...]) -> TypeGuard[StoredArray]:
-    """Tell if an entry of a file is an array that could be a cloud of so many columns."""
-    return _is_real(array) and len(array.shape) == 2 and array.shape[1] in columns
 
 
 def _may_be_of_points(array: StoredArray | str, n: int) -> bool:

@@ -20,23 +20,7 @@ _NUMBERS = re.compile(r"\[\n((?: +[-+.\de]+,\n)+)\]")
 
 
 def scene_toml(name_or_path: str) -> str:
-    """Write a scenario as TOML, under its own name.
-
-    Parameters
-    ----------
-    name_or_path : str
-        As `isacbench.model.scenes.scenario.load_scenario` takes it.
-
-    Returns
-    -------
-    str
-        With a comment on its origin. Comments of another file are not kept.
-
-    Raises
-    ------
-    InputError
-        If there is no such scenario, or it is not valid.
-    """
+    """Write a scenario as TOML, under its own name, with a comment on its origin; other comments are lost."""
     load_scenario(name_or_path)
     return _toml_of(_content(name_or_path), name_or_path)
 
@@ -44,22 +28,8 @@ def scene_toml(name_or_path: str) -> str:
 def write_scene(name_or_path: str, out: Path) -> None:
     """Write a scenario to a new TOML file, named after the file.
 
-    The name seeds the noise and the errors of the array. The scatterers are
-    those of the scenario, bit for bit.
-
-    Parameters
-    ----------
-    name_or_path : str
-        As `isacbench.model.scenes.scenario.load_scenario` takes it.
-    out : Path
-        New file with the suffix ``.toml``.
-
-    Raises
-    ------
-    InputError
-        If there is no such scenario, or it is not valid; if the file exists, cannot be
-        written or has another suffix; or if the scenario reads other files, which lie
-        beside its own file, and the new file would lie elsewhere.
+    The name seeds the noise and the errors of the array. The scatterers are the same, bit for bit.
+    One that reads other files, which lie beside its own file, can only be written there.
     """
     if out.suffix != ".toml" or len(out.stem) > MAX_NAME:
         raise InputError(f"{out}: allowed is a name of at most {MAX_NAME} characters that ends in .toml")

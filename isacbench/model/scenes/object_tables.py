@@ -17,27 +17,7 @@ from isacbench.files.checked_files import require_inside
 from isacbench.model.cloud_files.point_files import read_points_csv
 from isacbench.model.number_limits import LARGEST_PLACE_M
 from isacbench.model.scene import Scatterers
-from isacbench.model.scenes.objects import (
-    DECIMALS,
-    approach_speeds,
-    body_velocities,
-    box,
-    car,
-    cyclist,
-    green_belt,
-    heading,
-    lamp_post,
-    limb_swing,
-    lorry,
-    pedalling,
-    pedestrian,
-    pole,
-    rail,
-    turned,
-    vehicle,
-    wall,
-    wheel_roll,
-)
+from isacbench.model.scenes import objects
 from isacbench.model.scenes.placed_objects import CROSS_SECTIONS, PlacedObject, Surroundings
 from isacbench.model.scenes.solids import Part, globe, solid_of, tube
 from isacbench.model.surfaces.mesh_files import box_of, read_mesh
@@ -125,9 +105,9 @@ class _ObjectTable(_EchoTable):
 
     def _turned(self, vectors: Floats) -> Floats:
         """Turn vectors (..., 3) from the object's own directions to those of the scene."""
-        return (
-            turned(vectors.reshape(-1, 3), self.yaw_deg).reshape(vectors.shape) if self.yaw_deg else vectors
-        )
+        if not self.yaw_deg:
+            return vectors
+        return objects.turned(vectors.reshape(-1, 3), self.yaw_deg).reshape(vectors.shape)
 
     def _in_place(self, vectors: Floats) -> Floats:
         """Turn and shift what lies around `position_m`."""
@@ -139,10 +119,10 @@ class _ObjectTable(_EchoTable):
         xyz = self._in_place(offsets)
         if not isinstance(self.velocity_mps, tuple):
             return Scatterers(xyz, np.full(len(xyz), self.velocity_mps), amplitude)
-        velocities = body_velocities(self._turned(offsets), self.velocity_mps, self.yaw_rate_dps, own)
-        xyz = xyz.round(DECIMALS) + 0.0
-        speeds = approach_speeds(xyz, velocities, base_station_m)
-        return Scatterers(xyz, speeds.round(DECIMALS) + 0.0, amplitude)
+        velocities = objects.body_velocities(self._turned(offsets), self.velocity_mps, self.yaw_rate_dps, own)
+        xyz = xyz.round(objects.DECIMALS) + 0.0
+        speeds = objects.approach_speeds(xyz, velocities, base_station_m)
+        return Scatterers(xyz, speeds.round(objects.DECIMALS) + 0.0, amplitude)
 
     def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of limbs and wheels relative to the body, before it is turned."""
@@ -152,7 +132,7 @@ class _ObjectTable(_EchoTable):
     def _forward_mps(self) -> float:
         """Speed along the object's heading."""
         is_vector = isinstance(self.velocity_mps, tuple)
-        return float(np.dot(self.velocity_mps, heading(self.yaw_deg))) if is_vector else 0.0
+        return float(np.dot(self.velocity_mps, objects.heading(self.yaw_deg))) if is_vector else 0.0
 
 
 class CarTable(_ObjectTable):
@@ -160,7 +140,7 @@ class CarTable(_ObjectTable):
 
     kind: Literal["car"]
     size_m: Size = (2.0, 6.0, 1.8)
-    outline = staticmethod(car)
+    outline = staticmethod(objects.car)
 
 
 class _WheeledTable(_ObjectTable):
@@ -170,7 +150,7 @@ class _WheeledTable(_ObjectTable):
 
     def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of the rims, which come last."""
-        roll = self._forward_mps * wheel_roll(self.n_wheels)
+        roll = self._forward_mps * objects.wheel_roll(self.n_wheels)
         return np.concatenate([np.zeros((n - len(roll), 3)), roll])
 
 
@@ -179,7 +159,7 @@ class VehicleTable(_WheeledTable):
 
     kind: Literal["vehicle"]
     size_m: Size = (1.8, 4.5, 1.5)
-    outline = staticmethod(vehicle)
+    outline = staticmethod(objects.vehicle)
     n_wheels = 4
 
 
@@ -188,7 +168,7 @@ class LorryTable(_WheeledTable):
 
     kind: Literal["lorry"]
     size_m: Size = (2.5, 9.0, 3.6)
-    outline = staticmethod(lorry)
+    outline = staticmethod(objects.lorry)
     n_wheels = 6
 
 
@@ -197,11 +177,11 @@ class CyclistTable(_ObjectTable):
 
     kind: Literal["cyclist"]
     crank_phase_deg: Finite = 0.0
-    outline = staticmethod(cyclist)
+    outline = staticmethod(objects.cyclist)
 
     def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of wheels and legs."""
-        return self._forward_mps * pedalling(self.crank_phase_deg)
+        return self._forward_mps * objects.pedalling(self.crank_phase_deg)
 
 
 class PedestrianTable(_ObjectTable):
@@ -210,11 +190,11 @@ class PedestrianTable(_ObjectTable):
     kind: Literal["pedestrian"]
     height_m: Positive = 1.8
     stride_phase_deg: Finite = 0.0
-    outline = staticmethod(pedestrian)
+    outline = staticmethod(objects.pedestrian)
 
     def _own_velocities(self, n: int) -> Floats:
         """Velocities (n, 3) of the limbs."""
-        return self._forward_mps * limb_swing(self.stride_phase_deg)
+        return self._forward_mps * objects.limb_swing(self.stride_phase_deg)
 
 
 class LampPostTable(_ObjectTable):
@@ -225,7 +205,7 @@ class LampPostTable(_ObjectTable):
     foot_m: NonNegative = 2.0
     spacing_m: Positive = 1.0
     arm_m: Positive = 1.0
-    outline = staticmethod(lamp_post)
+    outline = staticmethod(objects.lamp_post)
 
 
 class GreenBeltTable(_ObjectTable):
@@ -234,7 +214,7 @@ class GreenBeltTable(_ObjectTable):
     kind: Literal["green_belt"]
     size_m: Size = (1.0, 20.0, 1.0)
     spacing_m: Positive = 0.5
-    outline = staticmethod(green_belt)
+    outline = staticmethod(objects.green_belt)
 
 
 class BoxTable(_ObjectTable):
@@ -243,7 +223,7 @@ class BoxTable(_ObjectTable):
     kind: Literal["box"]
     size_m: Size = (1.0, 6.0, 1.0)
     spacing_m: Positive = 0.5
-    outline = staticmethod(box)
+    outline = staticmethod(objects.box)
 
 
 class WallTable(_ObjectTable):
@@ -252,7 +232,7 @@ class WallTable(_ObjectTable):
     kind: Literal["wall"]
     size_m: tuple[Positive, Positive] = (12.0, 6.0)
     spacing_m: Positive = 0.5
-    outline = staticmethod(wall)
+    outline = staticmethod(objects.wall)
 
 
 class PoleTable(_ObjectTable):
@@ -261,7 +241,7 @@ class PoleTable(_ObjectTable):
     kind: Literal["pole"]
     height_m: Positive = 6.0
     spacing_m: Positive = 0.5
-    outline = staticmethod(pole)
+    outline = staticmethod(objects.pole)
 
 
 class RailTable(_ObjectTable):
@@ -270,7 +250,7 @@ class RailTable(_ObjectTable):
     kind: Literal["rail"]
     length_m: Positive = 8.0
     spacing_m: Positive = 0.5
-    outline = staticmethod(rail)
+    outline = staticmethod(objects.rail)
 
 
 class PointTable(_ObjectTable):
@@ -339,9 +319,9 @@ class MeshTable(_SurfaceTable):
         if within is placed:
             own = triangles
         else:
-            own = turned((within - self.position_m).reshape(-1, 3), -self.yaw_deg).reshape(-1, 3, 3)
+            own = objects.turned((within - self.position_m).reshape(-1, 3), -self.yaw_deg).reshape(-1, 3, 3)
         points = surface_points(own, self.spacing_m)
-        points = points[around.region.contains(self._in_place(points).round(DECIMALS), PLACED_M)]
+        points = points[around.region.contains(self._in_place(points).round(objects.DECIMALS), PLACED_M)]
         if not len(points):
             raise InputError(
                 f"{self.file}: no part of its surface lies in the region, {around.region}; its bounding box "

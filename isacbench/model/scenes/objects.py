@@ -52,17 +52,9 @@ def _n_steps(length_m: float, spacing_m: float) -> int:
 
 
 def car(size_m: Sequence[float] = (2.0, 6.0, 1.8)) -> Floats:
-    """Outline a car: sides, pillars, bonnet and boot, bumpers, roof line, wheels, mirrors.
+    """Outline a car of a width along x over the mirrors, a length along y and a height.
 
-    Parameters
-    ----------
-    size_m : (float, float, float)
-        Width along x over the mirrors, length along y, height.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        114 points at the default size.
+    Sides, pillars, bonnet and boot, bumpers, roof line, wheels, mirrors: 114 points at the default size.
     """
     width, length, height = size_m
     side = 0.45 * width * np.array([-1.0, 1.0])
@@ -101,18 +93,10 @@ LEFT_HALF = np.array(
 
 
 def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Floats:
-    """Outline a walking person: head, shoulders, hands, hips, knees and feet.
+    """Outline a walking person: left head, shoulder, hand, hip, knee and foot, then the right ones.
 
-    Parameters
-    ----------
-    stride_phase_deg : float
-        0 where the left foot is a full step ahead, 180 where the right one is,
-        90 where the left one passes it backwards.
-
-    Returns
-    -------
-    ndarray of float64, shape (12, 3)
-        The left side, then the right one.
+    The phase is 0 where the left foot is a full step ahead, 180 where the right one is, and 90 where the left
+    one passes it backwards.
     """
     left = LEFT_HALF * np.array([1.0, np.cos(np.radians(stride_phase_deg)), 1.0])
     right = left * np.array([-1.0, -1.0, 1.0])
@@ -121,19 +105,10 @@ def pedestrian(height_m: float = 1.8, stride_phase_deg: float = 0.0) -> Floats:
 
 
 def limb_swing(stride_phase_deg: float) -> Floats:
-    """Velocities of a pedestrian's points relative to the body, for a walking speed of 1 m/s.
+    """Velocities (12, 3) of a pedestrian's points relative to the body, for a walking speed of 1 m/s.
 
     Limbs swing as pendulums do. The foot that passes the other one backwards
     stands on the ground, which sets the frequency.
-
-    Parameters
-    ----------
-    stride_phase_deg : float
-        As `pedestrian` takes it.
-
-    Returns
-    -------
-    ndarray of float64, shape (12, 3)
     """
     forwards = -np.sin(np.radians(stride_phase_deg)) * LEFT_HALF[:, 1] / LEFT_HALF[-1, 1]
     swing = np.zeros((2 * len(LEFT_HALF), 3))
@@ -144,29 +119,7 @@ def limb_swing(stride_phase_deg: float) -> Floats:
 def lamp_post(
     height_m: float = 10.0, foot_m: float = 2.0, spacing_m: float = 1.0, arm_m: float = 1.0
 ) -> Floats:
-    """Outline a mast, from the top of its shielded foot upwards, and four arm tips around its top.
-
-    Parameters
-    ----------
-    height_m : float
-        Height of the mast.
-    foot_m : float
-        Height of its foot, which returns no echo.
-    spacing_m : float
-        Distance of neighbours along the mast.
-    arm_m : float
-        Length of the arms.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        13 points at the default sizes.
-
-    Raises
-    ------
-    InputError
-        If the foot reaches the top.
-    """
+    """Outline a mast, from the top of its foot, which returns no echo, and four arm tips around its top."""
     if foot_m >= height_m:
         raise InputError(f"lamp_post: foot_m = {foot_m:g} must lie below height_m = {height_m:g}")
     n_steps = _n_steps(height_m - foot_m, spacing_m)
@@ -176,38 +129,13 @@ def lamp_post(
 
 
 def green_belt(size_m: Sequence[float] = (1.0, 20.0, 1.0), spacing_m: float = 0.5) -> Floats:
-    """Outline a hedge by its four long edges.
-
-    Parameters
-    ----------
-    size_m : (float, float, float)
-        Width along x, length along y, height.
-    spacing_m : float
-        Distance of neighbours along an edge.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        164 points at the default size.
-    """
+    """Outline a hedge by its four long edges, from its width along x, its length along y and its height."""
     width, length, height = size_m
     return _grid([-width / 2, width / 2], _steps(length, spacing_m), [0.0, height])
 
 
 def box(size_m: Sequence[float] | Floats = (1.0, 6.0, 1.0), spacing_m: float = 0.5) -> Floats:
-    """Sample the sides and the top of a box.
-
-    Parameters
-    ----------
-    size_m : (float, float, float)
-        Width along x, length along y, height.
-    spacing_m : float
-        Distance of neighbours.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-    """
+    """Sample the sides and the top of a box, from its width along x, its length along y and its height."""
     width, length, height = size_m
     x, y = _steps(width, spacing_m), _steps(length, spacing_m)
     levels = _steps(height, spacing_m) + height / 2
@@ -216,35 +144,13 @@ def box(size_m: Sequence[float] | Floats = (1.0, 6.0, 1.0), spacing_m: float = 0
 
 
 def wall(size_m: Sequence[float] = (12.0, 6.0), spacing_m: float = 0.5) -> Floats:
-    """Sample an upright wall along y.
-
-    Parameters
-    ----------
-    size_m : (float, float)
-        Length along y, height.
-    spacing_m : float
-        Distance of neighbours.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-    """
+    """Sample an upright wall, from its length along y and its height."""
     length, height = size_m
     return _grid([0.0], _steps(length, spacing_m), _steps(height, spacing_m) + height / 2)
 
 
 def pole(height_m: float = 6.0, spacing_m: float = 0.5) -> Floats:
-    """Sample an upright pole from the ground to its top.
-
-    Parameters
-    ----------
-    spacing_m : float
-        Distance of neighbours.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-    """
+    """Sample an upright pole from the ground to its top."""
     return _grid([0.0], [0.0], _steps(height_m, spacing_m) + height_m / 2)
 
 
@@ -252,17 +158,7 @@ RAIL_HEIGHTS_M = 0.4, 0.9
 
 
 def rail(length_m: float = 8.0, spacing_m: float = 0.5) -> Floats:
-    """Sample the two bars of a guard rail along y, 0.4 m and 0.9 m above the ground.
-
-    Parameters
-    ----------
-    spacing_m : float
-        Distance of neighbours.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-    """
+    """Sample the two bars of a guard rail along y, 0.4 m and 0.9 m above the ground."""
     return _grid([0.0], _steps(length_m, spacing_m), RAIL_HEIGHTS_M)
 
 
@@ -276,22 +172,7 @@ RIM = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -> Floats:
     """Sample a vehicle: a body up to the waist, a cabin over its middle half, and four wheels.
 
-    Parameters
-    ----------
-    size_m : (float, float, float)
-        Width along x, length along y, height; higher than 0.9 m, the waist.
-    spacing_m : float
-        Distance of neighbours on body and cabin.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        The 16 points of the rims come last.
-
-    Raises
-    ------
-    InputError
-        If it is not higher than its waist.
+    It is higher than the waist, 0.9 m. The 16 points of the rims come last.
     """
     width, length, height = size_m
     if height <= WAIST_M:
@@ -308,37 +189,13 @@ def vehicle(size_m: Sequence[float] = (1.8, 4.5, 1.5), spacing_m: float = 0.5) -
 
 
 def cabin_rows(length_m: float, spacing_m: float) -> Floats:
-    """Places along a vehicle of the rows of its cabin.
-
-    Parameters
-    ----------
-    length_m : float
-        Of the vehicle.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-    """
+    """Places (n,) along a vehicle of the rows of its cabin."""
     y = _steps(length_m, spacing_m)
     return y[np.abs(y) <= length_m / 4]
 
 
 def axle_ends(width_m: float, axles_m: Sequence[float], radius_m: float) -> Floats:
-    """Hubs of the wheels, on both sides of every axle.
-
-    Parameters
-    ----------
-    width_m : float
-        Distance of the two wheels of an axle.
-    axles_m : sequence of float
-        Places along the vehicle.
-    radius_m : float
-        Of the wheels, which stand on the ground.
-
-    Returns
-    -------
-    ndarray of float64, shape (2 n, 3)
-    """
+    """Hubs (2 n, 3) of wheels that stand on the ground, on both sides of every axle."""
     return _grid([-width_m / 2, width_m / 2], axles_m, [radius_m])
 
 
@@ -354,13 +211,9 @@ def _rim(layer: Floats) -> Floats:
 
 
 def wheel_roll(n_wheels: int) -> Floats:
-    """Velocities of the rim points of wheels relative to the body, for a speed of 1 m/s.
+    """Velocities (4 n_wheels, 3) of the rim points of wheels relative to the body, for a speed of 1 m/s.
 
     A wheel rolls: its lowest point stands still, its highest has twice the speed.
-
-    Returns
-    -------
-    ndarray of float64, shape (4 n_wheels, 3)
     """
     forwards_and_up = np.column_stack([RIM[:, 1], -RIM[:, 0]])
     return np.tile(np.pad(forwards_and_up, ((0, 0), (1, 0))), (n_wheels, 1))
@@ -376,22 +229,7 @@ LEAST_LORRY_M = 5.0, 2.0
 
 
 def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Floats, Floats]]:
-    """Lower and upper corners of the cab and the cargo box of a lorry.
-
-    Parameters
-    ----------
-    size_m : (float, float, float)
-        Width along x, length along y, height.
-
-    Returns
-    -------
-    list of two pairs of ndarray of float64, shape (3,)
-
-    Raises
-    ------
-    InputError
-        If it is too short or too low for them.
-    """
+    """Lower and upper corners of the cab and of the cargo box of a lorry, if it is large enough for them."""
     width, length, height = size_m
     if length < LEAST_LORRY_M[0] or height < LEAST_LORRY_M[1]:
         least = " m and ".join(f"{side:g}" for side in LEAST_LORRY_M)
@@ -404,36 +242,13 @@ def lorry_boxes(size_m: Sequence[float]) -> list[tuple[Floats, Floats]]:
 
 
 def lorry_hubs(size_m: Sequence[float]) -> Floats:
-    """Hubs of the six wheels of a lorry.
-
-    Returns
-    -------
-    ndarray of float64, shape (6, 3)
-    """
+    """Hubs (6, 3) of the wheels of a lorry."""
     width, length, _ = size_m
     return axle_ends(width, [1.2 - length / 2, 2.5 - length / 2, length / 2 - 1.2], LORRY_WHEEL_M)
 
 
 def lorry(size_m: Sequence[float] = (2.5, 9.0, 3.6), spacing_m: float = 0.5) -> Floats:
-    """Sample a lorry: sides and tops of cab and cargo box, and six wheels.
-
-    Parameters
-    ----------
-    size_m : (float, float, float)
-        Width along x, length along y from 5 m on, height from 2 m on.
-    spacing_m : float
-        Distance of neighbours on the boxes.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        The 24 points of the rims come last.
-
-    Raises
-    ------
-    InputError
-        If it is too short or too low.
-    """
+    """Sample a lorry: sides and tops of cab and cargo box, and six wheels, whose 24 points come last."""
     boxes = [
         box(upper - lower, spacing_m) + np.array([0.0, (lower + upper)[1] / 2, lower[2]])
         for lower, upper in lorry_boxes(size_m)
@@ -452,17 +267,9 @@ GEAR = 2.5
 
 
 def cyclist(crank_phase_deg: float = 0.0) -> Floats:
-    """Outline a cyclist: the points of a pedestrian, riding, and two wheels.
+    """Outline a cyclist by 20 points: those of a pedestrian, riding, then 4 on each rim.
 
-    Parameters
-    ----------
-    crank_phase_deg : float
-        0 where the left pedal is highest, 90 where it is foremost.
-
-    Returns
-    -------
-    ndarray of float64, shape (20, 3)
-        The left side as that of `pedestrian`, the right one, then 4 points on each rim.
+    The phase is 0 where the left pedal is highest, 90 where it is foremost.
     """
     phase = np.radians(crank_phase_deg)
     sides = []
@@ -476,18 +283,9 @@ def cyclist(crank_phase_deg: float = 0.0) -> Floats:
 
 
 def pedalling(crank_phase_deg: float) -> Floats:
-    """Velocities of a cyclist's points relative to the frame, for a speed of 1 m/s.
+    """Velocities (20, 3) of a cyclist's points relative to the frame, for a speed of 1 m/s.
 
     Wheels roll, pedals turn once in 2.5 turns of a wheel, and knees move half as fast.
-
-    Parameters
-    ----------
-    crank_phase_deg : float
-        As `cyclist` takes it.
-
-    Returns
-    -------
-    ndarray of float64, shape (20, 3)
     """
     phase = np.radians(crank_phase_deg)
     foot = CRANK_M / (CYCLE_WHEEL_M * GEAR) * np.array([0.0, np.cos(phase), -np.sin(phase)])
@@ -498,55 +296,23 @@ def pedalling(crank_phase_deg: float) -> Floats:
 
 
 def turned(vectors: Floats, yaw_deg: float) -> Floats:
-    """Turn vectors about the vertical, counterclockwise seen from above.
-
-    Parameters
-    ----------
-    vectors : ndarray of float64, shape (n, 3)
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-    """
+    """Turn vectors (n, 3) about the vertical, counterclockwise seen from above."""
     cos, sin = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
     x, y, z = vectors.T
     return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
 
 
 def heading(yaw_deg: float) -> Floats:
-    """Direction of an object's front.
-
-    Parameters
-    ----------
-    yaw_deg : float
-        0 faces +y, 90 faces -x.
-
-    Returns
-    -------
-    ndarray of float64, shape (3,)
-    """
+    """Direction (3,) of an object's front: 0 faces +y, 90 faces -x."""
     return turned(np.array([[0.0, 1.0, 0.0]]), yaw_deg)[0]
 
 
 def body_velocities(
     offsets: Floats, velocity_mps: Sequence[float], yaw_rate_dps: float, own: Floats
 ) -> Floats:
-    """Velocities of the points of a turning body: V + ω x r, plus those of limbs and wheels.
+    """Velocities (n, 3) of the points of a turning body: V + ω x r, plus their own relative to the body.
 
-    Parameters
-    ----------
-    offsets : ndarray of float64, shape (n, 3)
-        From the object's position, in m.
-    velocity_mps : (float, float, float)
-        Of that position.
-    yaw_rate_dps : float
-        In degrees a second, counterclockwise seen from above.
-    own : ndarray of float64, shape (n, 3)
-        Velocities relative to the body.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
+    The yaw rate is in degrees a second, counterclockwise seen from above.
     """
     x, y, _ = offsets.T
     turning = np.radians(yaw_rate_dps) * np.column_stack([-y, x, np.zeros_like(x)])
@@ -554,18 +320,7 @@ def body_velocities(
 
 
 def approach_speeds(xyz: Floats, velocities: Floats, base_station_m: Floats) -> Floats:
-    """Project velocities on the line of sight.
-
-    Parameters
-    ----------
-    xyz, velocities : ndarray of float64, shape (n, 3)
-    base_station_m : ndarray of float64, shape (3,)
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In m/s, positive when approaching; 0 at the base station itself.
-    """
+    """Project velocities (n, 3) on the line of sight: positive when approaching, 0 at the base station."""
     sight = xyz - base_station_m
     distance = np.linalg.norm(sight, axis=1)
     return -np.einsum("ij,ij->i", velocities, sight) / np.where(distance > 0, distance, 1.0)

@@ -36,18 +36,9 @@ DECIMALS = 6
 
 
 def cross_section_dbsm(rcs_dbsm: float | str, key: str) -> float:
-    """Radar cross section of an object: the given one, or one drawn by 3GPP TR 38.901.
+    """Radar cross section of an object: the given one, or one of `CROSS_SECTIONS`, drawn by a key.
 
-    Parameters
-    ----------
-    rcs_dbsm : float or str
-        Number, or a name of `CROSS_SECTIONS`.
-    key : str
-        Key of the draw, as `isacbench.model.scenes.raw_uniforms.raw_uniforms` takes it.
-
-    Notes
-    -----
-    A drawn one is σ_M σ_S (§7.9.2.1). σ_S is log-normal, and eq. 7.9.2-1 gives
+    A drawn one is σ_M σ_S (3GPP TR 38.901, §7.9.2.1). σ_S is log-normal, and eq. 7.9.2-1 gives
     10 lg σ_S the mean that makes the mean of σ_S 1. The part that depends on
     direction, σ_D, is left out: the visible points of an object already do.
     """
@@ -60,37 +51,17 @@ def cross_section_dbsm(rcs_dbsm: float | str, key: str) -> float:
 
 
 def free_space_amplitudes(range_m: Floats, wavelength_m: float) -> Floats:
-    """Amplitudes of echoes from 1 m² by the radar equation, with isotropic antennas.
+    """Amplitudes (n,) of echoes from 1 m² by the radar equation, with isotropic antennas.
 
-    Parameters
-    ----------
-    range_m : ndarray of float64, shape (n,)
-        Positive.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Root of received over transmitted power, λ / ((4π)^1.5 R²).
-
-    References
-    ----------
-    M. A. Richards, Fundamentals of Radar Signal Processing, 2nd ed., eq. 2.8.
+    The root of received over transmitted power is λ / ((4π)^1.5 R²): M. A. Richards, Fundamentals of Radar
+    Signal Processing, 2nd ed., eq. 2.8.
     """
     return wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2)
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Surroundings of an object: its file, the base station and the region.
-
-    Attributes
-    ----------
-    source : Path
-        File of the scenario.
-    base_station_m : ndarray of float64, shape (3,)
-    with_solids : bool
-        True if surfaces that hide are needed.
-    """
+    """Surroundings of an object: the scenario's file, base station, region, and if solids are needed."""
 
     source: Path
     base_station_m: Floats
@@ -100,15 +71,7 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """Object in its place.
-
-    Attributes
-    ----------
-    parts : sequence of (ndarray of float64 of shape (n, 3, 3), sequence of int)
-        Triangles that hide, and the numbers of the scatterers that each part does not hide.
-    rcs_dbsm : float or str, optional
-        Radar cross section, or the name of a draw.
-    """
+    """Object in its place: its scatterers, its parts, and its cross section or the name of a draw."""
 
     scatterers: Scatterers
     parts: Sequence[Part] = ()
@@ -146,17 +109,7 @@ def _own_names(names: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
 
 
 def seen_objects(placed: Sequence[PlacedObject], base_station_m: Floats) -> list[PlacedObject]:
-    """Keep only the scatterers that the base station sees past the surfaces of all objects.
-
-    Parameters
-    ----------
-    base_station_m : ndarray of float64, shape (3,)
-
-    Raises
-    ------
-    InputError
-        If it sees none.
-    """
+    """Keep only the scatterers that the base station sees past the surfaces of all objects; one at least."""
     xyz = join_scatterers(placed).xyz
     numbers = np.cumsum([0, *(len(each.scatterers) for each in placed)])
     point_part = np.full(len(xyz), NO_PART)
@@ -189,18 +142,7 @@ def _selected(scatterers: Scatterers, which: Mask) -> Scatterers:
 
 
 def with_cross_section(placed: PlacedObject, key: str) -> PlacedObject:
-    """Share an object's cross section evenly among its scatterers.
-
-    Parameters
-    ----------
-    key : str
-        Key of the draw.
-
-    Returns
-    -------
-    PlacedObject
-        With amplitudes √(σ/n), if it has a cross section.
-    """
+    """Share an object's cross section, if it has one, evenly among its scatterers: amplitudes are √(σ/n)."""
     n = len(placed.scatterers)
     if placed.rcs_dbsm is None or not n:
         return placed
@@ -209,12 +151,7 @@ def with_cross_section(placed: PlacedObject, key: str) -> PlacedObject:
 
 
 def with_path_loss(placed: PlacedObject, base_station_m: Floats, wavelength_m: float) -> PlacedObject:
-    """Weaken echoes by their distance, as in free space.
-
-    Parameters
-    ----------
-    base_station_m : ndarray of float64, shape (3,)
-    """
+    """Weaken echoes by their distance, as in free space."""
     range_m = np.linalg.norm(placed.scatterers.xyz - base_station_m, axis=1)
     # A scatterer at the base station is refused later.
     loss = free_space_amplitudes(np.maximum(range_m, AT_BASE_STATION_M), wavelength_m)

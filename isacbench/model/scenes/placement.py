@@ -22,13 +22,7 @@ AT_ONCE = 1024
 
 
 class Sampler:
-    """Decimal numbers from the uniforms of a key.
-
-    Parameters
-    ----------
-    key : str
-        Of `isacbench.model.scenes.raw_uniforms.raw_uniforms`.
-    """
+    """Decimal numbers from the uniforms of a key."""
 
     def __init__(self, key: str) -> None:
         self._key = key
@@ -44,25 +38,11 @@ class Sampler:
         return self._uniforms[self._n_used - 1]
 
     def between(self, low: float, high: float, decimals: int = 2) -> float:
-        """Draw a decimal number.
-
-        Parameters
-        ----------
-        low, high : float
-            Both ends.
-        decimals : int
-            Digits after the point.
-        """
+        """Draw a number of so many decimals between two, both included."""
         return round(low + (high - low) * self.uniform(), decimals) + 0.0
 
     def whole(self, low: int, high: int) -> int:
-        """Draw a whole number.
-
-        Parameters
-        ----------
-        low, high : int
-            Both ends.
-        """
+        """Draw a whole number between two, both included."""
         return low + int((high - low + 1) * self.uniform())
 
     def either(self) -> bool:
@@ -71,37 +51,16 @@ class Sampler:
 
 
 class FreeGround:
-    """Footprints of objects: rectangles that do not intersect and lie within limits.
-
-    Parameters
-    ----------
-    x_m, y_m : (float, float)
-        Limits of the ground.
-    """
+    """Footprints of objects: rectangles that do not intersect and lie within the limits of the ground."""
 
     def __init__(self, x_m: Sequence[float], y_m: Sequence[float]) -> None:
         self._limits_m = np.array([x_m, y_m])
         self._centres, self._axes = np.empty((0, 2)), np.empty((0, 2, 2))
 
     def place(self, footprint_m: tuple[float, float], pose: Callable[[], tuple[float, float, float]]) -> Any:
-        """Find a free place for an object.
+        """Find a free place for an object: the first free pose, x and y in m and yaw in degrees.
 
-        Parameters
-        ----------
-        footprint_m : (float, float)
-            Width across and length along the object's front.
-        pose : callable
-            Draws x, y in m and yaw in degrees.
-
-        Returns
-        -------
-        x, y, yaw_deg : float
-            The first pose drawn that is free.
-
-        Raises
-        ------
-        InputError
-            If no place is found.
+        The footprint is the width across and the length along the object's front.
         """
         for _ in range(MOST_TRIES):
             x, y, yaw_deg = pose()

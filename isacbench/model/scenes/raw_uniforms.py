@@ -10,21 +10,11 @@ from isacbench.checked_arrays import Floats
 
 
 def raw_uniforms(key_text: str, n: int) -> Floats:
-    """Draw uniform numbers from the raw output of Philox 4x64-10, keyed by a text.
+    """Draw n uniform numbers, multiples of 2^-53 in [0, 1), from Philox 4x64-10, keyed by a text.
 
     NumPy may change its distributions between versions, the raw output of a
     bit generator it may not. The key is the first 128 bits of the SHA-256
-    digest of the text.
-
-    Parameters
-    ----------
-    n : int
-        More numbers continue the same stream.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Multiples of 2^-53 in [0, 1).
+    digest of the text. More numbers continue the same stream.
 
     References
     ----------

@@ -27,13 +27,7 @@ from isacbench.specifications import MAX_VARIANTS, Spec, spec_variants, spell_sp
 
 @dataclass(frozen=True)
 class Family:
-    """Family of generated scenes.
-
-    Attributes
-    ----------
-    version : int
-        Counted up when a seed gives other scenes than before.
-    """
+    """Family of generated scenes; its version counts up when a seed gives other scenes than before."""
 
     name: str
     version: int
@@ -89,13 +83,7 @@ class FamilySpec:
         return spell_spec(self.family.name, changed)
 
     def table(self) -> dict[str, Any]:
-        """Content of a scenario file.
-
-        Raises
-        ------
-        InputError
-            If there is no room for the objects.
-        """
+        """Content of a scenario file, if there is room for the objects."""
         key = f"{self.family.name} {self.family.version} {self.parameters.seed}"
         try:
             draw = resolve_name(f"{GENERATORS}:draw_{self.family.name}")
@@ -110,13 +98,7 @@ USES = {0: "developing", 500: "validating", 1000: "reporting"}
 
 
 def use_of_seed(seed: int) -> str:
-    """Tell what the scenes of a seed are for.
-
-    Returns
-    -------
-    {"", "developing", "validating", "reporting"}
-        Empty for a negative number, which is no seed.
-    """
+    """Tell what the scenes of a seed are for; nothing for a negative number, which is no seed."""
     return next((use for first, use in reversed(USES.items()) if seed >= first), "")
 
 
@@ -126,18 +108,7 @@ def is_family_spec(name_or_path: str | Path) -> bool:
 
 
 def scenario_file(name_or_path: str | Path) -> Path:
-    """Find the file of a scenario.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Built-in name, or path.
-
-    Raises
-    ------
-    InputError
-        If there is no such name or file, or it is the name of a family.
-    """
+    """Find the file of a scenario by a built-in name or by path; refuse the name of a family."""
     name = str(name_or_path)
     if name in FAMILIES and name not in builtin_names():
         raise InputError(f"scenario {name!r} is a family of scenes; give a seed, such as {name}[seed=7]")
@@ -147,21 +118,8 @@ def scenario_file(name_or_path: str | Path) -> Path:
 def scenario_variants(name_or_path: str) -> list[str]:
     """List the scenarios that a name stands for: several where it is a family with a range of seeds.
 
-    Parameters
-    ----------
-    name_or_path : str
-        As `isacbench.model.scenes.scenario.load_scenario` takes it; the seed may be
-        a range ``0:99`` with both ends, and any value a list of alternatives ``[a,b]``.
-
-    Returns
-    -------
-    list of str
-        One for each scenario.
-
-    Raises
-    ------
-    InputError
-        If there is no such name, file, family or parameter.
+    The seed may be a range ``0:99`` with both ends, and any value a list ``[a,b]``. A file must
+    be there.
     """
     if not is_family_spec(name_or_path):
         scenario_file(name_or_path)
@@ -169,23 +127,7 @@ def scenario_variants(name_or_path: str) -> list[str]:
 
 
 def spelled_scenarios(listed: Iterable[str]) -> list[str]:
-    """Spell every scenario of a list by itself; files need not be there.
-
-    Parameters
-    ----------
-    listed : iterable of str
-        Names, paths, and generated scenes with ranges or alternatives.
-
-    Returns
-    -------
-    list of str
-        One for each scenario.
-
-    Raises
-    ------
-    InputError
-        If there is no such family or parameter.
-    """
+    """Spell every scenario of a list by itself; files need not be there."""
     return [
         text
         for entry in listed
@@ -194,24 +136,7 @@ def spelled_scenarios(listed: Iterable[str]) -> list[str]:
 
 
 def family_specs(text: str) -> list[FamilySpec]:
-    """Parse ``family[seed=0:99,param=value,...]``.
-
-    Parameters
-    ----------
-    text : str
-        The seed may be a range with both ends, any value a list of
-        alternatives in brackets.
-
-    Returns
-    -------
-    list of FamilySpec
-        One for each scene, at most `isacbench.specifications.MAX_VARIANTS`.
-
-    Raises
-    ------
-    InputError
-        If the text is broken, or the family, a parameter or its value does not exist.
-    """
+    """Parse ``family[seed=0:99,param=value,...]``, which may stand for several scenes, each named once."""
     found: dict[str, FamilySpec] = {}
     for variant in spec_variants(text):
         for spec in _seeded(variant.spec, text):
@@ -252,12 +177,7 @@ def _seeds(value: Any, text: str) -> range | list[Any]:
             f"scenario {quoted(text)}: seed={shortened(value)}: allowed is a range first:last such as 0:99, "
             "the first not above the last"
         )
-    seeds = range(int(ends[0]), int(ends[1]) + 1)
-    n = seeds[-1] - seeds[0] + 1
-    if n > MAX_VARIANTS:
-        allowed = f"allowed are at most {MAX_VARIANTS}"
-        raise InputError(f"scenario {quoted(text)}: seed={value}: {n} scenes; {allowed}")
-    return seeds
+    return range(int(ends[0]), int(ends[1]) + 1)
 
 
 def _is_seed(text: str) -> bool:

@@ -18,22 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Floats
-from isacbench.model.scenes.objects import (
-    LORRY_WHEEL_M,
-    RAIL_HEIGHTS_M,
-    SILL_M,
-    WAIST_M,
-    WHEEL_RADIUS_M,
-    axle_ends,
-    cabin_rows,
-    cyclist,
-    lamp_post,
-    lorry_boxes,
-    lorry_hubs,
-    pedestrian,
-    pole,
-    rail,
-)
+from isacbench.model.scenes import objects
 
 SECTIONS = 24
 """Sides of a cylinder."""
@@ -114,19 +99,7 @@ Part = tuple[Floats, Sequence[int]]
 
 
 def solid_of(kind: str, keys: dict[str, Any]) -> list[Part]:
-    """Parts of an object.
-
-    Parameters
-    ----------
-    kind : str
-        As in a scenario file.
-    keys : dict
-        Sizes of the object, as its outline takes them.
-
-    Returns
-    -------
-    list of (ndarray of float64 of shape (n, 3, 3), sequence of int)
-    """
+    """Parts of an object of a kind, whose keys are the sizes that its outline takes."""
     return _SOLIDS[kind](**keys) if kind in _SOLIDS else []
 
 
@@ -139,18 +112,18 @@ def _car(size_m: Sequence[float]) -> list[Part]:
 
 def _vehicle(size_m: Sequence[float], spacing_m: float) -> list[Part]:
     width, length, height = size_m
-    half, rows = width / 2, cabin_rows(length, spacing_m)
-    body = cuboid([-half, -length / 2, SILL_M], [half, length / 2, WAIST_M])
-    hubs = axle_ends(width, [-0.3 * length, 0.3 * length], WHEEL_RADIUS_M)
-    parts: list[Part] = [(body, ()), *_wheels(hubs, WHEEL_RADIUS_M)]
+    half, rows = width / 2, objects.cabin_rows(length, spacing_m)
+    body = cuboid([-half, -length / 2, objects.SILL_M], [half, length / 2, objects.WAIST_M])
+    hubs = objects.axle_ends(width, [-0.3 * length, 0.3 * length], objects.WHEEL_RADIUS_M)
+    parts: list[Part] = [(body, ()), *_wheels(hubs, objects.WHEEL_RADIUS_M)]
     if len(rows):  # a wide spacing leaves no row of the cabin
-        parts.append((cuboid([-half, rows[0], WAIST_M], [half, rows[-1], height]), ()))
+        parts.append((cuboid([-half, rows[0], objects.WAIST_M], [half, rows[-1], height]), ()))
     return parts
 
 
 def _lorry(size_m: Sequence[float], spacing_m: float) -> list[Part]:
-    boxes: list[Part] = [(cuboid(*corners), ()) for corners in lorry_boxes(size_m)]
-    return [*boxes, *_wheels(lorry_hubs(size_m), LORRY_WHEEL_M)]
+    boxes: list[Part] = [(cuboid(*corners), ()) for corners in objects.lorry_boxes(size_m)]
+    return [*boxes, *_wheels(objects.lorry_hubs(size_m), objects.LORRY_WHEEL_M)]
 
 
 def _wheels(hubs: Floats, radius_m: float) -> list[Part]:
@@ -159,12 +132,12 @@ def _wheels(hubs: Floats, radius_m: float) -> list[Part]:
 
 
 def _pedestrian(height_m: float, stride_phase_deg: float) -> list[Part]:
-    return _person(pedestrian(height_m, stride_phase_deg))
+    return _person(objects.pedestrian(height_m, stride_phase_deg))
 
 
 def _cyclist(crank_phase_deg: float) -> list[Part]:
     """Rider; spokes and frame hide nothing."""
-    return _person(cyclist(crank_phase_deg)[:12])
+    return _person(objects.cyclist(crank_phase_deg)[:12])
 
 
 def _person(points: Floats) -> list[Part]:
@@ -183,7 +156,7 @@ def _person(points: Floats) -> list[Part]:
 
 
 def _lamp_post(height_m: float, foot_m: float, spacing_m: float, arm_m: float) -> list[Part]:
-    points = lamp_post(height_m, foot_m, spacing_m, arm_m)
+    points = objects.lamp_post(height_m, foot_m, spacing_m, arm_m)
     n_mast, top = len(points) - 4, [0.0, 0.0, height_m]
     arms: list[Part] = [(tube(top, points[tip], ARM_M), (tip,)) for tip in range(n_mast, n_mast + 4)]
     return [(tube(np.zeros(3), top, MAST_M), range(n_mast)), *arms]
@@ -202,14 +175,14 @@ def _wall(size_m: Sequence[float], spacing_m: float) -> list[Part]:
 
 def _pole(height_m: float, spacing_m: float) -> list[Part]:
     axis = tube(np.zeros(3), [0.0, 0.0, height_m], BAR_M)
-    return [(axis, range(len(pole(height_m, spacing_m))))]
+    return [(axis, range(len(objects.pole(height_m, spacing_m))))]
 
 
 def _rail(length_m: float, spacing_m: float) -> list[Part]:
-    n = len(rail(length_m, spacing_m))
+    n = len(objects.rail(length_m, spacing_m))
     return [
         (tube([0.0, -length_m / 2, z], [0.0, length_m / 2, z], BAR_M), range(bar, n, 2))
-        for bar, z in enumerate(RAIL_HEIGHTS_M)
+        for bar, z in enumerate(objects.RAIL_HEIGHTS_M)
     ]
 
 

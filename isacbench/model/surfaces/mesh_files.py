@@ -1,7 +1,5 @@
 """Meshes and cities from files: OBJ, PLY, STL, glTF, and scene lists of Mitsuba."""
 
-from __future__ import annotations
-
 import io
 import json
 import re
@@ -14,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError, import_extra
-from isacbench.files.checked_files import require_file, require_inside
+from isacbench.files.checked_files import known_suffix, require_file, require_inside
 from isacbench.files.escaping import quoted
-from isacbench.specifications import is_number
 
 MESH_BYTES = 2**28
 """Largest file of a mesh."""
@@ -28,9 +25,6 @@ GLTF = ".glb", ".gltf"
 SUFFIXES = *GLTF, ".obj", ".ply", ".stl"
 TRIANGLE_FAN = 6
 """Mode of a primitive of glTF."""
-
-NUMBERS = {"matrix": 16}
-"""Numbers of a step of a transformation; others have three."""
 
 MOST_SPANS = {False: 3.0, True: 50.0}
 """Largest side of a mesh, and of a city, in diagonals of the region: one in other units is larger."""
@@ -56,8 +50,13 @@ def read_mesh(path: Path, scale: float | None, up: str | None, span_m: float) ->
     if not np.isfinite(triangles).all():
         raise InputError(f"{path}: has vertices that are no finite numbers")
     is_city = path.suffix.lower() in (*GLTF, ".xml")
-    if scale is None:
-        _require_metres(path, triangles, MOST_SPANS[is_city] * span_m)
+    longest_m, most_m = np.ptp(triangles, axis=(0, 1)).max(), MOST_SPANS[is_city] * span_m
+    if scale is None and not LEAST_SIDE_M <= longest_m <= most_m:
+        raise InputError(
+            f"{path}: its bounding box is {box_of(triangles)}, which is no size in metres of an object in "
+            f"this region; allowed are longest sides from {LEAST_SIDE_M:g} to {most_m:.4g} m, or "
+            "a scale, the metres in a unit of the file: 0.001 for millimetres, 1 for metres"
+        )
     return triangles * (1.0 if scale is None else scale)
 
 
@@ -67,23 +66,11 @@ def box_of(triangles: Floats) -> str:
     return ", ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in limits) + " m"
 
 
-def _require_metres(path: Path, triangles: Floats, most_m: float) -> None:
-    longest_m = np.ptp(triangles, axis=(0, 1)).max()
-    if not LEAST_SIDE_M <= longest_m <= most_m:
-        raise InputError(
-            f"{path}: its bounding box is {box_of(triangles)}, which is no size in metres of an object in "
-            f"this region; allowed are longest sides from {LEAST_SIDE_M:g} to {most_m:.4g} m, or "
-            "a scale, the metres in a unit of the file: 0.001 for millimetres, 1 for metres"
-        )
-
-
 def _file_triangles(path: Path, up: str | None) -> Floats:
     """Triangles of one file; all its parts, each in its place."""
-    kind = path.suffix.lower()
-    if kind not in SUFFIXES:
-        allowed = ", ".join(SUFFIXES)
-        raise InputError(f"{path}: allowed are the suffixes {allowed} and .xml, or a folder with one .xml")
-    content = _content(path, MESH_BYTES)
+    kind = known_suffix(path, SUFFIXES, "allowed are a folder with one .xml, .xml,")
+    require_file(path, MESH_BYTES)
+    content = path.read_bytes()
     if kind in GLTF:
         wrote = _require_plain_gltf(path, content)
         up = up or ("z" if "trimesh" in wrote else "y")
@@ -104,28 +91,15 @@ def _file_triangles(path: Path, up: str | None) -> Floats:
     return _y_up(triangles) if up == "y" else triangles
 
 
-def _content(path: Path, limit_bytes: int) -> bytes:
-    require_file(path, limit_bytes)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-
-
 def _require_plain_gltf(path: Path, content: bytes) -> str:
     """Refuse glTF whose triangles trimesh would lose without a word; return the name of what wrote it."""
     try:
-        # A glb begins with 12 bytes of header, then length, type and text of the JSON.
-        text = (
-            content[20 : 20 + int.from_bytes(content[12:16], "little")] if content[:4] == b"glTF" else content
-        )
-        header = json.loads(text)
+        if content[:4] == b"glTF":  # glb: 12 bytes of header, then length, type and text of the JSON
+            content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+        header = json.loads(content)
         primitives = [one for mesh in header.get("meshes", ()) for one in mesh.get("primitives", ())]
-        used = [
-            name
-            for name in header.get("extensionsRequired", ())
-            if re.search("compression|quantization", name)
-        ]
+        required = header.get("extensionsRequired", ())
+        used = [name for name in required if re.search("compression|quantization", name)]
         used += ["TRIANGLE_FAN"] if any(one.get("mode") == TRIANGLE_FAN for one in primitives) else []
         wrote = str(header.get("asset", {}).get("generator", ""))
     except (ValueError, AttributeError, TypeError) as error:
@@ -153,8 +127,9 @@ def _only_list(folder: Path) -> Path:
 
 def _listed_triangles(path: Path) -> Floats:
     """Triangles of the shapes that a scene list of Mitsuba names."""
+    require_file(path, LIST_BYTES)
     try:
-        root = ElementTree.fromstring(_content(path, LIST_BYTES))
+        root = ElementTree.fromstring(path.read_bytes())
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two of encodings
         raise InputError(f"{path}: cannot be read as xml: {quoted(str(error))}") from error
     parts = [np.empty((0, 3, 3))]
@@ -176,33 +151,24 @@ def _listed_triangles(path: Path) -> Floats:
 
 def _matrix(step: ElementTree.Element, path: Path) -> Floats:
     """Matrix (4, 4) of a step of a transformation."""
+    matrix = np.eye(4)
     try:
-        values = [_number(word) for word in step.get("value", "").replace(",", " ").split()]
-        given = [_number(step.get(axis, "1" if step.tag == "scale" else "0")) for axis in "xyz"]
-        matrix = np.eye(4)
-        n_allowed = NUMBERS.get(step.tag, 3)
-        if values and len(values) not in ((1, 3) if step.tag == "scale" else (n_allowed,)):
-            raise ValueError(f"{len(values)} numbers; allowed are {n_allowed}")
-        if step.tag == "matrix":
-            matrix = np.reshape(values or matrix, (4, 4))
-        elif step.tag == "translate":
-            matrix[:3, 3] = values or given
-        elif step.tag == "scale":
-            matrix[range(3), range(3)] = values or given
-        elif step.tag == "rotate":
-            axis = np.array(values or given)
-            if not axis.any():
-                raise ValueError("allowed is an axis other than 0")
-            turn = _number(step.get("angle", "0")) / np.linalg.norm(axis)
-            matrix[:3, :3] = Rotation.from_rotvec(turn * axis, degrees=True).as_matrix()
-        else:
-            raise ValueError("allowed are matrix, translate, rotate and scale")
+        given = [float(step.get(axis, "1" if step.tag == "scale" else "0")) for axis in "xyz"]
+        values = np.array([float(word) for word in step.get("value", "").replace(",", " ").split()] or given)
+        match step.tag:
+            case "matrix":
+                matrix = values.reshape(4, 4)
+            case "translate":
+                matrix[:3, 3] = values
+            case "scale":
+                matrix[range(3), range(3)] = values
+            case "rotate" if values.any():
+                turn = float(step.get("angle", "0")) / np.linalg.norm(values)
+                matrix[:3, :3] = Rotation.from_rotvec(turn * values, degrees=True).as_matrix()
+            case _:
+                raise ValueError(
+                    "allowed are matrix, translate, scale, and rotate about an axis that is not 0"
+                )
     except ValueError as error:
         raise InputError(f"{path}: {step.tag} of a to_world transform: {error}") from error
     return matrix
-
-
-def _number(text: str) -> float:
-    if not is_number(text):
-        raise ValueError(f"{quoted(text)} is no number")
-    return float(text)

@@ -52,30 +52,13 @@ NO_PART = -1
 
 
 def surface_points(triangles: Floats, spacing_m: float) -> Floats:
-    """Sample triangles.
+    """Sample triangles (m, 3, 3), whose outer side the right-hand rule gives, at points (n, 3).
 
-    Space is divided into cubic cells of about the spacing, from the lower
-    corner of the bounding box on. In every cell, each of the six sides towards
-    which surfaces face has one point: the one nearest to the middle of the
-    cell. Thin parts have points, and both sides of a wall thicker
-    than 2 cm. Of two points
-    nearer than 0.6 spacings, on surfaces that face alike, one is left out.
-
-    Parameters
-    ----------
-    triangles : ndarray of float64, shape (m, 3, 3)
-        Corners; the right-hand rule gives their outer side.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
-        A box has points in equal steps along its faces.
-
-    Raises
-    ------
-    InputError
-        If the area and the spacing would give more than `MOST_SURFACE_POINTS`, thin
-        parts more than `MOST_CANDIDATES`, or a coordinate is not finite.
+    Space is divided into cubic cells of about the spacing, from the lower corner of the bounding box on. In
+    every cell, each of the six sides towards which surfaces face has one point: the one nearest to the
+    middle of the cell. So a box has points in equal steps along its faces, thin parts have points, and both
+    sides of a wall thicker than 2 cm. Of two points nearer than 0.6 spacings, on surfaces that face alike,
+    one is left out.
     """
     trimesh: Any = import_extra("trimesh.triangles", "meshes", SAMPLED)
     require_places("surface", triangles)
@@ -112,18 +95,9 @@ def surface_points(triangles: Floats, spacing_m: float) -> Floats:
 
 
 def clipped(triangles: Floats, lower: Floats, upper: Floats) -> Floats:
-    """Cut off what lies outside a box.
+    """Cut off what lies outside a box; return the same triangles (n, 3, 3) if nothing does.
 
-    Parameters
-    ----------
-    triangles : ndarray of float64, shape (m, 3, 3)
-    lower, upper : ndarray of float64, shape (3,)
-        Corners of the box. What lies up to 1 µm outside is moved into it.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3, 3)
-        The same array if all lies in the box.
+    What lies up to 1 µm outside is moved into it.
     """
     if (triangles >= lower).all() and (triangles <= upper).all():
         return triangles

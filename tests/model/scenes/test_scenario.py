@@ -146,7 +146,7 @@ def test_the_command_line_shows_such_a_warning_as_one_line_without_source(tiny):
         (CAR, f"{CAR}car = 1\n", "unknown key objects[1].car: allowed are position_m, velocity_mps"),
         ('name = "tiny"', "", "missing key name"),
         ('frame = "panel"', "", "missing key array.frame"),
-        ("x_m = [0.0, 10.0]", "x_m = [0.0]", "missing item region.x_m[1]"),
+        ("x_m = [0.0, 10.0]", "x_m = [0.0]", "missing key region.x_m[1]"),
         ('kind = "car"', "", "missing key objects[1].kind"),
         (
             'kind = "car"',
@@ -234,7 +234,7 @@ def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny
     points.write_text("x,y,z,v\n1,2,3,0\n1,nan,3,0\n")
     with pytest.raises(InputError) as error:
         load_scenario(tiny)
-    told = "row 3: column y is NaN; expected a finite number"
+    told = "row 3: column y is nan; expected a finite number"
     assert str(error.value).startswith(f"{tiny}: objects[0]: {points}: {told}")
 
 

@@ -121,11 +121,7 @@ def test_a_city_may_be_larger_than_a_mesh(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        (
-            "a.dae",
-            "",
-            "allowed are the suffixes .glb, .gltf, .obj, .ply, .stl and .xml, or a folder with one .xml",
-        ),
+        ("a.dae", "", "allowed are a folder with one .xml, .xml, .glb, .gltf, .obj, .ply, .stl"),
         ("a.obj", "v 0 0 0\n", "has no triangles; allowed is a mesh with at least one"),
         ("a.obj", "", "has no triangles"),
         ("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "cannot be read as ply"),
@@ -142,7 +138,6 @@ def test_a_city_may_be_larger_than_a_mesh(tmp_path):
         ("a.gltf", '{"meshes": [{"primitives": [{"mode": 6}]}]}', "uses TRIANGLE_FAN"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "has vertices that are no finite numbers"),
         ("a.xml", "<scene>", "cannot be read as xml"),
-        ("a.xml", '<?xml version="1.0" encoding="foo"?><scene/>', "cannot be read as xml"),
         ("a.xml", '<?xml version="1.0" encoding="big5"?><scene/>', "cannot be read as xml"),
         ("a.xml", "<scene/>", "has no triangles"),
         ("a.xml", "<scene><shape type='sphere'/></scene>", "a shape of type 'sphere' has no filename"),
@@ -166,9 +161,6 @@ def test_a_broken_file_gets_one_message(tmp_path, name, content, told):
         "<lookat origin='0,0,1'/>",
         "<scale value='a'/>",
         "<scale value='1 2'/>",
-        "<scale value='1_0'/>",
-        "<translate x='１'/>",
-        "<rotate z='1' angle='9_0'/>",
         "<matrix value='1 0 0'/>",
         "<rotate angle='9'/>",
     ],
