@@ -38,7 +38,7 @@ FIELDS = (
 NUMBERED = (
     "may number the columns or the rows; allowed is a header x, y, z ... and rows without their numbers"
 )
-NUMBER = "expected a number, with a decimal point (or a comma, between semicolons)"
+NUMBER = "expected a number, with a decimal point (or commas in all, where none separates fields)"
 
 CSV = {
     " \n\n": "is empty; at least the header x,y,z is required",
@@ -55,13 +55,16 @@ CSV = {
     "x,y,z,v\n1,2,3\n": f"row 2: 3 fields instead of 4; {FIELDS}",
     "x y z v\n1 2 3\n": f"row 2: 3 fields instead of 4; {FIELDS}",
     "x,y,z,v\n1,2,3,4,\n": "row 2: 5 fields instead of 4",
-    '"x" "y" "z" "v"\n"1" 1.5 2 3 -4\n': f"row 2: 5 fields instead of 4; {FIELDS}",
+    "x,y,z,v\n2,2,3,4,5\n": f"row 2: 5 fields instead of 4; {FIELDS}",
+    '"x","y","z"\n"1.5","2.5","3.5","4.5"\n': f"row 2: 4 fields instead of 3; {FIELDS}",
+    "x y z\n3 1 2 3\n9 4 5 6\n": f"row 2: 4 fields instead of 3; {FIELDS}",
     "x,y,z\n#N/A,5,6\n": f"row 2: column x is '#N/A'; {NUMBER}",
     "x,y,z\n1,2,3\n# end\n": "row 3: 1 fields instead of 3",
     "x,y,z,v\n1,2,3,NA\n": f"row 2: column v is 'NA'; {NUMBER}",
     "x;y;z;v\n1,5;2;3.5;4\n": "row 2: column z is '3.5'; expected a number",
     "x;y;z;v\n1.234,5;2;3;4\n": "row 2: column x is '1.234,5'; expected a number",
-    "x\ty\tz\n1,5\t2\t3.5\n": "row 2: column x is '1,5'; expected a number",
+    "x\ty\tz\n1,5\t2\t3.5\n": "row 2: column z is '3.5'; expected a number",
+    "x\ty\tz\n1,234\t2\t5,678\n": "commas may be decimal or set thousands apart; allowed are decimal points",
     "x y z\n1 ,2 ,3\n": "row 2: column y is ',2'; expected a number",
     "1,5 2,5 3,5\n": "row 1: column y is '5 2'; expected a number",
     "x,y,z,v\n1,2,1_0,4\n": "row 2: column z is '1_0'; expected a number",

@@ -24,7 +24,13 @@ BLANKS = " "
 NO_ROW_NUMBERS = "rows without their numbers (pandas: index=False, R: row.names=FALSE)"
 
 _COMMENT = re.compile(r"\s*(#|//)")
+_SEPARATOR = re.compile(r'(?i)\A"?sep=."?[\r\n]')
+_ROW_NAME = re.compile(r'"[^"]*"[\s,;]+[-+.\d]')
+"""Begin of a row as R writes it: a name in quotes, then a number."""
+_DECIMAL_MARK = re.compile(r"\.|\d,\d")
 _SWAPPED = str.maketrans(",.", ".,")
+_NO_THOUSANDS = re.compile(r"\b0+,|\d{4},|,(?!\d{3}(?!\d))")
+"""Marks of a number whose comma cannot set thousands apart."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +61,13 @@ class CsvTable:
     def values(self, names: Sequence[str], wanted: Sequence[int]) -> Floats:
         """Numbers (n, len(wanted)) of some columns: finite, each the double nearest to its text.
 
-        Between semicolons all numbers may have decimal commas.
+        Unless commas separate fields, all numbers may have decimal commas. Those that may set thousands apart
+        are refused where no semicolons say that they are decimal.
         """
         texts = [row[column] for row in self.rows for column in wanted]
         joined = "\n".join(texts)
-        if self.delimiter == ";" and "," in joined:
+        mark = _DECIMAL_MARK.search(joined) if self.delimiter != "," else None
+        if has_commas := mark is not None and "," in mark[0]:
             texts = [text.translate(_SWAPPED) for text in texts]
         try:
             if "_" in joined or not joined.isascii():  # as `is_number`, for all at once
@@ -71,30 +79,42 @@ class CsvTable:
             raise InputError(
                 f"{self.path}: row {self.numbers[row]}: column {names[wanted[column]]} is "
                 f"{quoted(self.rows[row][wanted[column]])}; expected a number, with a decimal point "
-                "(or a comma, between semicolons)"
+                "(or commas in all, where none separates fields)"
             ) from None
         require_finite(self.path, values, [names[column] for column in wanted], self.numbers)
+        if has_commas and self.delimiter != ";" and not _NO_THOUSANDS.search(joined):
+            raise InputError(
+                f"{self.path}: commas may be decimal or set thousands apart; allowed are decimal points"
+            )
         return values
 
 
 def read_csv_table(path: Path) -> CsvTable:
     """Read the rows of a csv file of UTF-8 text, and the names of its columns.
 
-    Blank lines are no rows, nor are lines above the first row that are a comment (# or //). One of these may
-    name the columns.
+    Blank lines are no rows, nor are Excel's first line ``sep=;``, comments (# or //) above the first row, one
+    of which may name the columns, and CloudCompare's line with the number of rows.
     """
-    lines = enumerate(read_text(path, CLOUD_BYTES).splitlines(), 1)
-    above, numbered = [], [(number, line) for number, line in lines if line.strip()]
+    text = _SEPARATOR.sub("\n", read_text(path, CLOUD_BYTES))
+    above, numbered = [], [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     while numbered and _COMMENT.match(numbered[0][1]):
         above.append(numbered.pop(0)[1].strip("#/ \t"))
+    if len(numbered) > 1 and numbered[0][1].strip() == str(len(numbered) - 1):
+        numbered.pop(0)
     if not numbered:
         raise InputError(f"{path}: is empty; at least the header x,y,z is required")
     numbers, texts = zip(*numbered, strict=True)
-    delimiter = next((mark for mark in ";\t," if mark in texts[0]), BLANKS)
-    rows, place = split_rows(path, texts, numbers, delimiter), f"row {numbers[0]}"
-    names = [name.strip() for name in rows[0]]
+    # A tab beside another mark, or at the ends of a line, separates nothing.
+    marks = re.sub(r"\s*([,;])\s*", r"\1", re.sub('"[^"]*"', '""', texts[0]).strip())
+    delimiter = next((mark for mark in ";\t," if mark in marks), BLANKS)
+    (names,), place = split_rows(path, texts[:1], numbers, delimiter), f"row {numbers[0]}"
+    names = [name.strip() for name in names]
     if not any(is_number(name.replace(",", ".")) for name in names) or "x" in map(plain_name, names):
-        return CsvTable(path, rows[1:], numbers[1:], delimiter, names, place)
+        rows = _named_rows(path, texts[1:], numbers[1:], delimiter, len(names))
+        if rows and len(rows[0]) > len(names):
+            names = ["", *names]
+        return CsvTable(path, rows, numbers[1:], delimiter, names, place)
+    rows = split_rows(path, texts, numbers, delimiter)
     names = []
     for line in above:
         if {"x", "y", "z"} <= {*re.findall(r"\w+", line.lower())}:
@@ -105,6 +125,24 @@ def read_csv_table(path: Path) -> CsvTable:
                     "header line with a name for each"
                 )
     return CsvTable(path, rows, numbers, delimiter, names, place)
+
+
+def _named_rows(
+    path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str, n_names: int
+) -> list[list[str]]:
+    """Split the rows below a header, which may leave out the name of a first column with names of rows.
+
+    A number is the name of a row only if it alone is quoted, or if they count two rows or more: else the name
+    of another column may be missing.
+    """
+    if lines and len(split_rows(path, lines[:1], numbers, delimiter)[0]) == n_names + 1:
+        rows = split_rows(path, lines, numbers, delimiter)
+        first = [row[0].strip() for row in rows]
+        counts = [[str(number + start) for number in range(len(rows))] for start in (0, 1)]
+        has_names = _ROW_NAME.match(lines[0].strip()) or not is_number(first[0].replace(",", "."))
+        if rows[0][-1].strip() and (has_names or (len(rows) > 1 and first in counts)):
+            return rows
+    return split_rows(path, lines, numbers, delimiter, n_names)
 
 
 def split_rows(
