@@ -18,7 +18,7 @@ from typer.core import TyperGroup
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted, visible, visible_json, visible_lines
-from isacbench.streams import own_output
+from isacbench.process_state import own_output
 
 if TYPE_CHECKING:
     from isacbench.bench.store.run import Run

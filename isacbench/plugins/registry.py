@@ -23,9 +23,8 @@ from isacbench.files.escaping import shortened
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.contracts import Detector, Estimator, Metric
 from isacbench.plugins.discovery import METHODS, PluginKind, RegisteredPlugin, entries
-from isacbench.process_state import process_state_kept
+from isacbench.process_state import plugin_output, process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants, spell_spec
-from isacbench.streams import plugin_output
 
 MOST_BITS = 4096
 """Of an integer that is a parameter."""

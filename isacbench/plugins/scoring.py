@@ -23,7 +23,7 @@ from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
 from isacbench.plugins.discovery import error_place
 from isacbench.plugins.registry import build_metric, canonical_params, python_number
-from isacbench.streams import plugin_output
+from isacbench.process_state import plugin_output
 
 PAPER = Paper.name
 """Metric that every row of a run is scored by."""
