@@ -98,7 +98,8 @@ def process_state_kept(at_import: bool = False) -> Iterator[None]:
             stack.callback(_set_folder, Path.cwd())
         for name in ("stdin", "stdout", "stderr"):
             stack.callback(setattr, sys, name, getattr(sys, name))
-        for state in (warnings.catch_warnings(), np.errstate(), np.printoptions(), plugin_output()):
+        output = redirect_stdout(sys.stderr) if at_import else plugin_output()
+        for state in (warnings.catch_warnings(), np.errstate(), np.printoptions(), output):
             stack.enter_context(state)
         yield
 
