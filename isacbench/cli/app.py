@@ -39,11 +39,13 @@ class Exit(IntEnum):
 
 
 class _Group(TyperGroup):
-    """Group of commands in which bad input ends with one line on stderr and exit code 2."""
+    """Group of commands in which bad input ends with one line on stderr and exit code 2.
+
+    So do other errors of the system and of values; ``python -X dev -m isacbench`` shows where they come from.
+    """
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that the arguments name, with warnings about input as one line on stderr."""
-        show_with_source = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
@@ -51,12 +53,17 @@ class _Group(TyperGroup):
             else:
                 show_with_source(message, category, *where, **more)
 
+        show_with_source = warnings.showwarning
         try:
             with warnings.catch_warnings():
                 warnings.showwarning = show
                 return super().invoke(ctx)
         except InputError as error:
             fail(str(error), Exit.USAGE)
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            if sys.flags.dev_mode:
+                raise
+            fail(f"{type(error).__name__}: {error}", Exit.USAGE)
 
 
 app = typer.Typer(
@@ -106,7 +113,7 @@ def say(*messages: str, err: bool = False) -> None:
 
 
 def say_lines(message: str) -> None:
-    """Print several lines, with control characters escaped."""
+    """Print several lines, with other control characters escaped."""
     typer.echo(visible_lines(message))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ from typer import Option
 
 from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_tables, say, say_lines
-from isacbench.errors import InputError
+from isacbench.errors import InputError, import_extra
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
@@ -128,15 +127,12 @@ def stress_command(
     targets += stress.find_targets("detector", detector or ())
     if search is None:
         running = stress.run_cases(stress.tasks_of(targets, case or [], seed), jobs, timeout)
-    elif jobs > 1:
-        raise InputError(
-            f"--jobs {jobs}: --search needs --jobs 1, because each case depends on the previous ones"
-        )
-    elif find_spec("hypothesis") is None:
-        raise InputError(
-            f'--search {search}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
-        )
     else:
+        if jobs > 1:
+            raise InputError(
+                f"--jobs {jobs}: --search needs --jobs 1, each case depends on the previous ones"
+            )
+        import_extra("hypothesis", "stress", f"--search {search}")
         families = stress.find_families(case or [], {target.kind for target in targets})
 
         def begin(target: Target, family: Family) -> None:  # a search takes a while
