@@ -135,7 +135,8 @@ def all_names():
 
 def exported(room):
     for node in trees()[room].body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+        is_list = isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
+        if is_list and getattr(node.targets[0], "id", "") == "__all__":
             return set(ast.literal_eval(node.value))
     return set()
 

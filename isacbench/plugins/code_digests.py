@@ -381,12 +381,12 @@ def _class_parts(kind: type[Any]) -> list[Any]:
     return [type(kind), kind.__mro__[1:], members]
 
 
-def _is_written(name: str, value: object) -> bool:
+def _is_written(name: str, value: Any) -> bool:
     """Tell whether a member of a class is its author's, and not made by Python or for a dataclass."""
     if not name.startswith("__") or name == "__dataclass_fields__":
         return name != "_abc_impl"
     is_method = isinstance(value, FunctionType) and not name.startswith("__annotate")
-    return is_method and value.__code__.co_filename != "<string>"
+    return is_method and str(value.__code__.co_filename) != "<string>"
 
 
 def _steps(code: CodeType) -> Iterator[tuple[str, str]]:

@@ -310,7 +310,8 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
             plugin = entry.load()
     except (Exception, SystemExit) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
-    name, columns = getattr(plugin, "name", None), getattr(plugin, "columns", None)
+    name: object = getattr(plugin, "name", None)
+    columns: Any = getattr(plugin, "columns", None)
     is_described = isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)
     refusals = {
         "be a frozen dataclass": not is_frozen_dataclass(plugin),
