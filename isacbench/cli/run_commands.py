@@ -36,12 +36,9 @@ def run_command(
     timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
     memory: Annotated[float | None, Option(help="Most memory in MiB that a cell may add.")] = None,
     dask: Annotated[str | None, Option(help="Address of a Dask scheduler, instead of local workers.")] = None,
-    shard: Annotated[
-        str | None, Option(metavar="k/n", help="Part k of n; isacbench merge joins them.")
-    ] = None,
+    shard: Annotated[str | None, Option(metavar="k/n", help="Part k of n, for isacbench merge.")] = None,
     rerun: Annotated[
-        list[str] | None,
-        Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
+        list[str] | None, Option(metavar="failed|stale|all", help="Cells to run again; repeats.")
     ] = None,
     mix_versions: opt.MixVersions = False,
     timing: Annotated[bool, Option("--timing", help="Measure run times, one cell after the other.")] = False,

@@ -99,7 +99,11 @@ CALLS = [
     ("compare base same --markdown one.md --junit ./one.md", "is named by two options"),
     ("rank scenes -e fft4d", "two estimators or more"),
     ("rank scenes --metric gopsa_m", "unknown score"),
-    ("simulate -s tiny.toml -o f.npy --precision half", "--precision 'half': allowed are single and double"),
+    (
+        "simulate -s tiny.toml -o f.npy --precision half",
+        "unknown precision 'half'",
+        "allowed are single, double",
+    ),
 ]
 
 
