@@ -8,7 +8,6 @@ have been edited since it was started.
 
 from __future__ import annotations
 
-import copyreg
 import dataclasses
 import dis
 import hashlib
@@ -49,8 +48,6 @@ CODE_PARTS = (
 )
 """Attributes of a function's code that say what it does."""
 
-PICKLE_PROTOCOL = 4
-
 Version = dict[str, str | None]
 """``version``, None if there is none, and ``digest``, SHA-256, None where the version says all."""
 
@@ -71,7 +68,7 @@ def plugin_version(plugin: object) -> dict[str, Version]:
     (['isacbench'], '0.2.0', 64)
     """
     codes, files = class_codes(plugin), {file.module_name: file for file in local_plugins()}
-    modules = {base.__module__ for base in _versioned_classes(plugin)}
+    modules = {base.__module__ for base in _classes(plugin)}
     modules = modules.union(*(code.modules for code in codes.values()))
     roots = {_root_of(module) for module in modules - files.keys() if is_importable(module)}
     digests = {_full_name(base): code.digest for base, code in codes.items()}
@@ -121,10 +118,9 @@ def _parts_of(plugin: object) -> Iterator[object]:
             yield from _parts_of(getattr(plugin, field.name))
 
 
-def _versioned_classes(plugin: object) -> set[type[Any]]:
-    """Classes of a plugin and of its parts, and their bases, but for those that every row names anyway."""
-    classes = {base for part in _parts_of(plugin) for base in type(part).__mro__}
-    return {base for base in classes if not (_root_of(base.__module__) in VERSIONED and _has_a_file(base))}
+def _classes(plugin: object) -> set[type[Any]]:
+    """Classes of a plugin and of its parts, and their bases."""
+    return {base for part in _parts_of(plugin) for base in type(part).__mro__}
 
 
 def _is_built_in(kind: type[Any]) -> bool:
@@ -255,26 +251,24 @@ received_codes: WeakKeyDictionary[type[Any], ClassCode] = WeakKeyDictionary()
 def class_codes(plugin: object) -> dict[type[Any], ClassCode]:
     """Codes of a plugin's classes whose files, if there are any, do not say all about them."""
     local = {file.module_name for file in local_plugins()}
-    classes = (base for base in _versioned_classes(plugin) if base.__module__ not in local)
+    classes = (base for base in _classes(plugin) if base.__module__ not in local)
     return {base: class_code(base) for base in classes if not _has_a_file(base)}
 
 
 def class_code(plugin_class: type[Any]) -> ClassCode:
     """Find the code of a class without a file, as it is now, equal in every process for equal values."""
-    return received_codes.get(plugin_class) or _code_of(plugin_class, plugin_class.__qualname__)
+    if plugin_class in received_codes:
+        return received_codes[plugin_class]
+    walk = _Walk()
+    digest = walk.text(plugin_class)
+    return ClassCode(plugin_class.__qualname__, digest, frozenset(walk.modules))
 
 
 def _attributes_digest(plugin: object) -> str | None:
     """Digest of what an instance holds besides its parameters; None if that is nothing, or isacbench's."""
-    kind = type(plugin)
     names = {field.name for field in parameter_fields(plugin)}
     held = {name: value for name, value in sorted(_attributes(plugin).items()) if name not in names}
-    return _code_of(held, kind.__qualname__).digest if held and not _is_built_in(kind) else None
-
-
-def _code_of(thing: object, name: str) -> ClassCode:
-    walk = _Walk()
-    return ClassCode(name, walk.text(thing), frozenset(walk.modules))
+    return _Walk().text(held) if held and not _is_built_in(type(plugin)) else None
 
 
 def _has_a_file(thing: Any) -> bool:
@@ -332,15 +326,11 @@ class _Walk:
             case property() | staticmethod() | classmethod() | cached_property():
                 return [kind.__name__, *(getattr(value, one, None) for one in WRAPPED)]
             case CellType():
-                with suppress(ValueError):  # it may be empty
-                    return ["cell", value.cell_contents]
-                return ["cell"]
+                return ["cell", value.cell_contents]
             case CodeType():
                 return [getattr(value, name) for name in CODE_PARTS]
-        if kind in (list, tuple):
-            return [kind.__name__, *value]
-        if kind is dict:
-            return [kind.__name__, *value.items()]
+        if kind in (list, tuple, dict):
+            return [kind.__name__, *(value.items() if kind is dict else value)]
         if kind in (set, frozenset):
             return [kind.__name__, *sorted(map(self.text, value))]
         return self._object_parts(value)
@@ -349,8 +339,7 @@ class _Walk:
         """Class and state of an object, as `pickle` would take it; of what it refuses, the attributes."""
         kind, parts = type(value), None
         with suppress(Exception):  # an object may refuse in any way
-            reduce = copyreg.dispatch_table.get(kind)
-            parts = reduce(value) if reduce else value.__reduce_ex__(PICKLE_PROTOCOL)
+            parts = value.__reduce_ex__(4)
         if isinstance(parts, tuple):
             # Iterators are over the items of a list or a dictionary.
             parts = tuple(list(part) if isinstance(part, Iterator) else part for part in parts)
