@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import threading
 import warnings
 from collections.abc import Mapping
 from enum import IntEnum
@@ -79,16 +78,7 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line."""
     with own_output():
-        try:
-            app()
-        except SystemExit as ending:
-            others = set(threading.enumerate()) - {threading.main_thread()}
-            if all(thread.daemon for thread in others):
-                raise
-            # A thread that a plugin has left would keep the process for ever.
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(ending.code if isinstance(ending.code, int) else 0)
+        app()
 
 
 def _print_version(wanted: bool) -> None:

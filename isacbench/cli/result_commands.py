@@ -200,15 +200,13 @@ def rank_command(
 
 
 def _require_own_places(paths: list[Path]) -> None:
-    """Refuse files that cannot be written, are the same, or are tables of a run."""
+    """Refuse files that cannot be written, or are tables of a run."""
     from isacbench.bench.store.run_folder import RUN_TABLES
 
-    for index, path in enumerate(paths):
+    for path in paths:
         require_replaceable(path)
         if path.name in RUN_TABLES and is_there(path):
             raise InputError(f"{path}: is a table of a run and is not overwritten; choose another name")
-        if path.resolve() in [other.resolve() for other in paths[:index]]:
-            raise InputError(f"{path}: is named by two options; give a different file to each")
 
 
 def _draw_into(folder: Path, draw: Callable[[], list[Path]], noun: str = "figures") -> None:

@@ -206,14 +206,7 @@ def _spelled(estimator: object) -> str:
             f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
             "instances of frozen dataclasses with a name, a word, and a method estimate"
         )
-    text = spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
-    try:
-        hints = parameter_types("estimator", plugin)
-    except InputError:  # types that only a function knows
-        hints = {}
-    for key, hint in hints.items():
-        check_parameter(f"estimator {name}", key, getattr(estimator, key), hint)
-    return text
+    return spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
 
 
 def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:

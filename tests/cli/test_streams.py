@@ -124,12 +124,6 @@ def test_a_run_prints_nothing_of_a_plugin_on_standard_output(command):
     assert "loud" in result.stdout
 
 
-def test_a_thread_that_a_plugin_leaves_does_not_keep_the_process(command, write_plugin):
-    left = "import threading, time; threading.Thread(target=time.sleep, args=[600]).start()"
-    write_plugin("loud.py", LOUD.replace(NOISE, left))
-    assert command("plan", "--plugin", "loud.py", "-e", "lowd", timeout=60).returncode == 2
-
-
 KEEPING = "OUT = sys.stdout; out = lambda text, file=sys.stderr: print(text, file=file)"
 
 

@@ -96,7 +96,6 @@ CALLS = [
     ("compare base new --markdown nowhere/x.md", "x.md: cannot be written: there is no folder nowhere"),
     ("compare base new --junit base", "base: cannot be written: is not a file"),
     ("compare base same --junit same/results.parquet", "is a table of a run and is not overwritten"),
-    ("compare base same --markdown one.md --junit ./one.md", "is named by two options"),
     ("rank scenes -e fft4d", "two estimators or more"),
     ("rank scenes --metric gopsa_m", "unknown score"),
     (
