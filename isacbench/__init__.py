@@ -17,81 +17,59 @@ from typing import TYPE_CHECKING
 from isacbench.checkout import keep_to_checkout
 
 if TYPE_CHECKING:
-    from isacbench.bench.compare.comparison import Comparison, compare
-    from isacbench.bench.compare.pairs import NotComparableError
-    from isacbench.bench.compare.ranking import Ranking, rank
-    from isacbench.bench.run.runner import run
-    from isacbench.bench.store.run import load_run
-    from isacbench.checking.plugin_check import check
-    from isacbench.cubes.frame import observe_cube
-    from isacbench.errors import InputError
-    from isacbench.link.sensing.observing import observe
-    from isacbench.model.cloud import PointCloud
-    from isacbench.model.observation import Observation
-    from isacbench.model.scene import Scenario
-    from isacbench.model.scenes.scenario import load_scenario
-    from isacbench.plugins.registry import get_detector, get_estimator, get_metric
-    from isacbench.plugins.scoring import score
-    from isacbench.report.clouds import plot_clouds
+    from isacbench.bench.compare.comparison import Comparison as Comparison
+    from isacbench.bench.compare.comparison import compare as compare
+    from isacbench.bench.compare.pairs import NotComparableError as NotComparableError
+    from isacbench.bench.compare.ranking import Ranking as Ranking
+    from isacbench.bench.compare.ranking import rank as rank
+    from isacbench.bench.run.runner import run as run
+    from isacbench.bench.store.run import load_run as load_run
+    from isacbench.checking.plugin_check import check as check
+    from isacbench.cubes.frame import observe_cube as observe_cube
+    from isacbench.errors import InputError as InputError
+    from isacbench.link.sensing.observing import observe as observe
+    from isacbench.model.cloud import PointCloud as PointCloud
+    from isacbench.model.observation import Observation as Observation
+    from isacbench.model.scene import Scenario as Scenario
+    from isacbench.model.scenes.scenario import load_scenario as load_scenario
+    from isacbench.plugins.registry import get_detector as get_detector
+    from isacbench.plugins.registry import get_estimator as get_estimator
+    from isacbench.plugins.registry import get_metric as get_metric
+    from isacbench.plugins.scoring import score as score
+    from isacbench.report.clouds import plot_clouds as plot_clouds
 
 __version__ = "0.2.0"
 
-__all__ = [
-    "Comparison",
-    "InputError",
-    "NotComparableError",
-    "Observation",
-    "PointCloud",
-    "Ranking",
-    "Scenario",
-    "__version__",
-    "check",
-    "compare",
-    "get_detector",
-    "get_estimator",
-    "get_metric",
-    "load_run",
-    "load_scenario",
-    "observe",
-    "observe_cube",
-    "plot_clouds",
-    "rank",
-    "run",
-    "score",
-]
-
-# Modules of the public names: loaded on first use, so that the command line starts without NumPy.
-_HOMES = {
-    "Comparison": "isacbench.bench.compare.comparison",
-    "InputError": "isacbench.errors",
-    "NotComparableError": "isacbench.bench.compare.pairs",
-    "Observation": "isacbench.model.observation",
-    "PointCloud": "isacbench.model.cloud",
-    "Ranking": "isacbench.bench.compare.ranking",
-    "Scenario": "isacbench.model.scenes.scenario",
-    "compare": "isacbench.bench.compare.comparison",
-    "check": "isacbench.checking.plugin_check",
-    "get_detector": "isacbench.plugins.registry",
-    "get_estimator": "isacbench.plugins.registry",
-    "get_metric": "isacbench.plugins.registry",
-    "load_run": "isacbench.bench.store.run",
-    "load_scenario": "isacbench.model.scenes.scenario",
-    "observe": "isacbench.link.sensing.observing",
-    "observe_cube": "isacbench.cubes.frame",
-    "plot_clouds": "isacbench.report.clouds",
-    "rank": "isacbench.bench.compare.ranking",
-    "run": "isacbench.bench.run.runner",
-    "score": "isacbench.plugins.scoring",
+# The public names by their modules: loaded on first use, so that the command line starts without NumPy.
+_NAMES = {
+    "isacbench.bench.compare.comparison": ["Comparison", "compare"],
+    "isacbench.bench.compare.pairs": ["NotComparableError"],
+    "isacbench.bench.compare.ranking": ["Ranking", "rank"],
+    "isacbench.bench.run.runner": ["run"],
+    "isacbench.bench.store.run": ["load_run"],
+    "isacbench.checking.plugin_check": ["check"],
+    "isacbench.cubes.frame": ["observe_cube"],
+    "isacbench.errors": ["InputError"],
+    "isacbench.link.sensing.observing": ["observe"],
+    "isacbench.model.cloud": ["PointCloud"],
+    "isacbench.model.observation": ["Observation"],
+    "isacbench.model.scenes.scenario": ["Scenario", "load_scenario"],
+    "isacbench.plugins.registry": ["get_detector", "get_estimator", "get_metric"],
+    "isacbench.plugins.scoring": ["score"],
+    "isacbench.report.clouds": ["plot_clouds"],
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+
+__all__ = sorted([*_MODULES, "__version__"])
 
 keep_to_checkout()
 
 
 def __getattr__(name: str) -> object:
     """Load a public name on first use (PEP 562)."""
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(_HOMES[name]), name)
+    value: object = getattr(import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 

@@ -64,15 +64,3 @@ def _set_threads(library: Any, number: int) -> None:
     release(force=True)
     library.set_num_threads(number)
     release(force=True)
-
-
-def _after_fork() -> None:
-    """Leave for the threads that a forked process lacks."""
-    if _inside:
-        with one_blas_thread():
-            _inside[:] = [thread for thread in _inside if thread == get_ident()]
-    _lock.release()
-
-
-if hasattr(os, "register_at_fork"):  # not on Windows
-    os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_after_fork)

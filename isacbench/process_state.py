@@ -1,7 +1,9 @@
-"""State of the process that plugins run in: what one has changed is undone before another runs."""
+"""State of the process that plugins share with isacbench: their changes are undone, their output is moved."""
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import random
 import sys
@@ -9,31 +11,79 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from pathlib import Path
-
-from isacbench.streams import lent_streams
+from typing import Any
 
 _alone = threading.RLock()
 """Held by the thread whose changes are to be undone: those of another one could not be told from them."""
 
 
-def _after_fork() -> None:
-    global _alone
-    _alone = threading.RLock()
+class _StandardOutput(io.FileIO):
+    """Descriptor whose reader may have left, as ``head`` does, or whose disk is full: work goes on."""
+
+    is_lost = False
+
+    def write(self, data: Any, /) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            if error.errno != errno.EPIPE and not self.is_lost:
+                print(f"isacbench: stdout: {error.strerror}; the rest is not printed", file=sys.stderr)
+            self.is_lost = True
+            return len(data)
 
 
-if hasattr(os, "register_at_fork"):  # not on Windows
-    os.register_at_fork(after_in_child=_after_fork)
+class OwnOutput(io.TextIOWrapper):
+    """Standard output of the command line; what threads of plugins print there goes to standard error."""
+
+    thread = 0
+
+    def write(self, text: str, /) -> int:
+        """Write text, or hand it on."""
+        return super().write(text) if threading.get_ident() == self.thread else sys.stderr.write(text)
+
+
+@contextmanager
+def own_output() -> Iterator[None]:
+    """Keep standard output to what isacbench prints in this thread; all else goes to standard error.
+
+    Descriptor 1 leads there at once, and `sys.stdout` when the block has ended.
+    """
+    if sys.stdout is None or sys.stderr is None:  # closed by the caller
+        yield
+        return
+    raw = _StandardOutput(os.dup(1), "w")
+    own = OwnOutput(
+        io.BufferedWriter(raw),
+        encoding=sys.stdout.encoding,
+        errors="backslashreplace",
+        line_buffering=raw.isatty(),
+    )
+    own.thread = threading.get_ident()
+    os.dup2(2, 1)
+    sys.stdout = own
+    try:
+        yield
+    finally:
+        own.close()
+        sys.stdout = sys.stderr  # for what a plugin prints when the process ends
+
+
+@contextmanager
+def plugin_output() -> Iterator[None]:
+    """Move what a plugin prints to standard error on the command line, whose own output may be JSON."""
+    with redirect_stdout(sys.stderr if isinstance(sys.stdout, OwnOutput) else sys.stdout):
+        yield
 
 
 @contextmanager
 def process_state_kept(at_import: bool = False) -> Iterator[None]:
-    """Undo what the code within changes about this process; standard streams are lent to it.
+    """Undo what the code within changes about this process.
 
     Put back are the working folder, the environment (not after the import of a plugin, which may set
-    it for later), filters of warnings, NumPy's error handling and print options, and the random
-    generators of Python and NumPy. FFTs are SciPy's own afterwards.
+    it for later), standard streams, filters of warnings, NumPy's error handling and print options, and
+    the random generators of Python and NumPy. FFTs are SciPy's own afterwards.
     """
     import numpy as np
 
@@ -46,7 +96,10 @@ def process_state_kept(at_import: bool = False) -> Iterator[None]:
             stack.callback(_set_environment, dict(os.environ))
         with suppress(OSError):  # a folder that is gone
             stack.callback(_set_folder, Path.cwd())
-        for state in (warnings.catch_warnings(), np.errstate(), np.printoptions(), lent_streams()):
+        for name in ("stdin", "stdout", "stderr"):
+            stack.callback(setattr, sys, name, getattr(sys, name))
+        output = redirect_stdout(sys.stderr) if at_import else plugin_output()
+        for state in (warnings.catch_warnings(), np.errstate(), np.printoptions(), output):
             stack.enter_context(state)
         yield
 

@@ -19,8 +19,6 @@ MAX_VARIANTS = 1000
 class QuotedText(str):
     """A text that was given in quotes: no number, no truth value and not ``none``."""
 
-    __slots__ = ()
-
 
 class Spec(NamedTuple):
     """A name and its parameters, as ``name[param=value,...]`` spells them."""
@@ -30,15 +28,7 @@ class Spec(NamedTuple):
 
 
 class SpelledVariant(NamedTuple):
-    """One of the specifications that a grid stands for.
-
-    Attributes
-    ----------
-    text : str
-        Its spelling: numbers and words as written, no spaces, no alternatives.
-    spec : Spec
-        What the text says.
-    """
+    """One of the specifications that a grid stands for, and its spelling without spaces and alternatives."""
 
     text: str
     spec: Spec
@@ -58,9 +48,9 @@ def parse_spec(text: str) -> Spec:
     """
     variants = spec_variants(text)
     if len(variants) > 1:
+        first = f"{variants[0].text!r}, ..."
         raise InputError(
-            f"{text!r} names {len(variants)} variants ({variants[0].text!r}, ...); "
-            "give one value for each parameter"
+            f"{text!r} names {len(variants)} variants ({first}); give one value for each parameter"
         )
     return variants[0].spec
 
@@ -161,7 +151,7 @@ class _SpecParser:
             key = self.word("a parameter or ']'")
             if key in params:
                 raise InputError(f"{self.text!r}: parameter {key!r} is given twice")
-            self.expect("=")
+            self.expect("=", "'='")
             params[key] = self.alternatives(key) if self.take("[") else self.single(key)
         options = []
         for chosen in self.combinations(params.values()):
@@ -179,17 +169,12 @@ class _SpecParser:
                 if repr(value) in options:
                     raise InputError(f"{self.text!r}: {key!r} lists the alternative {text} twice")
                 options[repr(value)] = text, value
-            self.limit(len(options))
         if not options:
-            raise InputError(
-                f"{self.text!r}: {key!r} has an empty list of alternatives; allowed is [value,...]"
-            )
+            raise self.broken(f"an alternative for {key!r}")
         return [*options.values()]
 
     def single(self, key: str) -> list[_Option]:
         """Options of a tuple, a nested specification or a plain value."""
-        if self.tokens[:1] == ["["]:
-            raise self.broken("a value, not alternatives among alternatives (a tuple takes parentheses),")
         if self.take("("):
             items = [self.alternatives(key) if self.take("[") else self.single(key) for _ in self.items(")")]
             return [
@@ -208,12 +193,10 @@ class _SpecParser:
 
     def combinations(self, parts: Collection[list[_Option]]) -> Iterator[tuple[_Option, ...]]:
         """Every choice of an option for each part."""
-        self.limit(math.prod(map(len, parts)))
-        return itertools.product(*parts)
-
-    def limit(self, n: int) -> None:
+        n = math.prod(map(len, parts))
         if n > MAX_VARIANTS:
             raise InputError(f"{self.text!r}: {n} variants; allowed are at most {MAX_VARIANTS}")
+        return itertools.product(*parts)
 
     def scalar(self, word: str) -> bool | int | float | str:
         if word.startswith('"'):
@@ -234,15 +217,14 @@ class _SpecParser:
             raise self.broken(wanted)
         return self.tokens.pop(0)
 
-    def expect(self, token: str, wanted: str = "") -> None:
+    def expect(self, token: str, wanted: str) -> None:
         if not self.take(token):
-            raise self.broken(wanted or repr(token))
+            raise self.broken(wanted)
 
     def take(self, token: str) -> bool:
-        if self.tokens[:1] != [token]:
-            return False
-        self.tokens.pop(0)
-        return True
+        is_next = self.tokens[:1] == [token]
+        del self.tokens[: int(is_next)]
+        return is_next
 
     def broken(self, wanted: str) -> InputError:
         where = f"before {''.join(self.tokens)!r}" if self.tokens else "at its end"

@@ -213,6 +213,9 @@ class PluginFolder(NamedTuple):
             lines.append(f"[isacbench.{group}]")
             lines += [f"{name} = {module}:{attribute}" for name, attribute in names.items()]
         (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+        from isacbench.plugins.discovery import _installed
+
+        _installed.cache_clear()
 
 
 def hide_estimators(monkeypatch):

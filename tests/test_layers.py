@@ -14,8 +14,7 @@ BASE = {"charts", "errors", "checkout", "choices", "cores"}
 LAYERS = {  # each may import what is named beside it, and nothing else
     **{module: set() for module in BASE},
     "checked_arrays": {"errors"},
-    "streams": set(),
-    "process_state": {"streams"},
+    "process_state": set(),
     "specifications": BASE,
     "files": BASE,
     "display": {*BASE, "files"},
@@ -25,7 +24,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "dsp": {*BASE, "checked_arrays", "files", "display", "instrument", "model"},
     "plugins": {
         *BASE,
-        *("checked_arrays", "process_state", "streams", "specifications", "files", "display", "model", "dsp"),
+        *("checked_arrays", "process_state", "specifications", "files", "display", "model", "dsp"),
         "metrics",
     },
     "link": {*BASE, "checked_arrays", "display", "model", "dsp"},
@@ -34,7 +33,6 @@ LAYERS = {  # each may import what is named beside it, and nothing else
         *BASE,
         "checked_arrays",
         "process_state",
-        "streams",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins", "link"),
     },
     "checking": {
@@ -53,7 +51,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     "cli": {
         *BASE,
         "arrays",
-        "streams",
+        "process_state",
         *("specifications", "files", "instrument", "model", "metrics", "plugins", "link"),
         *("cubes", "bench", "checking", "report"),
     },
@@ -137,7 +135,8 @@ def all_names():
 
 def exported(room):
     for node in trees()[room].body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+        is_list = isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
+        if is_list and getattr(node.targets[0], "id", "") == "__all__":
             return set(ast.literal_eval(node.value))
     return set()
 

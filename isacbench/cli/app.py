@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import threading
 import warnings
 from collections.abc import Mapping
 from enum import IntEnum
@@ -18,7 +17,7 @@ from typer.core import TyperGroup
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted, visible, visible_json, visible_lines
-from isacbench.streams import own_output
+from isacbench.process_state import own_output
 
 if TYPE_CHECKING:
     from isacbench.bench.store.run import Run
@@ -39,11 +38,13 @@ class Exit(IntEnum):
 
 
 class _Group(TyperGroup):
-    """Group of commands in which bad input ends with one line on stderr and exit code 2."""
+    """Group of commands in which bad input ends with one line on stderr and exit code 2.
+
+    So do other errors of the system and of values; ``python -X dev -m isacbench`` shows where they come from.
+    """
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that the arguments name, with warnings about input as one line on stderr."""
-        show_with_source = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
@@ -51,12 +52,17 @@ class _Group(TyperGroup):
             else:
                 show_with_source(message, category, *where, **more)
 
+        show_with_source = warnings.showwarning
         try:
             with warnings.catch_warnings():
                 warnings.showwarning = show
                 return super().invoke(ctx)
         except InputError as error:
             fail(str(error), Exit.USAGE)
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            if sys.flags.dev_mode:
+                raise
+            fail(f"{type(error).__name__}: {error}", Exit.USAGE)
 
 
 app = typer.Typer(
@@ -72,16 +78,7 @@ app = typer.Typer(
 def main() -> None:
     """Run the command line."""
     with own_output():
-        try:
-            app()
-        except SystemExit as ending:
-            others = set(threading.enumerate()) - {threading.main_thread()}
-            if all(thread.daemon for thread in others):
-                raise
-            # A thread that a plugin has left would keep the process for ever.
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(ending.code if isinstance(ending.code, int) else 0)
+        app()
 
 
 def _print_version(wanted: bool) -> None:
@@ -106,7 +103,7 @@ def say(*messages: str, err: bool = False) -> None:
 
 
 def say_lines(message: str) -> None:
-    """Print several lines, with control characters escaped."""
+    """Print several lines, with other control characters escaped."""
     typer.echo(visible_lines(message))
 
 

@@ -18,7 +18,7 @@ import isacbench
 from isacbench.bench.run.progress import progress_shown
 from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_tables, say, say_lines
-from isacbench.errors import InputError
+from isacbench.errors import InputError, unknown_name
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted, file_stems
 
@@ -56,7 +56,7 @@ def image_command(
     cube: Annotated[Path | None, Option(help="Recorded frame: .npy, .npz, .mat, .h5 or .zarr.")] = None,
     transmitted: Annotated[Path | None, Option(help="Transmitted grid, which divides the cube.")] = None,
     ascending: Annotated[
-        str | None, Option(metavar="±u,±w", help="Where the elements of the cube ascend to; default -u,-w.")
+        str | None, Option(metavar="±u,±w", help="Order of elements; default -u,-w.")
     ] = None,
     snr: Annotated[str | None, Option(help="SNR in dB, or inf; default 10, none with a cube.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Number of the noise draw.")] = None,
@@ -65,9 +65,7 @@ def image_command(
     modulation: Annotated[str | None, Option(help="qpsk, 16qam, 64qam or 256qam.")] = None,
     division: Annotated[str | None, Option(help="reciprocal, matched or wiener.")] = None,
     out: Annotated[Path | None, opt.out_option(help="Cloud: .csv, .ply, .mat or .npy.")] = None,
-    plot: Annotated[
-        Path | None, Option(help="Picture: .png, .pdf or .svg; without a file it gets a name of its own.")
-    ] = None,
+    plot: Annotated[Path | None, Option(help="Picture: .png, .pdf, .svg, or no name.")] = None,
     plugin: opt.PluginFiles = None,
 ) -> None:
     """Take one image of a simulated or a recorded frame, and score, write or draw its cloud."""
@@ -249,9 +247,10 @@ def _dtype(precision: str) -> np.dtype[Any]:
     """Translate the precision of a frame."""
     import numpy as np
 
-    if precision not in ("single", "double"):
-        raise InputError(f"--precision {precision!r}: allowed are single and double")
-    return np.dtype("complex64" if precision == "single" else "complex128")
+    dtypes = {"single": "complex64", "double": "complex128"}
+    if precision not in dtypes:
+        raise unknown_name("precision", precision, dtypes)
+    return np.dtype(dtypes[precision])
 
 
 def _one_snr(text: str) -> float:

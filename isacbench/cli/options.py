@@ -2,58 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
+from itertools import chain
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any
 
 from typer import Argument, Option
 
 
-def estimators_like(incomplete: str) -> list[str]:
-    """List the registered estimators whose names begin with a text."""
-    from isacbench.plugins.registry import estimator_names
+def like(*names: str | Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return the completion of some names, or of those that functions ``module:function`` list."""
 
-    return _like(estimator_names(), incomplete)
+    def complete(incomplete: str) -> list[str]:
+        lists = (resolve_name(one)() if isinstance(one, str) else one() for one in names)
+        return [name for name in chain.from_iterable(lists) if name.startswith(incomplete)]
 
-
-def plugin_metrics_like(incomplete: str) -> list[str]:
-    """List the registered metrics whose names begin with a text."""
-    from isacbench.plugins.registry import metric_names
-
-    return _like(metric_names(), incomplete)
+    return complete
 
 
-def scenarios_like(incomplete: str) -> list[str]:
-    """List the scenarios and families, these with ``[seed=``, whose names begin with a text."""
-    from isacbench.model.scenes.scenario import scenario_names
+def _families() -> list[str]:
     from isacbench.model.scenes.scene_families import FAMILIES
 
-    return _like([*scenario_names(), *(f"{family}[seed=" for family in FAMILIES)], incomplete)
+    return [f"{family}[seed=" for family in FAMILIES]
 
 
-def suites_like(incomplete: str) -> list[str]:
-    """List the suites whose names begin with a text."""
-    from isacbench.bench.suites.suite import suite_names
-
-    return _like(suite_names(), incomplete)
-
-
-def metrics_like(incomplete: str) -> list[str]:
-    """List the scores that estimators are ranked by whose names begin with a text."""
-    return [*curves_like(incomplete), *_like(["ratio", "time_estimate_s"], incomplete)]
-
-
-def curves_like(incomplete: str) -> list[str]:
-    """List the scores with a curve over SNR whose names begin with a text."""
+def _curves() -> list[str]:
+    """Scores with a curve over SNR."""
     from isacbench.metrics.paper import Paper
 
-    return _like([column.name for column in Paper.columns if column.better != "neither"], incomplete)
+    return [column.name for column in Paper.columns if column.better != "neither"]
 
 
-def _like(names: list[str], incomplete: str) -> list[str]:
-    return [name for name in names if name.startswith(incomplete)]
-
+estimators_like = like("isacbench.plugins.registry:estimator_names")
+plugin_metrics_like = like("isacbench.plugins.registry:metric_names")
+scenarios_like = like("isacbench.model.scenes.scenario:scenario_names", _families)
+suites_like = like("isacbench.bench.suites.suite:suite_names")
+curves_like = like(_curves)
+metrics_like = like(_curves, lambda: ["ratio", "time_estimate_s"])
 
 SPEC = "NAME[param=value,...]"
 estimator_option: Any = partial(Option, "-e", "--estimator", metavar=SPEC, autocompletion=estimators_like)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer import Option
+from typer import Argument, Option
 
 from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_tables, say, say_lines
-from isacbench.errors import InputError
+from isacbench.errors import InputError, import_extra
 from isacbench.files.escaping import counted
 
 if TYPE_CHECKING:
@@ -45,9 +44,7 @@ def list_command(as_json: opt.AsJson = False, plugin: opt.PluginFiles = None) ->
 
 @app.command("check")
 def check_command(
-    package_or_file: Annotated[
-        str, typer.Argument(metavar="PACKAGE_OR_FILE", help="Package, .py file, or registered name.")
-    ],
+    package_or_file: Annotated[str, Argument(help="Package, .py file, or registered name.")],
     as_json: opt.AsJson = False,
     plugin: opt.PluginFiles = None,
 ) -> None:
@@ -82,34 +79,24 @@ def check_command(
 def stress_command(
     estimator: opt.EstimatorSpecs = None,
     detector: Annotated[
-        list[str] | None,
-        Option("-d", "--detector", metavar="NAME[param=value,...]", help="Detector, likewise; repeats."),
+        list[str] | None, Option("-d", "--detector", metavar=opt.SPEC, help="Detector, likewise; repeats.")
     ] = None,
     case: Annotated[
         list[str] | None, Option(metavar="FAMILY[param=value,...]", help="Case, or all of a family; repeats.")
     ] = None,
     search: Annotated[
-        int | None,
-        Option(
-            metavar="N",
-            min=1,
-            help="Draw N cases a family at random, instead of the table; needs isacbench[stress].",
-        ),
+        int | None, Option(min=1, help="Draw as many cases a family at random instead.")
     ] = None,
-    seed: Annotated[int, Option(metavar="SEED", min=0, help=opt.SEED_HELP)] = 0,
-    out: Annotated[
-        Path | None, Option("-o", "--out", metavar="DIR", help="Folder; default results/stress-<time>.")
-    ] = None,
-    jobs: Annotated[int, Option("-j", "--jobs", metavar="JOBS", min=1, help="Worker processes.")] = 1,
-    timeout: Annotated[
-        float, Option(metavar="SECONDS", min=0.001, help="Longest time of a case.")
-    ] = TIMEOUT_S,
+    seed: opt.Seed = 0,
+    out: Annotated[Path | None, opt.out_option(metavar="DIR", help="Default results/stress-<time>.")] = None,
+    jobs: Annotated[int, Option("-j", "--jobs", min=1, help="Worker processes.")] = 1,
+    timeout: Annotated[float, Option(min=0.001, help="Longest time of a case in seconds.")] = TIMEOUT_S,
     plugin: opt.PluginFiles = None,
     as_json: opt.AsJson = False,
 ) -> None:
     """Put estimators and detectors through hostile but finite input, and say what breaks.
 
-    Without -e and -d: all, but references, which see the truth.
+    Without -e and -d: all, but references, which see the truth. --search needs isacbench[stress].
     """
     opt.register(plugin)
     opt.require_names(estimators=estimator or (), detectors=detector or ())
@@ -128,15 +115,12 @@ def stress_command(
     targets += stress.find_targets("detector", detector or ())
     if search is None:
         running = stress.run_cases(stress.tasks_of(targets, case or [], seed), jobs, timeout)
-    elif jobs > 1:
-        raise InputError(
-            f"--jobs {jobs}: --search needs --jobs 1, because each case depends on the previous ones"
-        )
-    elif find_spec("hypothesis") is None:
-        raise InputError(
-            f'--search {search}: the package `hypothesis` is missing; pip install "isacbench[stress]"'
-        )
     else:
+        if jobs > 1:
+            raise InputError(
+                f"--jobs {jobs}: --search needs --jobs 1, each case depends on the previous ones"
+            )
+        import_extra("hypothesis", "stress", f"--search {search}")
         families = stress.find_families(case or [], {target.kind for target in targets})
 
         def begin(target: Target, family: Family) -> None:  # a search takes a while

@@ -23,23 +23,14 @@ GAPS_SHOWN = 10
 
 @app.command("report")
 def report_command(
-    folders: Annotated[
-        list[Path],
-        Argument(metavar="DIR...", help="Folder of a run; with --html several runs of the same scenes."),
-    ],
-    html: Annotated[
-        bool | None, opt.html_option(help="Write the interactive page alone, or all but the page.")
-    ] = None,
+    folders: Annotated[list[Path], Argument(metavar="DIR...", help="Run; with --html several of one suite.")],
+    html: Annotated[bool | None, opt.html_option(help="The interactive page alone, or all but it.")] = None,
     out: Annotated[Path | None, opt.out_option(metavar="FILE.html", help="Page of several runs.")] = None,
     scenario: Annotated[str | None, Option(help="Draw figures of this scenario alone.")] = None,
     snr: Annotated[float | None, Option(help="Draw clouds, maps and spectra at this SNR in dB.")] = None,
     trial: Annotated[int | None, Option(min=0, help="Draw clouds, maps and spectra of this trial.")] = None,
-    metric: Annotated[
-        str | None, Option(help="Draw this score over SNR.", autocompletion=opt.curves_like)
-    ] = None,
-    extension: Annotated[
-        str | None, Option("--format", metavar="png|pdf|svg", help="Format of figures.")
-    ] = None,
+    metric: Annotated[str | None, Option(help="Score over SNR.", autocompletion=opt.curves_like)] = None,
+    extension: Annotated[str | None, Option("--format", metavar="png|pdf|svg", help="Of figures.")] = None,
     plugin: opt.PluginFiles = None,
 ) -> None:
     """Make tables, figures and page of a run again, figures for a paper, or one page of several runs."""
@@ -88,9 +79,8 @@ def merge_command(
     variants = variants_in(merged.run.rows)
     labels = estimator_labels([*variants, *((gap.estimator, gap.params) for gap in merged.gaps)])
     for gap in merged.gaps[:GAPS_SHOWN]:
-        trials = f"trial{'s' if len(gap.trials) > 1 else ''} {', '.join(map(str, gap.trials))}"
-        label = labels[gap.estimator, gap.params]
-        say(f"missing: {gap.n_cells} cells of {label} on {gap.scenario}, {trials}")
+        label, trials = labels[gap.estimator, gap.params], ", ".join(map(str, gap.trials))
+        say(f"missing: {gap.n_cells} cells of {label} on {gap.scenario}, trials {trials}")
     if len(merged.gaps) > GAPS_SHOWN:
         say(f"missing: and of {len(merged.gaps) - GAPS_SHOWN} more")
 
@@ -115,23 +105,16 @@ def rescore_command(
 
 @app.command("compare")
 def compare_command(
-    base: Annotated[
-        Path, Argument(metavar="BASE", help="Folder of the run to compare with, or of the only run.")
-    ],
-    new: Annotated[Path | None, Argument(metavar="NEW", help="Folder of the run to judge.")] = None,
+    base: Annotated[Path, Argument(metavar="BASE", help="Run to compare with, or the only one.")],
+    new: Annotated[Path | None, Argument(metavar="NEW", help="Run to judge.")] = None,
     mapped: Annotated[
         list[str] | None,
         Option("--map", metavar="OLD[...]=NEW[...]", help="Pair two estimators of BASE and NEW; repeats."),
     ] = None,
-    between: Annotated[
-        str | None, Option(metavar="A[...]", help="With --and: compare two estimators of the run BASE.")
-    ] = None,
-    other: Annotated[
-        str | None, Option("--and", metavar="B[...]", help="Estimator to judge by that of --between.")
-    ] = None,
+    between: Annotated[str | None, Option(metavar="A[...]", help="Estimator of BASE; needs --and.")] = None,
+    other: Annotated[str | None, Option("--and", metavar="B[...]", help="Another one, to judge.")] = None,
     tolerance: Annotated[
-        list[str] | None,
-        Option(metavar="NAME=5%", help="Tolerated change of a score, in % or its unit; repeats."),
+        list[str] | None, Option(metavar="NAME=5%", help="Tolerated change, in % or the unit; repeats.")
     ] = None,
     alpha: Annotated[float, Option(help="Largest probability of any false regression.")] = 0.01,
     plot: Annotated[Path | None, Option(help="Picture; default NEW/figures/compare-<score>.png.")] = None,
@@ -217,15 +200,13 @@ def rank_command(
 
 
 def _require_own_places(paths: list[Path]) -> None:
-    """Refuse files that cannot be written, are the same, or are tables of a run."""
+    """Refuse files that cannot be written, or are tables of a run."""
     from isacbench.bench.store.run_folder import RUN_TABLES
 
-    for index, path in enumerate(paths):
+    for path in paths:
         require_replaceable(path)
         if path.name in RUN_TABLES and is_there(path):
             raise InputError(f"{path}: is a table of a run and is not overwritten; choose another name")
-        if path.resolve() in [other.resolve() for other in paths[:index]]:
-            raise InputError(f"{path}: is named by two options; give a different file to each")
 
 
 def _draw_into(folder: Path, draw: Callable[[], list[Path]], noun: str = "figures") -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import signal
-import threading
 import time
 from pathlib import Path
 from types import FrameType
@@ -37,12 +36,9 @@ def run_command(
     timeout: Annotated[float, Option(help="Longest time of a cell in seconds, or inf.")] = 600.0,
     memory: Annotated[float | None, Option(help="Most memory in MiB that a cell may add.")] = None,
     dask: Annotated[str | None, Option(help="Address of a Dask scheduler, instead of local workers.")] = None,
-    shard: Annotated[
-        str | None, Option(metavar="k/n", help="Part k of n; isacbench merge joins them.")
-    ] = None,
+    shard: Annotated[str | None, Option(metavar="k/n", help="Part k of n, for isacbench merge.")] = None,
     rerun: Annotated[
-        list[str] | None,
-        Option(metavar="failed|stale|all", help="Cells of an existing folder to run again; repeats."),
+        list[str] | None, Option(metavar="failed|stale|all", help="Cells to run again; repeats.")
     ] = None,
     mix_versions: opt.MixVersions = False,
     timing: Annotated[bool, Option("--timing", help="Measure run times, one cell after the other.")] = False,
@@ -111,10 +107,8 @@ def run_command(
             if not run.rows.empty:
                 report_run(run, html)
         except KeyboardInterrupt:
-            left = "nothing is done yet"
-            if (folder / MANIFEST).exists():
-                left = f"what is done so far is in {folder}; isacbench report {folder} tabulates it"
-            termination.fail(left)
+            left = f"what is done so far is in {folder}; isacbench report {folder} tabulates it"
+            termination.fail(left if (folder / MANIFEST).exists() else "nothing is done yet")
         if run.manifest["interrupted"]:
             termination.fail(f"the {len(run.rows)} cells so far are in {folder}")
     lost = run.rows[failed(run.rows)]
@@ -138,21 +132,18 @@ class Termination:
     """SIGTERM of job schedulers, containers and CI while a command runs: it ends it as Ctrl-C does.
 
     The first signal raises KeyboardInterrupt in the main thread, so that the command can write what it has.
-    A later one ends the process at once. Handlers installed by other code, before or meanwhile, stay.
+    A later one ends the process at once.
     """
 
     def __init__(self) -> None:
         self._first_s: float | None = None
 
     def __enter__(self) -> Self:
-        in_main_thread = threading.current_thread() is threading.main_thread()
-        if in_main_thread and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            signal.signal(signal.SIGTERM, self._receive)
+        self._before = signal.signal(signal.SIGTERM, self._receive)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if signal.getsignal(signal.SIGTERM) == self._receive:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, self._before)
 
     def fail(self, message: str) -> NoReturn:
         """End the command with a message that names the interrupt: SIGTERM if received, otherwise Ctrl-C."""

@@ -8,13 +8,9 @@ have been edited since it was started.
 
 from __future__ import annotations
 
-import builtins
-import copyreg
 import dataclasses
 import dis
 import hashlib
-import os
-import pickle
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,13 +18,12 @@ from contextlib import suppress
 from functools import cached_property, lru_cache
 from importlib import import_module
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ModuleSpec
+from itertools import product
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
-from uuid import uuid4
 from weakref import WeakKeyDictionary
 
-from isacbench.errors import InputError
 from isacbench.plugins.discovery import GROUPS, LIBRARIES, entries, local_plugins
 from isacbench.plugins.registry import parameter_fields
 
@@ -46,7 +41,12 @@ PLAIN = {bool, int, float, complex, str, bytes, type(None), type(Ellipsis)}
 WRAPPED = "fget", "fset", "fdel", "__func__", "func"
 """Attributes of properties and other members of classes that hold their functions."""
 
-PICKLE_PROTOCOL = 4
+CODE_PARTS = (
+    *("co_code", "co_exceptiontable", "co_consts", "co_flags"),
+    *("co_argcount", "co_posonlyargcount", "co_kwonlyargcount"),
+    *("co_names", "co_varnames", "co_freevars", "co_cellvars"),
+)
+"""Attributes of a function's code that say what it does."""
 
 Version = dict[str, str | None]
 """``version``, None if there is none, and ``digest``, SHA-256, None where the version says all."""
@@ -68,7 +68,7 @@ def plugin_version(plugin: object) -> dict[str, Version]:
     (['isacbench'], '0.2.0', 64)
     """
     codes, files = class_codes(plugin), {file.module_name: file for file in local_plugins()}
-    modules = {base.__module__ for base in _versioned_classes(plugin)}
+    modules = {base.__module__ for base in _classes(plugin)}
     modules = modules.union(*(code.modules for code in codes.values()))
     roots = {_root_of(module) for module in modules - files.keys() if is_importable(module)}
     digests = {_full_name(base): code.digest for base, code in codes.items()}
@@ -118,10 +118,9 @@ def _parts_of(plugin: object) -> Iterator[object]:
             yield from _parts_of(getattr(plugin, field.name))
 
 
-def _versioned_classes(plugin: object) -> set[type[Any]]:
-    """Classes of a plugin and of its parts, and their bases, but for those that every row names anyway."""
-    classes = {base for part in _parts_of(plugin) for base in type(part).__mro__}
-    return {base for base in classes if not (_root_of(base.__module__) in VERSIONED and _has_a_file(base))}
+def _classes(plugin: object) -> set[type[Any]]:
+    """Classes of a plugin and of its parts, and their bases."""
+    return {base for part in _parts_of(plugin) for base in type(part).__mro__}
 
 
 def _is_built_in(kind: type[Any]) -> bool:
@@ -198,13 +197,11 @@ def _files(root: str, folders: Sequence[str] = ("",)) -> dict[str, str]:
     if spec is None or spec.submodule_search_locations is None:
         return {root: spec.origin} if spec and spec.has_location and spec.origin else {}
     found = {}
-    for top in spec.submodule_search_locations:
-        for folder, _, names in (one for part in folders for one in os.walk(Path(top, part))):
-            package = root + folder[len(top) :].replace(os.sep, ".")
-            for name in names:
-                if name.endswith(CODE_SUFFIXES):
-                    module = f"{package}.{name.partition('.')[0]}".removesuffix(".__init__")
-                    found[module] = f"{folder}{os.sep}{name}"
+    for top, folder in product(spec.submodule_search_locations, folders):
+        for path in Path(top, folder).rglob("*"):
+            if path.name.endswith(CODE_SUFFIXES):
+                parts = root, *path.relative_to(top).parent.parts, path.name.partition(".")[0]
+                found[".".join(parts).removesuffix(".__init__")] = str(path)
     return found
 
 
@@ -254,29 +251,24 @@ received_codes: WeakKeyDictionary[type[Any], ClassCode] = WeakKeyDictionary()
 def class_codes(plugin: object) -> dict[type[Any], ClassCode]:
     """Codes of a plugin's classes whose files, if there are any, do not say all about them."""
     local = {file.module_name for file in local_plugins()}
-    classes = (base for base in _versioned_classes(plugin) if base.__module__ not in local)
+    classes = (base for base in _classes(plugin) if base.__module__ not in local)
     return {base: class_code(base) for base in classes if not _has_a_file(base)}
 
 
 def class_code(plugin_class: type[Any]) -> ClassCode:
     """Find the code of a class without a file, as it is now, equal in every process for equal values."""
-    return received_codes.get(plugin_class) or _code_of(plugin_class, plugin_class.__qualname__)
+    if plugin_class in received_codes:
+        return received_codes[plugin_class]
+    walk = _Walk()
+    digest = walk.text(plugin_class)
+    return ClassCode(plugin_class.__qualname__, digest, frozenset(walk.modules))
 
 
 def _attributes_digest(plugin: object) -> str | None:
     """Digest of what an instance holds besides its parameters; None if that is nothing, or isacbench's."""
-    kind = type(plugin)
     names = {field.name for field in parameter_fields(plugin)}
     held = {name: value for name, value in sorted(_attributes(plugin).items()) if name not in names}
-    return _code_of(held, kind.__qualname__).digest if held and not _is_built_in(kind) else None
-
-
-def _code_of(thing: object, name: str) -> ClassCode:
-    walk = _Walk()
-    try:
-        return ClassCode(name, walk.text(thing), frozenset(walk.modules))
-    except RecursionError as error:
-        raise InputError(f"{name}: uses values that are nested too deeply to be known again") from error
+    return _Walk().text(held) if held and not _is_built_in(type(plugin)) else None
 
 
 def _has_a_file(thing: Any) -> bool:
@@ -288,8 +280,6 @@ def _has_a_file(thing: Any) -> bool:
     module, name = getattr(thing, "__module__", None), getattr(thing, "__qualname__", "<locals>")
     if not isinstance(module, str) or "<locals>" in name or not is_importable(module):
         return False
-    if module == "builtins":  # of Python, or made by exec without the name of a module
-        return hasattr(builtins, name)
     functions = vars(thing).values() if isinstance(thing, type) else (thing,)
     # A wrapper names the module of what it wraps; its globals are of its own.
     homes = {str(one.__globals__.get("__name__")) for one in functions if isinstance(one, FunctionType)}
@@ -325,7 +315,8 @@ class _Walk:
         kind = type(value)
         match value:
             case ModuleType():
-                return [self._module(value.__name__) or uuid4().hex]
+                self.modules.add(value.__name__)
+                return [value.__name__]
             case type() | FunctionType():
                 self.modules.add(str(value.__module__))
                 if _has_a_file(value):
@@ -335,51 +326,35 @@ class _Walk:
             case property() | staticmethod() | classmethod() | cached_property():
                 return [kind.__name__, *(getattr(value, one, None) for one in WRAPPED)]
             case CellType():
-                with suppress(ValueError):  # it may be empty
-                    return ["cell", value.cell_contents]
-                return ["cell"]
+                return ["cell", value.cell_contents]
             case CodeType():
-                counts = value.co_argcount, value.co_posonlyargcount, value.co_kwonlyargcount, value.co_flags
-                names = value.co_names, value.co_varnames, value.co_freevars, value.co_cellvars
-                return [*counts, *names, value.co_code, value.co_exceptiontable, value.co_consts]
-        if kind in (list, tuple):
-            return [kind.__name__, *value]
-        if kind is dict:
-            return [kind.__name__, *value.items()]
+                return [getattr(value, name) for name in CODE_PARTS]
+        if kind in (list, tuple, dict):
+            return [kind.__name__, *(value.items() if kind is dict else value)]
         if kind in (set, frozenset):
             return [kind.__name__, *sorted(map(self.text, value))]
         return self._object_parts(value)
 
-    def _module(self, name: str) -> str:
-        """Name of a module that another process can import, otherwise nothing."""
-        self.modules.add(name)
-        return name if is_importable(name) else ""
-
     def _object_parts(self, value: Any) -> list[Any]:
         """Class and state of an object, as `pickle` would take it; of what it refuses, the attributes."""
-        kind = type(value)
-        if value is getattr(sys.modules.get("numpy.random.mtrand"), "_rand", None):
-            return ["the generator of numpy.random"]  # which every cell seeds anew
-        reduce = copyreg.dispatch_table.get(kind)
-        try:
-            parts = reduce(value) if reduce else value.__reduce_ex__(PICKLE_PROTOCOL)
-        except Exception:  # an object may refuse in any way
-            parts = ""
-        if isinstance(parts, str):  # a name, or nothing
-            if parts and (module := self._module(vars(pickle)["whichmodule"](value, parts))):
-                return [f"{module}.{parts}"]
-            return [kind, _attributes(value) or uuid4().hex]  # never the same if nothing is known of it
-        # Iterators are over the items of a list or a dictionary.
-        parts = [list(part) if isinstance(part, Iterator) else part for part in parts]
-        return [kind, *(_without_cache(kind, part) if isinstance(part, dict) else part for part in parts)]
+        kind, parts = type(value), None
+        with suppress(Exception):  # an object may refuse in any way
+            parts = value.__reduce_ex__(4)
+        if isinstance(parts, tuple):
+            # Iterators are over the items of a list or a dictionary.
+            parts = tuple(list(part) if isinstance(part, Iterator) else part for part in parts)
+            return [kind, *(_without_cache(kind, part) if isinstance(part, dict) else part for part in parts)]
+        module = str(getattr(value, "__module__", None))
+        if parts and is_importable(module):
+            self.modules.add(module)
+            return [f"{module}.{parts}"]
+        return [kind, _attributes(value) or repr(value)]
 
     def _function_parts(self, function: FunctionType) -> list[Any]:
         known, steps = function.__globals__, list(_steps(function.__code__))
         self.modules |= {name for operation, name in steps if operation == "IMPORT_NAME"}
         read = {name for operation, name in steps if operation in ("LOAD_GLOBAL", "LOAD_NAME")}
-        read -= {
-            name for operation, name in steps if operation == "STORE_GLOBAL"
-        }  # state that it sets itself
+        read -= {name for operation, name in steps if operation == "STORE_GLOBAL"}  # its own state
         values = {name: known[name] for name in sorted(read & known.keys())}
         # A script may have set constants of modules since they were imported.
         words = sorted({name for _, name in steps})
@@ -392,20 +367,15 @@ class _Walk:
 
 def _class_parts(kind: type[Any]) -> list[Any]:
     members = {name: value for name, value in sorted(vars(kind).items()) if _is_written(name, value)}
-    params = vars(kind).get("__dataclass_params__")
-    fields = dataclasses.fields(kind) if params else ()
-    described = [(one.name, one.default, one.default_factory, one.init) for one in fields]
-    return [type(kind), kind.__mro__[1:], members, described, repr(params)]
+    return [type(kind), kind.__mro__[1:], members]
 
 
-def _is_written(name: str, value: object) -> bool:
+def _is_written(name: str, value: Any) -> bool:
     """Tell whether a member of a class is its author's, and not made by Python or for a dataclass."""
-    if not name.startswith("__"):
+    if not name.startswith("__") or name == "__dataclass_fields__":
         return name != "_abc_impl"
-    if not isinstance(value, (FunctionType, classmethod, staticmethod, property)):
-        return False
-    is_made = isinstance(value, FunctionType) and value.__code__.co_filename == "<string>"
-    return not (is_made or name.startswith("__annotate"))
+    is_method = isinstance(value, FunctionType) and not name.startswith("__annotate")
+    return is_method and str(value.__code__.co_filename) != "<string>"
 
 
 def _steps(code: CodeType) -> Iterator[tuple[str, str]]:

@@ -19,7 +19,7 @@ from isacbench.dsp.detection import Detection as Detection
 from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
 from isacbench.metrics.descriptions import ScoreColumn as ScoreColumn
-from isacbench.streams import plugin_output
+from isacbench.process_state import plugin_output
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

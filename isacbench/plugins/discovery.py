@@ -8,10 +8,8 @@ import linecache
 import re
 import sys
 import traceback
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout
-from contextvars import ContextVar
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -20,7 +18,7 @@ from types import ModuleType
 from typing import Any, Literal, get_args
 
 from isacbench.errors import InputError
-from isacbench.files.checked_files import SOURCE_BYTES, read_text, require_file
+from isacbench.files.checked_files import SOURCE_BYTES, read_text
 from isacbench.process_state import process_state_kept
 
 PluginKind = Literal["estimator", "detector", "metric"]
@@ -57,7 +55,6 @@ class PluginFile:
         path = Path(path)
         if path.suffix != ".py":
             raise InputError(f"plugin {path}: allowed is a Python file that ends in .py")
-        require_file(path)
         return cls(path.name, read_text(path, SOURCE_BYTES), str(path))
 
     @property
@@ -113,19 +110,14 @@ class RegisteredPlugin:
         return self.target.partition(":")[0]
 
 
-Registered = dict[PluginFile, tuple[RegisteredPlugin, ...]]
-
-_everywhere: Registered = {}
-_within: ContextVar[Registered] = ContextVar("plugin files of a thread or task", default=_everywhere)
-_users: Counter[str] = Counter()
-"""Numbers of registrations that have a module in use, by its name."""
+_files: dict[PluginFile, tuple[RegisteredPlugin, ...]] = {}
+"""Plugin files of this process, and what each registers."""
 
 
 def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
     """Look up everything registered of a kind, by name, which two packages or files must not share."""
-    installed = _installed(kind, _import_path())
-    local = [entry for registered in _within.get().values() for entry in registered if entry.kind == kind]
-    return _by_name([*installed, *local])
+    local = [entry for registered in _files.values() for entry in registered if entry.kind == kind]
+    return _by_name([*_installed(kind, tuple(sys.path)), *local])
 
 
 def load_plugin_file(path: str | Path) -> list[str]:
@@ -140,43 +132,34 @@ def load_plugin_file(path: str | Path) -> list[str]:
 def register_plugin(file: PluginFile) -> list[str]:
     """Register what a plugin file defines, and list the names; equal content is registered once."""
     if not entries_of(file):
-        module = _run(file)
-        try:
-            added = _defined(file, module)
+        with ExitStack() as stack:
+            stack.callback(_forget, file)
+            _files[file] = _defined(file, _run(file))
             for kind in GROUPS:
-                _by_name([*entries(kind).values(), *(entry for entry in added if entry.kind == kind)])
-        except InputError:
-            _forget(file)
-            raise
-        _within.get()[file] = added
-        _users[file.module_name] += 1
+                entries(kind)  # refuses names that are registered already
+            stack.pop_all()
     return list(dict.fromkeys(entry.name for entry in entries_of(file)))
 
 
 def entries_of(file: PluginFile) -> tuple[RegisteredPlugin, ...]:
     """Look up what a file of this content has registered, whatever it was called; empty if nothing."""
-    return next((found for other, found in _within.get().items() if other.digest == file.digest), ())
+    return next((found for other, found in _files.items() if other.digest == file.digest), ())
 
 
 def local_plugins() -> tuple[PluginFile, ...]:
     """List the plugin files of this process in order; another process registers them for the same names."""
-    return tuple(_within.get())
+    return tuple(_files)
 
 
 @contextmanager
 def isolated_plugins() -> Iterator[None]:
-    """Forget at the end which plugin files were registered within; other threads do not know of them."""
-    before = _within.get()
-    own = dict(before)
-    token = _within.set(own)
+    """Forget at the end which plugin files were registered within."""
+    before = set(_files)
     try:
         yield
     finally:
-        _within.reset(token)
-        for file in own.keys() - before.keys():
-            _users[file.module_name] -= 1
-            if not _users[file.module_name]:
-                _forget(file)
+        for file in _files.keys() - before:
+            _forget(file)
 
 
 def error_place(error: BaseException, module: str = "") -> str:
@@ -198,19 +181,13 @@ def error_place(error: BaseException, module: str = "") -> str:
 
 
 @lru_cache(maxsize=8)
-def _installed(kind: PluginKind, _path: tuple[object, ...]) -> tuple[RegisteredPlugin, ...]:
-    """Entries of the packages on the import path; cached, because a run asks often."""
+def _installed(kind: PluginKind, _path: tuple[str, ...]) -> tuple[RegisteredPlugin, ...]:
+    """Entries of the packages on the import path; looked up once, because a run asks often."""
     return tuple(
         RegisteredPlugin(kind, one.name, one.value, one.dist.name, one.dist.version, one.load)
         for one in entry_points(group=GROUPS[kind])
         if one.dist
     )
-
-
-def _import_path() -> tuple[tuple[str, int], ...]:
-    """Folders that packages are found in, and the time of the last installation or removal in each."""
-    folders = (Path(folder) for folder in sys.path)
-    return tuple((str(folder), folder.stat().st_mtime_ns) for folder in folders if folder.exists())
 
 
 def _by_name(found: Iterable[RegisteredPlugin]) -> dict[str, RegisteredPlugin]:
@@ -234,8 +211,12 @@ def _defined(file: PluginFile, module: ModuleType) -> tuple[RegisteredPlugin, ..
         for key, value in vars(module).items()
         if inspect.isclass(value) and value.__module__ == module.__name__ and key == value.__name__
     ]
-    concrete = (one for one in classes if not inspect.isabstract(one))
-    found = tuple(entry for one in concrete for entry in class_entries(one, file.code_name, file.filename))
+    found = tuple(
+        entry
+        for one in classes
+        if not inspect.isabstract(one)
+        for entry in class_entries(one, file.code_name, file.filename)
+    )
     if not found:
         raise InputError(
             f"plugin {file.filename}: it defines no class with a class attribute `name` and a method "
@@ -264,13 +245,9 @@ def _run(file: PluginFile) -> ModuleType:
     linecache.cache[file.code_name] = len(file.source), None, lines, file.code_name
     sys.modules[file.module_name] = module
     try:
-        # What it prints is no part of a command's output, which may be JSON.
-        with process_state_kept(at_import=True), redirect_stdout(sys.stderr):
+        with process_state_kept(at_import=True):
             exec(compile(file.source, file.code_name, "exec", dont_inherit=True), vars(module))
-    except BaseException as error:
-        _forget(file)
-        if not isinstance(error, (Exception, SystemExit)):
-            raise
+    except (Exception, SystemExit) as error:
         # A syntax error has no frame in the file.
         frames: list[Any] = [*traceback.extract_tb(error.__traceback__), error]
         lines_in = [one.lineno for one in frames if getattr(one, "filename", None) == file.code_name]
@@ -281,6 +258,7 @@ def _run(file: PluginFile) -> ModuleType:
 
 
 def _forget(file: PluginFile) -> None:
-    """Undo the import of a plugin file."""
+    """Undo the registration of a plugin file."""
+    _files.pop(file, None)
     sys.modules.pop(file.module_name, None)
     linecache.cache.pop(file.code_name, None)

@@ -14,7 +14,6 @@ import sys
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from threading import Lock
 from typing import Any, ClassVar
 
 import cloudpickle
@@ -65,54 +64,47 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
     )
 
 
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Refuse what cannot be pickled, and say what to do."""
+    try:
+        yield
+    except Exception as error:
+        raise InputError(
+            f"{what} a worker process ({type(error).__name__}: {error}): leave out jobs and dask, or put its "
+            "class and what it uses into a module or a plugin file"
+        ) from error
+
+
 def _pack(estimators: Mapping[str, Estimator]) -> dict[str, bytes]:
     """Pickle estimators and the codes of their classes."""
     packed = {}
-    codes = {text: class_codes(one) for text, one in estimators.items()}
-    with _by_value(code for own in codes.values() for code in own.values()):
-        for text, one in estimators.items():
-            try:
-                _Pickler(buffer := io.BytesIO()).dump((one, codes[text]))
-            except Exception as error:
-                reason = f"cannot be sent to a worker process ({type(error).__name__}: {error})"
-                raise InputError(
-                    f"estimator {text}: {reason}: leave out jobs and dask, or put its class and what it uses "
-                    "into a module or a plugin file"
-                ) from error
-            packed[text] = buffer.getvalue()
+    for text, one in estimators.items():
+        codes = class_codes(one)
+        with _by_value(codes.values()), _told(f"estimator {text}: cannot be sent to"):
+            _Pickler(buffer := io.BytesIO()).dump((one, codes))
+        packed[text] = buffer.getvalue()
     return packed
 
 
 def _unpack(packed: bytes) -> Estimator:
-    try:
+    with _told("estimators: cannot be had in"):
         estimator, codes = pickle.loads(packed)
-    except Exception as error:
-        raise InputError(
-            f"estimators: cannot be had in a worker process ({type(error).__name__}: {error}): leave "
-            "out jobs and dask, or put the class and what it uses into a module or a plugin file"
-        ) from error
     for kind, code in codes.items():
         kind.__qualname__ = code.name  # which cloudpickle does not keep
     received_codes.update(codes)
     return estimator
 
 
-_packing = Lock()
-
-
 @contextmanager
 def _by_value(codes: Iterable[ClassCode]) -> Iterator[None]:
     """Let cloudpickle send classes of some modules by their code; those of ``__main__`` go so in any case."""
-    with _packing:
-        names = {name for code in codes for name in code.modules} - {"__main__", "builtins"}
-        names -= cloudpickle.list_registry_pickle_by_value()
-        modules = [
-            sys.modules[name] for name in sorted(names & sys.modules.keys()) if not is_importable(name)
-        ]
-        try:
-            for module in modules:
-                cloudpickle.register_pickle_by_value(module)
-            yield
-        finally:
-            for module in modules:
-                cloudpickle.unregister_pickle_by_value(module)
+    names = {name for code in codes for name in code.modules} - {"__main__", "builtins"}
+    modules = [sys.modules[name] for name in names & sys.modules.keys() if not is_importable(name)]
+    for module in modules:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        yield
+    finally:
+        for module in modules:
+            cloudpickle.unregister_pickle_by_value(module)

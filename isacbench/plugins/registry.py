@@ -12,7 +12,7 @@ import math
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
-from contextlib import redirect_stdout, suppress
+from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any, cast, get_args, get_type_hints
 
@@ -23,12 +23,8 @@ from isacbench.files.escaping import shortened
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.plugins.contracts import Detector, Estimator, Metric
 from isacbench.plugins.discovery import METHODS, PluginKind, RegisteredPlugin, entries
-from isacbench.process_state import process_state_kept
+from isacbench.process_state import plugin_output, process_state_kept
 from isacbench.specifications import QuotedText, Spec, is_word, parse_spec, spec_variants, spell_spec
-from isacbench.streams import plugin_output
-
-MOST_BITS = 4096
-"""Of an integer that is a parameter."""
 
 ALLOWED = "finite numbers, texts, booleans, none, tuples of these, and detectors"
 """Values of parameters, which a run can store, a command can spell, and another process can have."""
@@ -210,14 +206,7 @@ def _spelled(estimator: object) -> str:
             f"estimators: {estimator!r:.80}: allowed are specifications such as 'music2d[pfa=1e-4]' and "
             "instances of frozen dataclasses with a name, a word, and a method estimate"
         )
-    refuse_init_variables("estimator", plugin)
-    text = spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
-    hints: dict[str, Any] = {}
-    with suppress(Exception):  # types that only a function knows cannot be resolved
-        hints = parameter_types("estimator", plugin)
-    for key, hint in hints.items():
-        check_parameter(f"estimator {name}", key, getattr(estimator, key), hint)
-    return text
+    return spell_spec(name, _unlike_defaults(estimator, json.loads(canonical_params(estimator))))
 
 
 def _unlike_defaults(plugin: Any, params: Mapping[str, Any]) -> dict[str, Any]:
@@ -266,7 +255,7 @@ def describe_plugin(kind: PluginKind) -> list[dict[str, Any]]:
 def _described(entry: RegisteredPlugin) -> dict[str, Any]:
     """Name, description, parameters and package of a plugin."""
     plugin, where = _load(entry), f"{entry.kind} {entry.name}"
-    defaults = _checked_defaults(entry.kind, plugin)
+    defaults = _checked_params(where, plugin, parameter_types(entry.kind, plugin), {})
     parameters = {
         key: {"type": inspect.formatannotation(hint, base_module=Detector.__module__)}
         | ({"default": plain_value(where, key, defaults[key])} if key in defaults else {})
@@ -280,19 +269,22 @@ def _described(entry: RegisteredPlugin) -> dict[str, Any]:
     }
 
 
-def _checked_defaults(kind: str, plugin: type[Any]) -> dict[str, Any]:
-    """Defaults of the parameters of a plugin, checked and converted as values that are given."""
-    where, hints = f"{kind} {plugin.name}", parameter_types(kind, plugin)
+def _checked_params(
+    where: str, plugin: type[Any], hints: Mapping[str, Any], params: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Defaults of a plugin's parameters, or the values given instead, checked and converted."""
     try:
         defaults = field_defaults(plugin)
     except Exception as error:  # of a factory
         raise InputError(f"{where} cannot be built: {type(error).__name__}: {error}") from error
-    for key, value in defaults.items():
-        plain_value(where, key, value)
+    checked = {}
+    for key, value in {**defaults, **params}.items():
+        if key not in params:
+            plain_value(where, key, value)
         meant = check_parameter(where, key, value, hints[key])
-        if not isinstance(value, (str, tuple)):  # texts stay what they are, as if in quotes
-            defaults[key] = meant
-    return defaults
+        # Texts of defaults stay what they are, as if in quotes.
+        checked[key] = value if key not in params and isinstance(value, (str, tuple)) else meant
+    return checked
 
 
 def registered(kind: PluginKind, name: str) -> RegisteredPlugin:
@@ -307,38 +299,26 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
     """Import a plugin's class and check it against the contract."""
     where = f"{entry.kind} {entry.name!r} ({entry.target} of {entry.origin})"
     try:
-        plugin = _imported(entry)
+        with nullcontext() if entry.module in sys.modules else process_state_kept(at_import=True):
+            plugin = entry.load()
     except (Exception, SystemExit) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
-    name, columns = getattr(plugin, "name", None), getattr(plugin, "columns", None)
+    name: object = getattr(plugin, "name", None)
+    columns: Any = getattr(plugin, "columns", None)
+    is_described = isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)
     refusals = {
         "be a frozen dataclass": not is_frozen_dataclass(plugin),
         f"have a method {METHODS[entry.kind]!r}": not callable(getattr(plugin, METHODS[entry.kind], None)),
         f"have the class attribute name = {entry.name!r}, not {name!r}": name != entry.name,
+        'have a name that is a word without []()=," or spaces, and no number': not is_word(str(name)),
         "have the class attribute columns, a tuple of one or more isacbench.plugins.contracts.ScoreColumn of "
-        "different names": entry.kind == "metric" and not _describes_columns(columns),
+        "different names": entry.kind == "metric"
+        and not (is_described and 0 < len(columns) == len({one.name for one in columns})),
     }
     for wanted, is_refused in refusals.items():
         if is_refused:
             raise InputError(f"{where} must {wanted}")
-    if not is_word(entry.name):
-        raise InputError(f'{where}: its name must be a word without any of []()=," and spaces, and no number')
     return cast("type[Any]", plugin)
-
-
-def _describes_columns(columns: object) -> bool:
-    """Tell whether a metric describes one or more columns of different names."""
-    if not (isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)):
-        return False
-    return 0 < len(columns) == len({one.name for one in columns})
-
-
-def _imported(entry: RegisteredPlugin) -> Any:
-    """Import a plugin; a package leaves this process as it was."""
-    if entry.module in sys.modules or entry.version is None:
-        return entry.load()
-    with process_state_kept(at_import=True), redirect_stdout(sys.stderr):
-        return entry.load()
 
 
 def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:
@@ -354,27 +334,25 @@ def construct(kind: str, name: str, plugin: type[Any], params: Mapping[str, Any]
 
     Kind and name are those in messages.
     """
-    hints = parameter_types(kind, plugin)
-    checked = {}
-    for key, value in params.items():
+    where, hints = f"{kind} {name}", parameter_types(kind, plugin)
+    for key in params:
         if key not in hints:
-            raise unknown_name(f"parameter of {kind} {name}", key, hints)
-        checked[key] = check_parameter(f"{kind} {name}", key, value, hints[key])
-    checked = _checked_defaults(kind, plugin) | checked
+            raise unknown_name(f"parameter of {where}", key, hints)
+    checked = _checked_params(where, plugin, hints, params)
     if missing := [name for name in required_fields(plugin) if name not in checked]:
-        raise InputError(f"{kind} {name}: missing parameter {', '.join(missing)}")
+        raise InputError(f"{where}: missing parameter {', '.join(missing)}")
     try:
         return plugin(**checked)
     except ValueError as error:
-        raise InputError(f"{kind} {name}: {error}") from error
+        raise InputError(f"{where}: {error}") from error
     except Exception as error:
-        raise InputError(f"{kind} {name} cannot be built: {type(error).__name__}: {error}") from error
+        raise InputError(f"{where} cannot be built: {type(error).__name__}: {error}") from error
 
 
 def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
     """Check a value against the type of its field, and build nested detectors; `where` is for messages."""
     error: ValidationError
-    for none in (None, "none") if _has_none(value) else ("none",):
+    for none in (None, "none"):  # the word means no value where the field takes that
         try:
             return _adapter(hint).validate_python(_meant(value, hint, none))
         except ValidationError as refused:
@@ -391,22 +369,15 @@ def _adapter(hint: Any) -> TypeAdapter[Any]:
     return TypeAdapter(hint, config=config)
 
 
-def _has_none(value: Any) -> bool:
-    """Tell whether the word none is among values, which means no value where a field takes that."""
-    if isinstance(value, tuple) and not isinstance(value, Spec):
-        return any(map(_has_none, value))
-    return isinstance(value, str) and value == "none" and not isinstance(value, QuotedText)
-
-
 def _meant(value: Any, hint: Any, none: str | None) -> Any:
     """Value that a specification, the word none, or a number of NumPy stands for."""
     if isinstance(value, Spec):
         return get_detector(value.name, **value.params) if _takes_detectors(hint) else value
     if isinstance(value, tuple):
         return tuple(_meant(one, hint, none) for one in value)
-    if _has_none(value) and none is None:
-        return None
     if isinstance(value, str):
+        if value == "none" and none is None and not isinstance(value, QuotedText):
+            return None
         return get_detector(value) if _takes_detectors(hint) else str(value)
     return python_number(value)
 
@@ -438,8 +409,8 @@ def parameter_fields(plugin: Any) -> list[dataclasses.Field[Any]]:
 
 def required_fields(plugin: Any) -> list[str]:
     """List the fields of a dataclass that have no default."""
-    unset = [dataclasses.MISSING, dataclasses.MISSING]
-    return [one.name for one in parameter_fields(plugin) if [one.default, one.default_factory] == unset]
+    fields, missing = parameter_fields(plugin), dataclasses.MISSING
+    return [one.name for one in fields if one.default is missing and one.default_factory is missing]
 
 
 def field_defaults(plugin: Any) -> dict[str, Any]:
@@ -460,35 +431,21 @@ def parameter_types(kind: str, plugin: type[Any]) -> dict[str, Any]:
             f"{kind} {plugin.name}: the type of a parameter cannot be resolved ({error}): "
             "import it at run time, not under TYPE_CHECKING"
         ) from error
-    refuse_init_variables(kind, plugin)
     return {field.name: hints[field.name] for field in parameter_fields(plugin)}
-
-
-def refuse_init_variables(kind: str, plugin: type[Any]) -> None:
-    """Refuse a dataclass with values that its instances do not keep: no row could name them."""
-    for base in plugin.__mro__:
-        for key, hint in vars(base).get("__annotations__", {}).items():
-            if "InitVar" in str(hint):
-                raise InputError(
-                    f"{kind} {plugin.name}: {key} is an InitVar, which is not kept: make it a field"
-                )
 
 
 def plain_value(where: str, key: str, value: Any) -> Any:
     """Convert a parameter's value to types of JSON, or refuse it; plugin and key are for messages."""
     value = python_number(value)
-    if value is None or type(value) is bool or (type(value) is float and math.isfinite(value)):
+    if value is None or type(value) in (bool, int) or (type(value) is float and math.isfinite(value)):
         return value
-    if type(value) is int and value.bit_length() <= MOST_BITS:
-        return value
-    if type(value) in (str, QuotedText) and value.encode(errors="replace").decode() == value:
-        return str(value)  # without halves of characters, which no file can store
+    if type(value) in (str, QuotedText):
+        return str(value)
     if type(value) is tuple:
         return [plain_value(where, key, item) for item in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type) and isinstance(value, Detector):
         return {"name": value.name, **_plain_params(value)}
-    shown = hex(value) if type(value) is int else repr(value)  # decimal digits have a limit in Python
-    shown = " ".join(shortened(shown).split())
+    shown = shortened(" ".join(repr(value).split()))
     raise InputError(f"{where}: {key} = {shown}: allowed are {ALLOWED}")
 
 

@@ -23,7 +23,7 @@ from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Metric
 from isacbench.plugins.discovery import error_place
 from isacbench.plugins.registry import build_metric, canonical_params, python_number
-from isacbench.streams import plugin_output
+from isacbench.process_state import plugin_output
 
 PAPER = Paper.name
 """Metric that every row of a run is scored by."""
@@ -128,26 +128,21 @@ def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
         raise
     except Exception as error:
         place = error_place(error, type(metric).__module__)
+        what = f"score() raised {type(error).__name__}: {error}{f' ({place})' if place else ''}"
+        raise InputError(f"metric {metric.name}: {what}") from error
+    always = {column.name for column in metric.columns if ANY_KIND not in column.name}
+    if (always - found.keys()) | (found.keys() - known.keys()):
         raise InputError(
-            f"metric {metric.name}: score() raised {type(error).__name__}: {error}"
-            + f" ({place})" * bool(place)
-        ) from error
-    always = [column.name for column in metric.columns if ANY_KIND not in column.name]
-    missing, unknown = [name for name in always if name not in found], sorted(found.keys() - known.keys())
-    if missing or unknown:
-        told = f"without {', '.join(missing)}" if missing else f"with {', '.join(unknown)}"
-        raise InputError(
-            f"metric {metric.name}: score() returned scores {told}; allowed are those of its columns, "
-            f"{', '.join(known)}"
+            f"metric {metric.name}: score() returned the scores {', '.join(found)}; needed are those of its "
+            f"columns, {', '.join(known)}"
         )
-    return {name: _number(metric, name, found.get(name, math.nan)) for name in known}
-
-
-def _number(metric: Metric, name: str, value: object) -> float:
-    number = python_number(value)
-    if isinstance(number, bool) or not isinstance(number, (int, float)):
-        raise InputError(f"metric {metric.name}: score() returned {name} = {value!r}; allowed are numbers")
-    return number
+    for name, value in found.items():
+        found[name] = number = python_number(value)
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            raise InputError(
+                f"metric {metric.name}: score() returned {name} = {value!r}; allowed are numbers"
+            )
+    return {name: found.get(name, math.nan) for name in known}
 
 
 @lru_cache(maxsize=64)
@@ -175,11 +170,9 @@ class Metrics:
         """Build registered metrics, as ``name[param=value,...]``; none twice."""
         built = [build_metric(spec) for spec in specs]
         names = [PAPER, *(metric.name for metric in built)]
-        for number, name in enumerate(names):
-            if name in names[:number]:
-                raise InputError(
-                    f"metrics: {name!r} is listed twice" + (", it is always there" * (not number))
-                )
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"metrics: {name!r} is listed twice; {PAPER!r} is always there")
         return cls(tuple(built))
 
     def columns(self, kinds: Sequence[str]) -> dict[str, ScoreColumn]:
@@ -198,11 +191,8 @@ class Metrics:
     def described(self) -> dict[str, dict[str, Any]]:
         """``version`` and ``params`` by name, in terms of JSON."""
         return {
-            metric.name: {
-                "version": getattr(metric, "version", 1),
-                "params": json.loads(canonical_params(metric)),
-            }
-            for metric in self._all()
+            one.name: {"version": getattr(one, "version", 1), "params": json.loads(canonical_params(one))}
+            for one in self._all()
         }
 
     def _all(self) -> tuple[Metric, ...]:

@@ -209,22 +209,6 @@ def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(mon
         assert codes == [143]
 
 
-def test_a_termination_leaves_the_handlers_of_others_alone(monkeypatch):
-    def theirs(*_):
-        """Handle it as a plugin's library may."""
-
-    before = signal.signal(signal.SIGTERM, theirs)
-    try:
-        with Termination():
-            assert signal.getsignal(signal.SIGTERM) is theirs
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        with Termination():
-            signal.signal(signal.SIGTERM, theirs)
-        assert signal.getsignal(signal.SIGTERM) is theirs
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def test_a_run_from_python_installs_no_handler(plugins, tiny, monkeypatch):
     handlers = []
 

@@ -35,3 +35,14 @@ def test_cells_that_have_scores_but_no_gospa_are_told(records, told, monkeypatch
     shown = shown_of(pd.DataFrame(records), [], monkeypatch, capsys)
     assert told in shown
     assert ("gospa" in shown) == bool(told)
+
+
+@pytest.mark.parametrize("error", [PermissionError(13, "Permission denied", "a.toml"), KeyError("name")])
+def test_an_error_that_nobody_expected_is_one_line_too(command_line, monkeypatch, error):
+    def fail():
+        raise error
+
+    monkeypatch.setattr("isacbench.bench.suites.suite_kinds.catalogue", fail)
+    result = command_line("list")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == f"isacbench: {type(error).__name__}: {error}\n"

@@ -96,10 +96,13 @@ CALLS = [
     ("compare base new --markdown nowhere/x.md", "x.md: cannot be written: there is no folder nowhere"),
     ("compare base new --junit base", "base: cannot be written: is not a file"),
     ("compare base same --junit same/results.parquet", "is a table of a run and is not overwritten"),
-    ("compare base same --markdown one.md --junit ./one.md", "is named by two options"),
     ("rank scenes -e fft4d", "two estimators or more"),
     ("rank scenes --metric gopsa_m", "unknown score"),
-    ("simulate -s tiny.toml -o f.npy --precision half", "--precision 'half': allowed are single and double"),
+    (
+        "simulate -s tiny.toml -o f.npy --precision half",
+        "unknown precision 'half'",
+        "allowed are single, double",
+    ),
 ]
 
 

@@ -16,7 +16,7 @@ from isacbench.specifications import parse_spec, spell_spec, spell_value
 
 PLUGIN = """
 import enum
-from dataclasses import InitVar, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -97,10 +97,7 @@ REFUSED = [
     ("bytes", "b'a'"),
     ("Window", "Window()"),
     ("Detector", "Window()"),
-    ("str", "'\\udcff'"),
     ("int", "2.5"),
-    ("int", "10**5000"),
-    ("InitVar[int]", "1"),
     ("int", "field(default_factory=lambda: 1 // 0)"),
 ]
 
@@ -179,7 +176,7 @@ def test_one_broken_package_does_not_empty_the_list(plugin_folder):
 def test_a_name_that_no_command_can_spell_is_refused(write_plugin, name):
     source = PLUGIN.replace("HINT", "int").replace("VALUE", "1")
     load_plugin_file(write_plugin("typed.py", source.replace('"typed"', repr(name))))
-    with pytest.raises(ValueError, match="must be a word"):
+    with pytest.raises(ValueError, match="a name that is a word"):
         describe_plugin("estimator")
 
 

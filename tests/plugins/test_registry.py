@@ -1,5 +1,4 @@
 import json
-import shutil
 
 import pytest
 
@@ -46,14 +45,6 @@ def test_names_of_installed_plugins_are_listed_in_order(plugins):
     assert {"blob", "seer", "trouble"} <= set(names)
     assert names == sorted(names)
     assert "level" in detector_names()
-
-
-def test_what_is_installed_or_removed_meanwhile_is_known_at_once(plugin_folder):
-    assert "late" not in estimator_names()
-    plugin_folder.install("late-plugins", MINIMAL, estimators={"late": "Good"})
-    assert entries("estimator")["late"].origin == "late-plugins 1.0"
-    shutil.rmtree(plugin_folder.path / "late_plugins-1.0.dist-info")
-    assert "late" not in estimator_names()
 
 
 def test_what_sees_the_truth_is_told_by_name(plugins):

@@ -38,7 +38,7 @@ from isacbench.plugins.contracts import Estimator, ReferenceEstimator, TruthEsti
 from isacbench.plugins.discovery import error_place
 from isacbench.plugins.registry import canonical_params
 from isacbench.plugins.scoring import PAPER_ALONE, Metrics
-from isacbench.streams import plugin_output
+from isacbench.process_state import plugin_output
 
 
 def seed_global_generators(*key: object) -> None:

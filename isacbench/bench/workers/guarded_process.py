@@ -29,8 +29,6 @@ from multiprocessing.process import BaseProcess
 from threading import Event, Lock, Thread
 from typing import Any, Literal, Self, TypeVar, cast
 
-from isacbench.streams import lent_streams
-
 PRELOADED = "isacbench.bench.workers.worker"
 """Module that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
 
@@ -293,6 +291,7 @@ def _serve(calls: Connection) -> None:
     os.setsid()  # a group of its own, so that what plugins start ends with it
     with suppress(OSError):
         os.dup2(2, 1)  # standard output is the caller's, whatever a plugin or a library in C prints
+    sys.stdout = sys.stderr
     current_process().daemon = False  # a plugin may have processes of its own
     # The process server blocks SIGTERM; a plugin and the processes that it starts get the default back.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -301,7 +300,6 @@ def _serve(calls: Connection) -> None:
     _answer(calls)
 
 
-@lent_streams()  # a lost terminal or a full disk fails no code that prints
 def _answer(calls: Connection) -> None:
     """Call functions as they come, and answer with their results or exceptions."""
     process_id = os.getpid()

@@ -17,7 +17,6 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from contextvars import copy_context
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
@@ -132,8 +131,7 @@ def rows_guarded(
             for worker in workers:
                 idle.put(worker)
             for piece in pieces(blocks, PIECES_A_WORKER * len(workers)):
-                # The plugin files that are registered for this thread alone are packed in that one.
-                threads.submit(copy_context().run, work_off, piece)
+                threads.submit(work_off, piece)
             for _ in range(sum(len(block.entries) for block in blocks)):
                 row = done.get()
                 if isinstance(row, BaseException):

@@ -206,7 +206,7 @@ def test_rows_of_other_versions_are_refused_or_stay_beside_new_ones_or_are_made_
 ):
     wreck.write_text(wreck.read_text() + "\n# Another version.\n")
     with isolated_plugins():
-        discovery._within.get().clear()
+        discovery._files.clear()
         load_plugin_file(wreck)
         with pytest.raises(
             InputError, match=r"12 of its 12 cells were made by other versions.*wreck\.py digest"

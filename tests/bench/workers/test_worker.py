@@ -5,7 +5,6 @@ import os
 import time
 import warnings
 from concurrent.futures import CancelledError
-from contextvars import Context
 from multiprocessing import active_children
 from pathlib import Path
 from queue import SimpleQueue
@@ -24,7 +23,7 @@ from isacbench.bench.workers import worker as worker_module
 from isacbench.bench.workers.cell import Limits
 from isacbench.bench.workers.worker import Worker, rows_guarded
 from isacbench.errors import InputError, InputWarning
-from isacbench.plugins.discovery import load_plugin_file, local_plugins
+from isacbench.plugins.discovery import load_plugin_file
 
 SLOW = pytest.mark.slow
 
@@ -243,7 +242,6 @@ def test_a_plugin_that_breaks_in_workers_alone_ends_the_run_with_one_message(
     suite = Suite(name="test", scenarios=[str(tiny)], estimators=["homebody"], snr_db=[0], trials=3)
     with pytest.raises(InputError, match=message):
         run_suite(suite, tmp_path / "run", options=RunOptions(jobs=2))
-    assert Context().run(local_plugins) == ()  # other threads know nothing of the file
 
 
 @SLOW
