@@ -239,17 +239,22 @@ def text_table(
     return Table(title, columns, [dict(enumerate(row)) for row in rows], is_detail)
 
 
-def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]) -> list[dict[Any, Any]]:
+def spread_rows(
+    table: pd.DataFrame,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    form: Callable[[dict[Any, Any]], Any] = lambda record: record,
+) -> list[dict[Any, Any]]:
     """Turn a summary into rows of a table.
 
     Each has the values of the columns `rows`, and by the values of the columns `columns`, a tuple, the
-    records of the summary.
+    records of the summary, or what `form` makes of them.
     """
     found: dict[tuple[Any, ...], dict[Any, Any]] = {}
     for record in table.to_dict("records"):
         key = tuple(record[name] for name in rows)
         row = found.setdefault(key, dict(zip(rows, key, strict=True)))
-        row[tuple(record[name] for name in columns)] = record
+        row[tuple(record[name] for name in columns)] = form(record)
     return list(found.values())
 
 
@@ -258,16 +263,15 @@ def tables_of_columns(
     first: Sequence[Column],
     rows: Sequence[Mapping[Any, Any]],
     headings: Mapping[Any, str],
-    form: Callable[[Any], str],
     n_columns: int,
 ) -> list[Table]:
     """Tabulate rows as `spread_rows` gives them: some first columns, then at most `n_columns` a table.
 
-    Those are named by their keys in the rows and have their headings and a form in common.
+    Those are named by their keys in the rows.
     """
     found = []
     for keys in batched(headings, n_columns):
-        columns = [Column(headings[key], key, form, part=part) for part, key in enumerate(keys, start=1)]
+        columns = [Column(headings[key], key, part=part) for part, key in enumerate(keys, start=1)]
         found.append(Table(title, [*first, *columns], rows))
     return found
 

@@ -143,7 +143,7 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
     n_trials, scenario = int(part["n_trials"].max()), part["scenario"].iloc[0]
     note = "one trial"
     if n_trials > 1:
-        trials = statistics.trials_and_band(n_trials, "interval")
+        trials = statistics.trials_and_band(n_trials)
         note = f"mean Hausdorff sum over median processor time of {trials}"
     snrs_db = shown_snrs(part["snr_db"].tolist())
     shown = part[part["snr_db"].isin(snrs_db)]

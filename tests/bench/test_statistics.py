@@ -1,12 +1,13 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binom, binomtest, chi2, multinomial
 
 from isacbench.bench.statistics import (
+    deviation_columns,
     exact_interval,
-    mean_band,
     median_interval,
     rms_interval,
     share_columns,
@@ -40,10 +41,11 @@ def test_the_interval_covers_the_truth_as_often_as_it_promises(draw):
 @pytest.mark.parametrize(("n", "has_band"), [(2, False), (4, False), (5, True), (12, True)])
 def test_five_trials_are_needed_for_any_band(n, has_band):
     values = np.arange(1.0, n + 1)
-    halves = [mean_band(values)[1], float(student_band(1.0, n))]
+    mean, band = deviation_columns(pd.DataFrame({"deviation": values})).values()
+    halves = [band, float(student_band(1.0, n))]
     limits = [*rms_interval(values)[1:], *[*share_columns("p", 1, 1000 * n, n_trials=n).values()][1:]]
     assert [math.isfinite(number) for number in halves + limits] == [has_band] * 6
-    assert mean_band(values)[0] == (n + 1) / 2
+    assert mean == (n + 1) / 2
     assert rms_interval(values)[0] > 0
 
 

@@ -103,7 +103,7 @@ class DetectionKind(Kind):
         **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),
     }
 
-    def scenes(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
+    def tasks(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
         alone, behind = _entries(_alone(suite, detectors)), _entries(_behind(suite, detectors))
@@ -138,8 +138,8 @@ class DetectionKind(Kind):
                 title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
                 form, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT)
-            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), form, n_columns)
+            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT, form)
+            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), n_columns)
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -173,7 +173,7 @@ def _map_charts(summary: pd.DataFrame) -> list[ChartGroup]:
         above.append(Chart(str(name), x, DETECTED_AXIS, [*series, limit]))
         series = charts.line_series(own, lines, "snr_gain_db", "false", "pfa_measured")
         below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
-    trials = statistics.trials_and_band(int(part["n_cells"].max()))
+    trials = statistics.trials_and_band(part["n_cells"].max())
     title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials}"
     over_snr = ChartGroup("maps", title, [*above, *below], n_columns=len(above))
     return [over_snr, _roc_charts(summary, lines)]
@@ -210,7 +210,7 @@ def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
         Chart("Cells far from scatterers", snr, _false_axis(part), false, lines=rates),
     ]
     behind = f"{', '.join(part['estimator'].unique())} behind each detector"
-    title = f"{name}: {behind}; {statistics.trials_and_band(int(part['n_cells'].max()))}"
+    title = f"{name}: {behind}; {statistics.trials_and_band(part['n_cells'].max())}"
     return ChartGroup(f"detection-{stem}", title, panels)
 
 

@@ -69,7 +69,7 @@ class EfficiencyKind(Kind):
     }
     better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
-    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
+    def tasks(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario: one scatterer in its region."""
         entries, found = build_estimators(suite), []
         for scenario in scenarios.values():
@@ -101,7 +101,7 @@ class EfficiencyKind(Kind):
         ]
         for key, part in summary.groupby(CURVE, sort=False):
             scenario, name, params = map(str, key)
-            band = statistics.trials_and_band(int(part["n_trials"].max()), "interval")
+            band = statistics.trials_and_band(part["n_trials"].max())
             title = f"{scenario}, {labels[name, params]}: error over Cramér-Rao bound, {band}"
             found.append(Table(title + times.get(key, ""), columns, part.sort_values("snr_gain_db")))
         return found
@@ -125,7 +125,7 @@ class EfficiencyKind(Kind):
             top = max(1.06 * float(part["false"].max()), FEWEST_FALSE)
             axis = Axis("number a trial", limits=(-0.03 * top, top))
             false = Chart("False points", SNR_AXIS, axis, over_snr("false"))
-            trials = statistics.trials_and_band(int(part["n_trials"].max()))
+            trials = statistics.trials_and_band(part["n_trials"].max())
             title = f"{scenario}: one scatterer, errors where it was found; {trials}"
             panels = [*errors, missed, *ratios, false]
             found.append(ChartGroup(f"efficiency-{stem}", title, panels, n_columns=5))

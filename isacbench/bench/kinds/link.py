@@ -139,7 +139,7 @@ class LinkKind(Kind):
         **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
     }
 
-    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Task]:
+    def tasks(self, suite: LinkSuite, scenarios: Scenarios) -> list[Task]:
         """Plan every scenario with every signal, and every channel with every modulation.
 
         What would fail in every cell is refused.
@@ -188,8 +188,8 @@ class LinkKind(Kind):
                 f"{statistics.trials_and_band(int(part['n_cells'].max()), 'interval')}{times.get(key, '')}"
             )
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL)
-            found += charts.tables_of_columns(title, first, lines, headings, deviation_text, SIGNALS_A_TABLE)
+            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL, deviation_text)
+            found += charts.tables_of_columns(title, first, lines, headings, SIGNALS_A_TABLE)
         labels, outside = receiver_labels(received), outside_interval(received)
         for key, part in received.groupby(["channel", *VARIANT], sort=False):
             channel, name, params = map(str, key)
@@ -198,10 +198,10 @@ class LinkKind(Kind):
                 f"{counted(part['n_cells'].max(), 'frame')}"
             ) + _counts_text(outside.reindex(part.index).dropna())
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], ["modulation"])
-            found += charts.tables_of_columns(
-                title, first, lines, headings, _reception_text, MODULATIONS_A_TABLE
+            lines = charts.spread_rows(
+                part.sort_values("snr_db"), ["snr_db"], ["modulation"], _reception_text
             )
+            found += charts.tables_of_columns(title, first, lines, headings, MODULATIONS_A_TABLE)
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -222,7 +222,7 @@ class LinkKind(Kind):
                 images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, deviation, series))
             title = (
                 f"{template}: bit errors of the user, and deviations of the image; "
-                f"{statistics.trials_and_band(int(summary['n_cells'].max()))}"
+                f"{statistics.trials_and_band(summary['n_cells'].max())}"
             )
             n_columns = max(len(errors), 1) if len(errors) <= 4 else 3
             found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], n_columns, PANEL_IN))

@@ -83,7 +83,7 @@ class ResolutionKind(Kind):
         **dict.fromkeys([*SNR_GAIN, "separation_cells", "phase_deg"], "neither"),
     }
 
-    def scenes(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagingTask]:
+    def tasks(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one scene a scenario, dimension, distance and relative phase."""
         entries, found = build_estimators(suite), []
         pairs = product(suite.dimensions, suite.separations_cells, suite.phases_deg)
@@ -111,9 +111,9 @@ class ResolutionKind(Kind):
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Share of pairs that were found, estimators over dimension and distance: a table a place and SNR."""
         labels, found = kind.labels_of(rows), kind.number_tables(rows)
-        times = statistics.median_times(rows, [*PLACE, *VARIANT])[f"{statistics.TIME}_median"]
+        times_s = statistics.median_times(rows, [*PLACE, *VARIANT])[f"{statistics.TIME}_median"]
         columns = [
-            Column("pairs: differ in", "heading", part=0),
+            Column("pairs: differ in", "dimension", part=0),
             Column("distance: cells", "separation_cells", "{:g}", part=0),
         ]
         for key, part in self.summary(rows).groupby(PLACE, sort=False):
@@ -121,16 +121,11 @@ class ResolutionKind(Kind):
                 f"{key[0]}, {key[1]:.4g} dB after gain: share of pairs found, over all relative phases / "
                 f"at the worst one; {statistics.time_words(rows)}"
             )
-            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT)
-            for line, before in zip(lines, [{}, *lines], strict=False):
-                # A dimension is named where its rows start.
-                line["heading"] = "" if line["dimension"] == before.get("dimension") else line["dimension"]
+            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT, _shares_text)
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
-            times_s = {one: {"time_s": times.get((*key, *one), math.nan)} for one in headings}
-            lines.append({"heading": "time [ms]", **times_s})
-            found += charts.tables_of_columns(
-                title, columns, lines, headings, _shares_text, ESTIMATORS_A_TABLE
-            )
+            texts = {one: f"{1e3 * times_s[*key, *one]:.1f}" for one in headings if (*key, *one) in times_s}
+            lines.append({"dimension": "time [ms]"} | texts)
+            found += charts.tables_of_columns(title, columns, lines, headings, ESTIMATORS_A_TABLE)
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -151,7 +146,7 @@ class ResolutionKind(Kind):
                     panels.append(Chart(TITLES[str(name)], x, y, series))
                 title = (
                     f"{template}: two equal scatterers, each found within half their distance, "
-                    f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(int(part['n_trials'].max()))}"
+                    f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(part['n_trials'].max())}"
                 )
                 suffix = f"-{snr_db:g}dB" if summary["snr_gain_db"].nunique() > 1 else ""
                 found.append(ChartGroup(f"resolution-{stem}{suffix}", title, panels))
@@ -203,9 +198,7 @@ def measure_resolution(dimension: Dimension, image: Image) -> dict[str, Any]:
 
 
 def _shares_text(entry: Mapping[Any, Any]) -> str:
-    """Share of resolved pairs, mean and worst phase, and what failed; or the time of an image."""
-    if "time_s" in entry:
-        return charts.number_or_blank(1e3 * entry["time_s"], "{:.1f}")
+    """Share of resolved pairs, mean and worst phase, and what failed."""
     return charts.with_failures(f"{entry['resolved']:.2f} / {entry['resolved_worst']:.2f}", entry["n_failed"])
 
 

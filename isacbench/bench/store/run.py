@@ -209,7 +209,7 @@ class Run(Displayed):
         """Scenes that were imaged, by name; no synthetic maps and no users of a link."""
         suite = self.scenes.suite
         bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
-        scenes = kind_of(suite).scenes(suite.model_copy(update=bare), self.scenarios)
+        scenes = kind_of(suite).tasks(suite.model_copy(update=bare), self.scenarios)
         return {scene.name: scene for scene in scenes if isinstance(scene, ImagingTask)}
 
     def changed(self, **changes: Any) -> Run:

@@ -104,7 +104,7 @@ def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
     # Every estimator has a table, whose title ends with the median time of cells that did not fail.
     records["time_estimate_s"] = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
     seer, failed, empty = EfficiencyKind().tables(records)
-    start = "room, seer: error over Cramér-Rao bound, 3 trials, no confidence interval below 5; "
+    start = "room, seer: error over Cramér-Rao bound, 3 trials, no confidence band below 5; "
     assert seer.title.startswith(start)
     time_ms = 1e3 * records[records["estimator"] == "seer"]["time_estimate_s"].median()
     assert seer.title.endswith(f"time (not measured alone) {time_ms:.1f} ms")

@@ -152,7 +152,7 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
     assert [row[0] for row in imaged.texts] == ["0", "60"]
     assert imaged.title.startswith(
         "tiny, blob: mean imaging deviation by what is sensed with, 2 trials, "
-        "no confidence interval below 5; median processor time "
+        "no confidence band below 5; median processor time "
     )
     assert not any("±" in text for row in imaged.texts for text in row[1:])
     assert known.title.startswith("awgn, channel known: bit error rate")

@@ -9,10 +9,11 @@ from isacbench.bench.kinds import population
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
     ALL,
-    CHART_SCORES,
+    IN_CHARTS,
+    IN_TABLES,
     LARGEST_RATIO,
-    TABLE_SCORES,
-    TARGET_SCORES,
+    OWN_SCORES,
+    TARGETS,
     PopulationKind,
     PopulationSuite,
     near_chance,
@@ -23,7 +24,7 @@ from isacbench.bench.kinds.population import (
 )
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.statistics import mean_band, median_interval
+from isacbench.bench.statistics import deviation_columns, median_interval
 from isacbench.model.scenes.scenario import load_scenario
 
 
@@ -44,7 +45,9 @@ def test_means_and_medians_are_over_scenes_and_not_over_cells(population_rows):
     found = entry(summarise_population(pd.concat([rows, more], ignore_index=True)))
     assert found["n_scenes"] == 8
     assert found["n_cells"] == 18
-    assert (found["gospa_m_mean"], found["gospa_m_band"]) == pytest.approx(mean_band(errors))
+    assert (found["gospa_m_mean"], found["gospa_m_band"]) == pytest.approx(
+        tuple(deviation_columns(pd.DataFrame({"deviation": errors})).values())
+    )
     median = [found[f"ratio_{name}"] for name in ("median", "low", "high")]
     assert median == pytest.approx(median_interval(errors / 2))
     quartiles = [found["ratio_q25"], found["ratio_q75"]]
@@ -128,15 +131,11 @@ def part(**scores):
     """Rows of a summary in which all is equal but what is given for blob, nomp4d, esprit2d and chance."""
     names = ["blob", "nomp4d", "esprit2d", "chance"]
     table = pd.DataFrame({"estimator": names, "sees_truth": [False, False, False, True]})
-    for one in TABLE_SCORES:
-        table[one.column] = [0.3, 0.5, 0.9, 0.0] if one.is_higher_better else [1.0, 2.0, 3.0, 100.0]
+    for name in (*IN_TABLES, "deviation"):
+        is_higher_better = OWN_SCORES[name].is_higher_better
+        column = f"{name}_{'median' if name == 'ratio' else 'mean'}"
+        table[column] = [0.3, 0.5, 0.9, 0.0] if is_higher_better else [1.0, 2.0, 3.0, 100.0]
     return table.assign(family=ALL, frame=ALL, phases=ALL, snr_db=np.nan, **scores)
-
-
-def near(table):
-    """Numbers in which a baseline comes near, the same in all rows."""
-    (names,) = set(near_chance(table))
-    return json.loads(names)
 
 
 @pytest.mark.parametrize(
@@ -153,14 +152,14 @@ def near(table):
 def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on(column, chance, is_near):
     table = part()
     table.loc[3, column] = chance
-    assert near(table) == ([column] if is_near else [])
+    assert near_chance(table) == ([column] if is_near else [])
 
 
 def test_the_better_one_of_chance_and_no_point_at_all_counts_and_without_both_nothing_is_near():
     empty = part().iloc[3:].assign(estimator="empty", n_false_mean=0.0)
-    assert near(pd.concat([part(), empty], ignore_index=True)) == ["n_false_mean"]
-    assert near(part()) == near(part(ratio_median=np.nan)) == []
-    assert near(part().query("estimator != 'chance'")) == []
+    assert near_chance(pd.concat([part(), empty], ignore_index=True)) == ["n_false_mean"]
+    assert near_chance(part()) == near_chance(part(ratio_median=np.nan)) == []
+    assert near_chance(part().query("estimator != 'chance'")) == []
 
 
 def test_the_summary_marks_families_where_chance_comes_near(population_rows):
@@ -188,17 +187,18 @@ def test_what_is_printed_has_references_below_and_details_are_for_the_file(recor
     printed = [table for table in tables if not table.is_detail]
     assert [table.title.partition(",")[0] for table in printed] == [
         "All scenes",
+        "sparse",
         "Median ratio by family",
         "Median ratio by frame and phases",
-        "Targets of sparse",
     ]
-    # Every family and all together at both SNRs, the families also over both; and the targets at each.
-    assert len(tables) - len(printed) == 4 * 2 + 3 + 2
-    means, ratios, *_ = printed
+    # Every family and all together at both SNRs, the families also over both.
+    assert len(tables) - len(printed) == 4 * 2 + 2
+    means, targets, ratios, _ = printed
     names = [row[0] for row in means.texts]
     assert names[:2] == ["blob", "nomp4d"]
     assert set(names[2:]) >= {"oracle (ref.)"}
     assert means.texts[1][1:3] == ["1.50", "3.00 ±0.00"]
+    assert {one.name for one in TARGETS.values()} <= {one.removesuffix(" †") for one in targets.headings}
     assert ratios.headings == ["estimator", "town", "crowd"]
     assert ratios.texts[0] == ["blob", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
 
@@ -222,12 +222,12 @@ def test_failed_cells_are_counted_and_an_interrupted_population_has_tables_of_wh
     titles = [table.title.partition(":")[0] for table in tables]
     assert f"crowd, {records['snr_db'].min():g} dB" in titles
     assert f"crowd, {records['snr_db'].max():g} dB" not in titles
-    assert "(16 failed)" in tables[0].texts[0][1]
+    assert (tables[0].headings[-2], tables[0].texts[0][-2]) == ("failed: cells", "16")
     # Where all failed, there are no numbers.
     records[records.select_dtypes("float").columns.difference(["snr_db"])] = np.nan
     table = PopulationKind().tables(records.assign(status="error"))[0]
-    assert table.headings[:2] == ["estimator", "Hausdorff [m]"]
-    assert all("failed" in row[1] for row in table.texts)
+    assert table.headings[:2] == ["estimator", "failed: cells"]
+    assert all(int(row[1]) for row in table.texts)
 
 
 KIND = PopulationKind()
@@ -276,7 +276,7 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
     assert (ratios.stem, scores.n_columns) == ("ratios", 4)
     panels = np.reshape(np.array(scores.charts, dtype=object), (-1, 4))
     assert [chart.title for chart in panels[0]] == ["all scenes", "town", "crowd", "sparse"]
-    axes = [one.axis for one in CHART_SCORES]
+    axes = [OWN_SCORES[name].name for name in IN_CHARTS]
     assert [chart.y.title for chart in panels[:, 0]] == axes
     assert list(panels[0, 1].series[0].y) == pytest.approx([2.75, 2.75])
     assert not panels[0, 3].series
@@ -289,13 +289,13 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
 def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
     drawn.loc[drawn["family"] == "sparse", "n_false"] = 2
     targets = KIND.charts(drawn)[-1]
-    assert [chart.y.title for chart in targets.charts] == [one.axis for one in TARGET_SCORES]
+    assert [chart.y.title for chart in targets.charts] == [one.name for one in TARGETS.values()]
     assert list(targets.charts[0].series[0].y) == [2, 2]
-    assert targets.title == "sparse: means over 8 scenes, 95 % confidence bands"
+    assert targets.title == "sparse: means over 8 scenes, 95 % confidence band"
 
 
 def test_without_an_oracle_there_are_no_ratios(population_rows):
     rows = population_rows(["town"], n_scenes=2, a=2.0, b=3.0)
     (scores,) = KIND.charts(rows)
     assert scores.stem == "scores"
-    assert "bands" not in scores.title
+    assert "no confidence band" in scores.title
