@@ -12,8 +12,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -21,7 +20,6 @@ from typing import Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
-from scipy.special import bdtr, bdtrc
 
 from isacbench import charts
 from isacbench.bench import statistics
@@ -56,9 +54,6 @@ IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
 
-FAMILY_CONFIDENCE = 0.99
-"""Confidence of the interval that all counts of bit errors of a run are compared with together."""
-
 SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
 DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
 KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
@@ -72,6 +67,7 @@ LOWEST_BER = 1e-6
 
 TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
 SNR_AXIS = Axis("SNR of a resource element [dB]")
+DEVIATION = Axis("imaging deviation", log=True)
 PANEL_IN = 3.1, 2.5
 
 
@@ -148,19 +144,21 @@ class LinkKind(Kind):
             raise InputError(
                 "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
             )
-        entries = scenes.build_estimators(suite)
-        found: list[Task] = []
+        entries, systems = scenes.build_estimators(suite), {}
         for scenario in scenarios.values():
             scenario.require_default("a suite of the kind link", "noise", "mimo")
-            found += _signal_scenes(suite, scenario, entries)
-        (first, scenario), *others = scenarios.items()
-        for name, other in others:
-            if other.system != scenario.system:
-                raise InputError(
-                    f"scenarios: {first!r} and {name!r} have different systems; a suite of the kind link "
-                    "takes scenarios of one system, whose frame the user receives"
-                )
-        return [*found, *_user_scenes(suite, scenario.system)]
+            systems[scenario.name] = scenario.system
+        (first, system), *others = systems.items()
+        if unlike := [name for name, other in others if other != system]:
+            raise InputError(
+                f"scenarios: {first!r} and {unlike[0]!r} have different systems; a suite of the kind link "
+                "takes scenarios of one system, whose frame the user receives"
+            )
+        sensed = [
+            _sensing_task(suite, scenario, entries, name, signal)
+            for scenario, (name, signal) in product(scenarios.values(), signals_of(suite).items())
+        ]
+        return [*sensed, *_reception_tasks(suite, system)]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
@@ -177,30 +175,27 @@ class LinkKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Deviations of every scenario and estimator, and bit error rates of every channel and receiver."""
-        summary = self.summary(rows)
+        summary = self.summary(rows).sort_values("snr_db", kind="stable")
         sensed, received = summary[summary["channel"] == ""], summary[summary["channel"] != ""]
         times, labels = statistics.time_notes(rows, IMAGED), kind.labels_of(sensed)
         found, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
         for key, part in sensed.groupby(IMAGED, sort=False):
-            template, name, params = map(str, key)
+            template, *variant = key
             title = (
-                f"{template}, {labels[name, params]}: mean imaging deviation by what is sensed with, "
-                f"{statistics.trials_and_band(int(part['n_cells'].max()), 'interval')}{times.get(key, '')}"
+                f"{template}, {labels[tuple(variant)]}: mean imaging deviation by what is sensed with, "
+                f"{statistics.trials_and_band(part['n_cells'].max())}{times.get(key, '')}"
             )
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL, deviation_text)
+            lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
             found += charts.tables_of_columns(title, first, lines, headings, SIGNALS_A_TABLE)
-        labels, outside = receiver_labels(received), outside_interval(received)
-        for key, part in received.groupby(["channel", *VARIANT], sort=False):
-            channel, name, params = map(str, key)
+        labels = receiver_labels(received)
+        for (channel, *variant), part in received.groupby(["channel", *VARIANT], sort=False):
             title = (
-                f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
+                f"{channel}, {labels[tuple(variant)]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
                 f"{counted(part['n_cells'].max(), 'frame')}"
-            ) + _counts_text(outside.reindex(part.index).dropna())
-            headings = {(name,): name.upper() for name in part["modulation"].unique()}
-            lines = charts.spread_rows(
-                part.sort_values("snr_db"), ["snr_db"], ["modulation"], _reception_text
             )
+            headings = {(name,): name.upper() for name in part["modulation"].unique()}
+            lines = charts.spread_rows(part, ["snr_db"], ["modulation"], _reception_text)
             found += charts.tables_of_columns(title, first, lines, headings, MODULATIONS_A_TABLE)
         return found
 
@@ -215,17 +210,17 @@ class LinkKind(Kind):
         ]
         labels, found = kind.labels_of(sensed), []
         for template, stem, part in kind.title_stems(sensed, "template"):
-            deviation = Axis("imaging deviation", log=bool((part["deviation_mean"] > 0).any()))
-            images = []
-            for variant in charts.variants_in(part):
-                series = _signal_series(charts.rows_of(part, variant))
-                images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, deviation, series))
+            images = [
+                Chart(
+                    f"Image by {labels[one]}", SNR_AXIS, DEVIATION, _signal_series(charts.rows_of(part, one))
+                )
+                for one in charts.variants_in(part)
+            ]
             title = (
                 f"{template}: bit errors of the user, and deviations of the image; "
                 f"{statistics.trials_and_band(summary['n_cells'].max())}"
             )
-            n_columns = max(len(errors), 1) if len(errors) <= 4 else 3
-            found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], n_columns, PANEL_IN))
+            found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], len(errors) or 1, PANEL_IN))
             if len(received):
                 found.append(_trade_charts(template, stem, part, received, labels))
         return found
@@ -273,26 +268,22 @@ def _trade_charts(
 ) -> ChartGroup:
     """Imaging deviation over the bit rate at the same SNR behind the first channel, a chart an estimator."""
     channel = received["channel"].iloc[0]
-    of_channel = received[received["channel"] == channel]
-    receiver = charts.variants_in(of_channel)[-1]
-    rates = charts.rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
-    panels = []
+    receiver, label = list(receiver_labels(received).items())[-1]
+    rates = charts.rows_of(received[received["channel"] == channel], receiver)
+    rates, panels = rates[["modulation", "snr_db", "rate_bps"]], []
     for variant in charts.variants_in(sensed):
-        series, top = [], 0.0
-        for key, rows in _trade_points(charts.rows_of(sensed, variant), rates).groupby(SIGNAL, sort=False):
+        points, series = _trade_points(charts.rows_of(sensed, variant), rates), []
+        for key, rows in points.groupby(SIGNAL, sort=False):
             sensing, _, division = key
             is_named = sensing != "prs" and division in ("", "reciprocal")
             texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]] if is_named else []
             x, y = rows["rate_bps"] / 1e9, rows["deviation_mean"]
             series.append(Series(signal_label(key), x, y, style=_signal_style(key), texts=texts))
-            top = max(top, float(y.fillna(0.0).max()))
+        top = max([0.0, *points["deviation_mean"].dropna()])
         axis = Axis("imaging deviation", limits=(0.0, 1.06 * top or 1.0))
         rate = Axis("achievable bit rate [Gbit/s]")
         panels.append(Chart(f"Image by {labels[variant]}", rate, axis, series))
-    title = (
-        f"{template}: image against bit rate behind {channel}, {receiver_labels(received)[receiver]}; "
-        "numbers are SNRs in dB"
-    )
+    title = f"{template}: image against bit rate behind {channel}, {label}; numbers are SNRs in dB"
     return ChartGroup(f"trade-{stem}", title, panels, panel_in=PANEL_IN)
 
 
@@ -329,15 +320,6 @@ def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
     }
 
 
-def _counts_text(outside: pd.Series[bool]) -> str:
-    """Say whether counts of errors are as expected; empty where nothing is known to expect."""
-    if outside.empty:
-        return ""
-    if not outside.any():
-        return "; all counts of errors within the family-wise 99 % interval"
-    return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
-
-
 def _reception_text(entry: Mapping[Any, Any]) -> str:
     """Bit error rate beside the expected one, EVM and rate; and what failed."""
     if math.isnan(entry["ber"]):
@@ -352,27 +334,6 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     broken = failed(part)
     of_kind = _received if part["channel"].iloc[0] else _imaged
     return {"n_cells": len(part), "n_failed": int(broken.sum()), **of_kind(part[~broken])}
-
-
-def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
-    """Mark the counts of bit errors that lie outside the family-wise interval of what was expected.
-
-    Of receivers that know the channel: given the fade, errors of bits are those of the closed form, and
-    nearly independent. The family is all their counts. The interval is that of the binomial distribution with
-    Šidák's level for 99 % of the family. Over several fades the expected rate is a mean: counts then vary
-    less than binomially, and the interval errs by being wide.
-    """
-    received = summary[summary["channel"] != ""]
-    if received.empty:  # of a suite without channels there are no columns of bits
-        return pd.Series(index=received.index, dtype=np.bool_)
-    knows = received["params"].map(lambda params: json.loads(params).get("knowledge") == "perfect")
-    known = received[knows & (received["n_bits"] > 0)]
-    n_bits, n_errors = (known[name].to_numpy(dtype=np.int64) for name in ("n_bits", "n_bit_errors"))
-    expected = known["ber_expected"].to_numpy()
-    level = (1 - FAMILY_CONFIDENCE ** (1 / max(len(known), 1))) / 2
-    as_few = bdtr(n_errors, n_bits, expected)
-    as_many = np.where(n_errors > 0, bdtrc(n_errors - 1, n_bits, expected), 1.0)
-    return pd.Series((as_few < level) | (as_many < level), index=known.index)
 
 
 def _imaged(part: pd.DataFrame) -> dict[str, float]:
@@ -476,22 +437,23 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
     return signals
 
 
-def _signal_scenes(
-    suite: LinkSuite, scenario: Scenario, entries: Sequence[Entry[Any]]
-) -> Iterator[ImagingTask]:
-    """A scenario with every signal."""
-    for short, signal in signals_of(suite).items():
-        labels = {
-            "template": scenario.name,
-            "modulation": "" if signal.sensing == "prs" else signal.modulation,
-            "sensing": signal.sensing,
-            "division": "" if signal.has_unit_modulus else signal.division,
-        }
-        name, simulator = f"{scenario.name}-{short}", partial(SignalSimulator, signal=signal)
-        yield ImagingTask(suite, scenario, entries, name=name, simulator=simulator, labels=labels)
+def _sensing_task(
+    suite: LinkSuite, scenario: Scenario, entries: Sequence[Entry[Any]], name: str, signal: Signal
+) -> ImagingTask:
+    """Task of a scenario with a signal."""
+    labels = {
+        "template": scenario.name,
+        "modulation": "" if signal.sensing == "prs" else signal.modulation,
+        "sensing": signal.sensing,
+        "division": "" if signal.has_unit_modulus else signal.division,
+    }
+    simulator = partial(SignalSimulator, signal=signal)
+    return ImagingTask(
+        suite, scenario, entries, name=f"{scenario.name}-{name}", simulator=simulator, labels=labels
+    )
 
 
-def _user_scenes(suite: LinkSuite, system: System) -> list[ReceptionTask]:
+def _reception_tasks(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     """Every channel with every modulation, all receivers behind them.
 
     Refused are unknown channels and receivers, a channel that the closed form does not hold for, and a
@@ -502,14 +464,17 @@ def _user_scenes(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     receivers: dict[str, OneTap] = {text: _construct("receiver", text, RECEIVERS) for text in suite.receivers}
     written = ((text, scenes.entry_of(receiver)) for text, receiver in receivers.items())
     entries = scenes.distinct_entries("receiver", written)
-    for text, channel in channels.items():
-        with _naming(f"channels: {text!r}"):
+    try:
+        for text, channel in channels.items():
+            what = f"channels: {text!r}"
             stream = random_stream("channel", 0, suite.seed, channel.name)
             require_closed_form(system, channel.paths(system, stream))
-    for text, receiver in receivers.items():
-        if channels and receiver.knowledge == "prs":
-            with _naming(f"receivers: {text!r}"):
+        for text, receiver in receivers.items():
+            what = f"receivers: {text!r}"
+            if channels and receiver.knowledge == "prs":
                 require_estimable(system, receiver.time_order)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
     return [
         ReceptionTask(suite, system, channel, text, modulation, entries)
         for (text, channel), modulation in product(channels.items(), suite.modulations)
@@ -522,12 +487,3 @@ def _construct(what: str, text: str, classes: Mapping[str, type[Any]]) -> Any:
     if name not in classes:
         raise unknown_name(what, name, classes)
     return construct(what, name, classes[name], params)
-
-
-@contextmanager
-def _naming(what: str) -> Iterator[None]:
-    """Put what an error is about in front of its reason."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{what}: {error}") from error
