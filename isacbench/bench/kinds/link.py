@@ -10,7 +10,6 @@ of them came out wrong.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,7 +45,6 @@ from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System
-from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import canonical_params, construct
 from isacbench.specifications import parse_spec
 
@@ -55,8 +53,6 @@ SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
 
 SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
-DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
-KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
 
 MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
 DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
@@ -154,11 +150,18 @@ class LinkKind(Kind):
                 f"scenarios: {first!r} and {unlike[0]!r} have different systems; a suite of the kind link "
                 "takes scenarios of one system, whose frame the user receives"
             )
-        sensed = [
-            _sensing_task(suite, scenario, entries, name, signal)
-            for scenario, (name, signal) in product(scenarios.values(), signals_of(suite).items())
-        ]
-        return [*sensed, *_reception_tasks(suite, system)]
+        tasks = []
+        for scenario, (name, signal) in product(scenarios.values(), signals_of(suite).items()):
+            labels = {
+                "template": scenario.name,
+                "modulation": "" if signal.sensing == "prs" else signal.modulation,
+                "sensing": signal.sensing,
+                "division": "" if signal.has_unit_modulus else signal.division,
+            }
+            own_name, simulator = f"{scenario.name}-{name}", partial(SignalSimulator, signal=signal)
+            task = ImagingTask(suite, scenario, entries, name=own_name, simulator=simulator, labels=labels)
+            tasks.append(task)
+        return [*tasks, *_reception_tasks(suite, system)]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
@@ -188,7 +191,7 @@ class LinkKind(Kind):
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
             lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
             found += charts.tables_of_columns(title, first, lines, headings, SIGNALS_A_TABLE)
-        labels = receiver_labels(received)
+        labels = kind.labels_of(received)
         for (channel, *variant), part in received.groupby(["channel", *VARIANT], sort=False):
             title = (
                 f"{channel}, {labels[tuple(variant)]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
@@ -210,12 +213,10 @@ class LinkKind(Kind):
         ]
         labels, found = kind.labels_of(sensed), []
         for template, stem, part in kind.title_stems(sensed, "template"):
-            images = [
-                Chart(
-                    f"Image by {labels[one]}", SNR_AXIS, DEVIATION, _signal_series(charts.rows_of(part, one))
-                )
-                for one in charts.variants_in(part)
-            ]
+            images = []
+            for variant in charts.variants_in(part):
+                series = _signal_series(charts.rows_of(part, variant))
+                images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, DEVIATION, series))
             title = (
                 f"{template}: bit errors of the user, and deviations of the image; "
                 f"{statistics.trials_and_band(summary['n_cells'].max())}"
@@ -228,7 +229,7 @@ class LinkKind(Kind):
 
 def _error_series(part: pd.DataFrame) -> list[Series]:
     """Bit error rates behind a channel, and the closed form of white noise."""
-    found, receivers = [], receiver_labels(part)
+    found, receivers = [], kind.labels_of(part)
     for modulation in part["modulation"].unique():
         colour, own = MODULATION_COLOURS[modulation], part[part["modulation"] == modulation]
         for place, (variant, receiver) in enumerate(receivers.items()):
@@ -257,10 +258,8 @@ def _signal_series(part: pd.DataFrame) -> list[Series]:
 
 def _signal_style(signal: tuple[Any, ...]) -> LineStyle:
     sensing, modulation, division = signal
-    colour = MODULATION_COLOURS.get(modulation, "")
-    if sensing == "prs":
-        return LineStyle(colour, "dashdot", "diamond")
-    return LineStyle(colour, DIVISION_DASHES[division], "circle")
+    symbol = "diamond" if sensing == "prs" else "circle"
+    return LineStyle(MODULATION_COLOURS.get(modulation, ""), DIVISION_DASHES[division], symbol)
 
 
 def _trade_charts(
@@ -268,7 +267,7 @@ def _trade_charts(
 ) -> ChartGroup:
     """Imaging deviation over the bit rate at the same SNR behind the first channel, a chart an estimator."""
     channel = received["channel"].iloc[0]
-    receiver, label = list(receiver_labels(received).items())[-1]
+    receiver, label = list(kind.labels_of(received).items())[-1]
     rates = charts.rows_of(received[received["channel"] == channel], receiver)
     rates, panels = rates[["modulation", "snr_db", "rate_bps"]], []
     for variant in charts.variants_in(sensed):
@@ -296,28 +295,8 @@ def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
 
 
 def signal_label(signal: tuple[Any, ...]) -> str:
-    """Name sensing, modulation and division for people.
-
-    Examples
-    --------
-    >>> signal_label(("all", "16qam", "matched")), signal_label(("prs", "", ""))
-    ('16QAM, matched', 'PRS alone')
-    """
-    sensing, modulation, division = signal
-    if sensing == "prs":
-        return "PRS alone"
-    return str(modulation).upper() + (f", {DIVISIONS[division]}" if division else "")
-
-
-def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
-    """Name receivers by what they know, and by further parameters where two know the same."""
-    params = {variant: json.loads(variant[1]) for variant in charts.variants_in(part)}
-    known = [own["knowledge"] for own in params.values()]
-    return {
-        variant: KNOWLEDGE[own["knowledge"]]
-        + (f", order {own['time_order']}" if known.count(own["knowledge"]) > 1 else "")
-        for variant, own in params.items()
-    }
+    """Name what is sensed with: sensing, and modulation and division where they matter."""
+    return " ".join(filter(None, signal))
 
 
 def _reception_text(entry: Mapping[Any, Any]) -> str:
@@ -332,14 +311,11 @@ def _reception_text(entry: Mapping[Any, Any]) -> str:
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Numbers of one group: of what was received, or of what was imaged."""
     broken = failed(part)
-    of_kind = _received if part["channel"].iloc[0] else _imaged
-    return {"n_cells": len(part), "n_failed": int(broken.sum()), **of_kind(part[~broken])}
-
-
-def _imaged(part: pd.DataFrame) -> dict[str, float]:
-    """Means of the scores of images, and the band of the deviation."""
-    means = {f"{name}_mean": part[name].mean() for name in ("n_estimated", "precision", "recall")}
-    return statistics.deviation_columns(part) | means
+    counts, scored = {"n_cells": len(part), "n_failed": int(broken.sum())}, part[~broken]
+    if part["channel"].iloc[0]:
+        return counts | _received(scored)
+    means = {f"{name}_mean": scored[name].mean() for name in ("n_estimated", "precision", "recall")}
+    return {**counts, **statistics.deviation_columns(scored), **means}
 
 
 def _received(part: pd.DataFrame) -> dict[str, float]:
@@ -435,22 +411,6 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
             name += f"-{division}"
         signals.setdefault(name, signal)
     return signals
-
-
-def _sensing_task(
-    suite: LinkSuite, scenario: Scenario, entries: Sequence[Entry[Any]], name: str, signal: Signal
-) -> ImagingTask:
-    """Task of a scenario with a signal."""
-    labels = {
-        "template": scenario.name,
-        "modulation": "" if signal.sensing == "prs" else signal.modulation,
-        "sensing": signal.sensing,
-        "division": "" if signal.has_unit_modulus else signal.division,
-    }
-    simulator = partial(SignalSimulator, signal=signal)
-    return ImagingTask(
-        suite, scenario, entries, name=f"{scenario.name}-{name}", simulator=simulator, labels=labels
-    )
 
 
 def _reception_tasks(suite: LinkSuite, system: System) -> list[ReceptionTask]:

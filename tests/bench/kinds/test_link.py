@@ -10,7 +10,6 @@ from scipy.stats import binom
 from isacbench.bench.kinds.link import (
     LinkKind,
     LinkSuite,
-    receiver_labels,
     signal_label,
     signals_of,
 )
@@ -141,7 +140,7 @@ def test_scenarios_of_different_systems_are_refused(suite, tiny):
 def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
     rows = run(LinkSuite(**SHARED, scenarios=[str(tiny)], channels=["awgn"], modulations=["qpsk", "16qam"]))
     imaged, known, estimated = LinkKind().tables(rows)
-    signals = ["QPSK", "16QAM, reciprocal", "16QAM, matched", "16QAM, Wiener", "PRS alone"]
+    signals = ["all qpsk", "all 16qam reciprocal", "all 16qam matched", "all 16qam wiener", "prs"]
     assert imaged.headings == ["SNR [dB]", *signals]
     assert [row[0] for row in imaged.texts] == ["0", "60"]
     assert imaged.title.startswith(
@@ -149,8 +148,8 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
         "no confidence band below 5; median processor time "
     )
     assert not any("±" in text for row in imaged.texts for text in row[1:])
-    assert known.title.startswith("awgn, channel known: bit error rate")
-    assert estimated.title.startswith("awgn, channel from PRS: bit error rate")
+    assert known.title.startswith("awgn, one_tap[knowledge=perfect]: bit error rate")
+    assert estimated.title.startswith("awgn, one_tap[knowledge=prs]: bit error rate")
     assert known.texts[1][1].startswith("0 (0) | -60")
     # One trial is no trials, and no decibel has no sign.
     imaged, known, _ = LinkKind().tables(rows.query("trial == 0").assign(evm_db=-0.01))
@@ -170,17 +169,6 @@ def drawn(chart):
     return {one.label: list(zip(one.x, one.y, strict=True)) for one in chart.series if one.style.symbol}
 
 
-def test_signals_and_receivers_have_names_for_people(records):
-    names = {
-        ("all", "qpsk", ""): "QPSK",
-        ("all", "64qam", "wiener"): "64QAM, Wiener",
-        ("prs", "", ""): "PRS alone",
-    }
-    assert {signal: signal_label(signal) for signal in names} == names
-    received = records[records["channel"] != ""]
-    assert list(receiver_labels(received).values()) == ["channel known", "channel from PRS"]
-
-
 def test_bit_errors_are_drawn_where_there_are_any_beside_deviations_in_order_of_snr(records):
     summary = LinkKind().summary(records)
     link, _ = LinkKind().charts(records.iloc[::-1])
@@ -189,7 +177,7 @@ def test_bit_errors_are_drawn_where_there_are_any_beside_deviations_in_order_of_
     rows = summary.query("channel == 'awgn' and modulation == 'qpsk' and params.str.contains('perfect')")
     (at_0_db, without) = rows.to_dict("records")
     assert without["n_bit_errors"] == 0
-    assert drawn(errors)["QPSK, channel known"] == [(0, at_0_db["ber"])]
+    assert drawn(errors)["QPSK, one_tap[knowledge=perfect]"] == [(0, at_0_db["ber"])]
     assert len(drawn(errors)) == 4
     expected = {
         f"image, {signal_label(key)}": list(zip(part["snr_db"], part["deviation_mean"], strict=True))
@@ -206,11 +194,11 @@ def test_the_trade_puts_deviations_over_the_rates_of_the_same_snr(records):
     points = [(one.label, [*one.x], [*one.y]) for one in chart.series]
     for modulation, image in (("qpsk", "tiny-all-qpsk"), ("64qam", "tiny-all-64qam-matched")):
         rate_gbps = received.loc[modulation, "rate_bps"] / 1e9
-        label = "QPSK" if modulation == "qpsk" else "64QAM, matched"
+        label = "all qpsk" if modulation == "qpsk" else "all 64qam matched"
         assert (label, [rate_gbps], [imaged[image]]) in points
         # Whatever modulation the data have, the PRS images the same.
-        assert ("PRS alone", [rate_gbps], [imaged["tiny-prs"]]) in points
+        assert (f"prs {modulation}", [rate_gbps], [imaged["tiny-prs"]]) in points
     texts = {one.label: one.texts for one in chart.series if one.texts}
-    assert texts == {"QPSK": ["0"], "64QAM, reciprocal": ["0"]}
+    assert texts == {"all qpsk": ["0"], "all 64qam reciprocal": ["0"]}
     assert "numbers are SNRs in dB" in LinkKind().charts(records)[1].title
     assert chart.y.limits == (0, pytest.approx(1.06 * max(y for _, _, (y,) in points)))
