@@ -258,22 +258,12 @@ def spread_rows(
     return list(found.values())
 
 
-def tables_of_columns(
-    title: str,
-    first: Sequence[Column],
-    rows: Sequence[Mapping[Any, Any]],
-    headings: Mapping[Any, str],
-    n_columns: int,
-) -> list[Table]:
-    """Tabulate rows as `spread_rows` gives them: some first columns, then at most `n_columns` a table.
-
-    Those are named by their keys in the rows.
-    """
-    found = []
-    for keys in batched(headings, n_columns):
-        columns = [Column(headings[key], key, part=part) for part, key in enumerate(keys, start=1)]
-        found.append(Table(title, [*first, *columns], rows))
-    return found
+def spread_table(
+    title: str, first: Sequence[Column], rows: Sequence[Mapping[Any, Any]], headings: Mapping[Any, str]
+) -> Table:
+    """Tabulate rows as `spread_rows` gives them: some first columns, then one for each of their keys."""
+    columns = [Column(text, key, part=part) for part, (key, text) in enumerate(headings.items(), start=1)]
+    return Table(title, [*first, *columns], rows)
 
 
 def batched(items: Iterable[Item], n: int) -> list[list[Item]]:

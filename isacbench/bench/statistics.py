@@ -41,8 +41,8 @@ def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
 
 def deviation_columns(rows: pd.DataFrame) -> dict[str, float]:
     """Mean of the imaging deviation, ``deviation_mean``, and its ``deviation_band`` (`student_band`)."""
-    deviation = rows["deviation"]
-    band = student_band(deviation.std(), deviation.count())
+    deviation = rows["deviation"].dropna()
+    band = student_band(deviation.std(), len(deviation))
     return {"deviation_mean": float(deviation.mean()), "deviation_band": float(band)}
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
@@ -39,13 +39,10 @@ from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser
-from isacbench.plugins.registry import get_detector, get_estimator
-from isacbench.specifications import SpelledVariant, spec_variants
+from isacbench.plugins.registry import get_detector
+from isacbench.specifications import SpelledVariant, parse_spec, spec_variants
 
 Pfa = Annotated[float, Field(gt=0, lt=1)]
-
-LabelledPlugin = tuple[str, float, Any]
-"""Text of a detector, its nominal rate, and the plugin that has it."""
 
 COUNTS = ["n_targets", "n_hits", "n_clear", "n_false"]
 """Cells with a target, those of them detected, clear cells, and those of them detected."""
@@ -61,7 +58,6 @@ GROUP = ["scenario", "estimator", "params", "detector", "pfa", "snr_db"]
 REFERENCE_PFA = 1e-3
 """Nominal rate whose numbers are shown, where it was run: the paper's."""
 
-DETECTORS_A_TABLE, ESTIMATORS_A_TABLE = 6, 3
 ROC_SNRS_DB = 10.0, 15.0, 20.0
 
 NONE_FOUND = 0.1
@@ -106,7 +102,8 @@ class DetectionKind(Kind):
     def tasks(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
-        alone, behind = _entries(_alone(suite, detectors)), _entries(_behind(suite, detectors))
+        alone = scenes.distinct_entries("detector", _alone(suite, detectors))
+        behind = scenes.distinct_entries("detector", _behind(suite, detectors))
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
         maps = [MapTask(suite, name, alone) for name in suite.maps]
@@ -127,19 +124,17 @@ class DetectionKind(Kind):
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
         found = []
-        for key, part in self.summary(rows).groupby("scenario", sort=False):
-            scenario = str(key)
+        for scenario, part in self.summary(rows).groupby("scenario", sort=False):
             columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
+            title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
             if scenario in MAPS:
                 part = part[part["pfa"] == reference_rate(part["pfa"])]
                 title = f"{scenario}: P_d and P_fa of a nominal {part['pfa'].iloc[0]:g}"
-                form, n_columns = _rates_text, DETECTORS_A_TABLE
             else:
-                title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
-                form, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT, form)
-            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), n_columns)
+            part = part.sort_values("snr_db")
+            lines = charts.spread_rows(part, ["snr_gain_db", "snr_db"], VARIANT, _rates_text)
+            found.append(charts.spread_table(title, columns, lines, entry_labels(part)))
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -233,17 +228,12 @@ def reference_rate(rates: pd.Series[Any]) -> float:
 
 
 def _rates_text(entry: Mapping[Any, Any]) -> str:
-    """Probabilities of detection and false alarm."""
+    """Deviation of an image, and probabilities of detection and false alarm."""
     if entry["n_failed"]:
         return charts.with_failures("", entry["n_failed"])
+    deviation = charts.number_or_blank(entry["deviation_mean"], "{:.2f} ")
     # Nothing was counted where an estimator does not show its map.
-    return f"{charts.rate_text(entry['pd'], '{:.3f}')} {charts.rate_text(entry['pfa_measured'])}"
-
-
-def _deviation_and_rates(entry: Mapping[Any, Any]) -> str:
-    """Deviation, and the probabilities of detection and false alarm."""
-    rates = _rates_text(entry)
-    return rates if entry["n_failed"] else f"{entry['deviation_mean']:.2f} {rates}"
+    return f"{deviation}{charts.rate_text(entry['pd'], '{:.3f}')} {charts.rate_text(entry['pfa_measured'])}"
 
 
 class MapTask(Task):
@@ -316,46 +306,29 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     return found | statistics.deviation_columns(part)
 
 
-def _alone(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
+def _alone(
+    suite: DetectionSuite, detectors: Sequence[SpelledVariant]
+) -> Iterator[tuple[str, Entry[Detector]]]:
     """Every detector at every nominal rate, at its own where none is given."""
-    for text, (name, params) in detectors:
-        for own in [{"pfa": rate} for rate in suite.pfa] or [{}]:
-            detector = get_detector(name, **{**params, **own})
-            yield text, detector.pfa, detector
+    for (text, (name, params)), own in product(detectors, [{"pfa": rate} for rate in suite.pfa] or [{}]):
+        detector = get_detector(name, **{**params, **own})
+        yield text, scenes.entry_of(detector, detector=text, pfa=detector.pfa)
 
 
-def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
+def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[tuple[str, Entry[Any]]]:
     """Every estimator behind every detector."""
-    for build, (text, (name, params)) in product(_builders(suite), detectors):
-        detector = get_detector(name, **params)
-        estimator = build(detector=detector)
-        own_pfa = getattr(estimator, "pfa", None)
-        yield text, detector.pfa if own_pfa is None else own_pfa, estimator
-
-
-def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
-    """Functions of a detector that build a suite's estimators with it."""
-    for text in suite.estimators:
-        estimator: Any = suite.instances.get(text)
-        if estimator is None:
-            for variant, (name, params) in spec_variants(text):
-                if "detector" in params:
-                    raise InputError(
-                        f"estimators: {variant!r} sets a detector; list detectors under the key detectors"
-                    )
-                yield partial(get_estimator, name, **params)
-        elif "detector" in {field.name for field in dataclasses.fields(estimator)}:
-            yield partial(dataclasses.replace, estimator)
-        else:
+    for spelled, plugin in scenes.build_plugins(suite, "estimator", suite.estimators):
+        if not hasattr(plugin, "detector") or "detector" in parse_spec(spelled).params:
             raise InputError(
-                f"estimator {estimator.name} has no parameter detector, which a detection suite sets"
+                f"estimators: {spelled!r}: allowed are estimators with a parameter detector, which is not "
+                "set; list detectors under the key detectors"
             )
-
-
-def _entries(plugins: Iterable[LabelledPlugin]) -> list[Entry[Any]]:
-    """Entries of plugins, labelled with the text of their detector and its nominal rate."""
-    entries = ((text, scenes.entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in plugins)
-    return scenes.distinct_entries("detector", entries)
+        for text, (name, params) in detectors:
+            detector = get_detector(name, **params)
+            estimator = dataclasses.replace(plugin, detector=detector)
+            own_pfa = getattr(estimator, "pfa", None)
+            pfa = detector.pfa if own_pfa is None else own_pfa
+            yield text, scenes.entry_of(estimator, detector=text, pfa=pfa)
 
 
 def _counts(mask: Mask, targets: Mask, clear: Mask) -> dict[str, int]:

@@ -40,16 +40,10 @@ UNITS = {"range": ("range_m", " [m]"), "velocity": ("velocity_mps", " [m/s]"), "
 TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "w": "Direction cosine w"}
 """Titles of charts by dimension."""
 
-ERRORS = [f"error_{column}" for column, _ in UNITS.values()]
-"""Errors of a hit, which have a sign."""
-
-BOUNDS = [f"bound_{column}" for column, _ in UNITS.values()]
-"""Cramér-Rao bounds, standard deviations."""
+ERRORS, BOUNDS = ([f"{what}_{column}" for column, _ in UNITS.values()] for what in ("error", "bound"))
+"""Errors of a hit, which have a sign, and Cramér-Rao bounds, standard deviations."""
 
 CURVE = ["scenario", "estimator", "params"]
-
-FEWEST_FALSE = 0.1
-"""Fewer false points a trial do not stretch their axis."""
 
 BOUND_STYLE = LineStyle("", "dash", "")
 SNR_AXIS, SHARE_AXIS = Axis("SNR after gain [dB]"), Axis("share of trials", limits=charts.SHARE_LIMITS)
@@ -70,13 +64,13 @@ class EfficiencyKind(Kind):
     better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
     def tasks(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
-        """Plan one scene a scenario: one scatterer in its region."""
-        entries, found = build_estimators(suite), []
+        """Plan one task a scenario: one scatterer in its region."""
+        entries, tasks = build_estimators(suite), []
         for scenario in scenarios.values():
             scenario.require_default("the Cramér-Rao bound", "noise")
             draw = partial(_draw, scenario, suite.seed)
-            found.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure_efficiency))
-        return found
+            tasks.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure_efficiency))
+        return tasks
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Root mean square errors over the bound, of every estimator at every SNR.
@@ -122,9 +116,7 @@ class EfficiencyKind(Kind):
                 series = over_snr(f"ratio_{name}", f"ratio_{name}")
                 ratios.append(Chart(f"{title}: error over the bound", SNR_AXIS, RATIO_AXIS, series, [1.0]))
             missed = Chart("Missed", SNR_AXIS, SHARE_AXIS, over_snr("missed"))
-            top = max(1.06 * float(part["false"].max()), FEWEST_FALSE)
-            axis = Axis("number a trial", limits=(-0.03 * top, top))
-            false = Chart("False points", SNR_AXIS, axis, over_snr("false"))
+            false = Chart("False points", SNR_AXIS, Axis("number a trial"), over_snr("false"))
             trials = statistics.trials_and_band(part["n_trials"].max())
             title = f"{scenario}: one scatterer, errors where it was found; {trials}"
             panels = [*errors, missed, *ratios, false]
@@ -170,11 +162,9 @@ def _missed_text(row: Mapping[Any, Any]) -> str:
 
 
 def _ratio_text(column: str, row: Mapping[Any, Any]) -> str:
-    """Error over bound with its interval, two decimals below 10; empty without a hit."""
-    ratio, low, high = (
-        charts.number_or_blank(row[f"{column}{end}"], "{:.2f}" if row[f"{column}{end}"] < 9.995 else "{:.0f}")
-        for end in ("", "_low", "_high")
-    )
+    """Error over bound with its interval; empty without a hit."""
+    ends = (charts.number_or_blank(row[f"{column}{end}"], "{:.2f}") for end in ("", "_low", "_high"))
+    ratio, low, high = ends
     return f"{ratio} ({low}-{high})" if low else ratio
 
 
@@ -190,14 +180,10 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     for dimension, (column, _) in UNITS.items():
         error, bound = hits[f"error_{column}"], hits[f"bound_{column}"]
-        ratio, low, high = statistics.rms_interval((error / bound).to_numpy())
-        found |= {
-            f"rmse_{column}": math.sqrt((error**2).mean()),
-            f"bound_{column}": part[f"bound_{column}"].mean(),
-            f"ratio_{dimension}": ratio,
-            f"ratio_{dimension}_low": low,
-            f"ratio_{dimension}_high": high,
-        }
+        found[f"rmse_{column}"] = math.sqrt((error**2).mean())
+        found[f"bound_{column}"] = part[f"bound_{column}"].mean()
+        names = (f"ratio_{dimension}{end}" for end in ("", "_low", "_high"))
+        found |= zip(names, statistics.rms_interval((error / bound).to_numpy()), strict=True)
     return found
 
 

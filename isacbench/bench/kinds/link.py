@@ -52,7 +52,6 @@ IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
 
-SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
 
 MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
 DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
@@ -190,7 +189,7 @@ class LinkKind(Kind):
             )
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
             lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
-            found += charts.tables_of_columns(title, first, lines, headings, SIGNALS_A_TABLE)
+            found.append(charts.spread_table(title, first, lines, headings))
         labels = kind.labels_of(received)
         for (channel, *variant), part in received.groupby(["channel", *VARIANT], sort=False):
             title = (
@@ -199,7 +198,7 @@ class LinkKind(Kind):
             )
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
             lines = charts.spread_rows(part, ["snr_db"], ["modulation"], _reception_text)
-            found += charts.tables_of_columns(title, first, lines, headings, MODULATIONS_A_TABLE)
+            found.append(charts.spread_table(title, first, lines, headings))
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:

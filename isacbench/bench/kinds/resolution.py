@@ -44,7 +44,6 @@ MARGIN_CELLS = 0.5
 
 GROUP = ["template", *VARIANT, "snr_gain_db", "dimension", "separation_cells"]
 PLACE = ["template", "snr_gain_db"]
-ESTIMATORS_A_TABLE = 5
 
 
 class ResolutionSuite(Suite):
@@ -125,7 +124,7 @@ class ResolutionKind(Kind):
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
             texts = {one: f"{1e3 * times_s[*key, *one]:.1f}" for one in headings if (*key, *one) in times_s}
             lines.append({"dimension": "time [ms]"} | texts)
-            found += charts.tables_of_columns(title, columns, lines, headings, ESTIMATORS_A_TABLE)
+            found.append(charts.spread_table(title, columns, lines, headings))
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
