@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -41,8 +42,8 @@ DETECTORS = "osca", "ca", "os", "tm", "goca", "soca", "fixed"
 PLACES = {name: number for names in (ESTIMATORS, DETECTORS) for number, name in enumerate(names)}
 """Places in `COLOURS` of estimators and detectors that are often shown together."""
 
-ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread", "empty": "no point"}
-"""Meaning of the built-in references in legends, with that of their band."""
+ROLES = {"oracle": "truth merged in cells", "chance": "zero skill", "empty": "no point"}
+"""Meaning of the built-in references in legends."""
 
 NO_SCORE = ": no score"
 """End of the label of a series that has none."""
@@ -320,11 +321,11 @@ def short_labels(labels: Mapping[Variant, str]) -> dict[Variant, str]:
     {('a', '1'): 'a', ('b', '1'): 'b[n=1]', ('b', '2'): 'b #2'}
     """
     found: dict[Variant, str] = {}
-    numbers: dict[str, int] = {}
-    for variant, label in labels.items():
-        numbers[variant[0]] = numbers.get(variant[0], 0) + 1
-        is_short = len(label) <= LONGEST_LABEL or label == variant[0]
-        found[variant] = label if is_short else f"{variant[0]} #{numbers[variant[0]]}"
+    numbers = Counter[str]()
+    for (name, params), label in labels.items():
+        numbers[name] += 1
+        is_short = len(label) <= LONGEST_LABEL or label == name
+        found[name, params] = label if is_short else f"{name} #{numbers[name]}"
     return found
 
 
@@ -352,8 +353,7 @@ def assign_lines(labels: Mapping[Variant, str], references: Iterable[str] = ()) 
     [('#0072B2', 'solid'), ('', 'dash')]
     """
     found: dict[Variant, Line] = {}
-    turns: dict[int, int] = {}
-    bounds = set(references)
+    turns, bounds = Counter[int](), set(references)
     for variant, label in short_labels(labels).items():
         name = variant[0]
         if name in bounds:
@@ -363,10 +363,11 @@ def assign_lines(labels: Mapping[Variant, str], references: Iterable[str] = ()) 
             continue
         bare = name.partition(" (")[0]  # of several runs, estimators are named after theirs
         place = PLACES.get(bare, zlib.crc32(bare.encode()) % len(COLOURS))
-        turn = turns[place] = turns.get(place, -1) + 1
+        turn = turns[place]
         colour = shaded(COLOURS[place], SHADES[turn % len(SHADES)])
         dash = DASHES[(turn + turn // len(SYMBOLS)) % len(DASHES)]
         found[variant] = Line(label, LineStyle(colour, dash, SYMBOLS[(place + turn) % len(SYMBOLS)]))
+        turns[place] += 1
     return found
 
 

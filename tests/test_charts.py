@@ -58,8 +58,8 @@ def test_references_are_dashed_without_symbol_and_in_the_colour_of_text_and_noth
     found = assign_lines(labels_of("fft4d", *references, *"abcdefghij"), references)
     bounds = [line for line in found.values() if line.is_reference]
     assert [line.label for line in bounds] == [
-        "oracle (truth merged in cells ± spread)",
-        "chance (zero skill ± spread)",
+        "oracle (truth merged in cells)",
+        "chance (zero skill)",
         "mine (sees the truth)",
     ]
     assert bounds[0].style.dash == "dash"

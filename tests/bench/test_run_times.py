@@ -208,7 +208,7 @@ def test_references_are_level_lines_of_their_own_and_do_not_stretch_the_time():
         timed(params={"oracle": {"cell": 0.5}}, oracle=(1e-6, 0.5)),
     ]
     chart, series = chart_of(pd.concat(rows))
-    one, half = (series[f"oracle{cell} (truth merged in cells ± spread)"] for cell in ("", "[cell=0.5]"))
+    one, half = (series[f"oracle{cell} (truth merged in cells)"] for cell in ("", "[cell=0.5]"))
     assert (one.y, half.y) == ([pytest.approx(1.0)] * 2, [0.5] * 2)
     assert one.style.dash != half.style.dash
     assert one.low[0] < 1 < one.high[0]

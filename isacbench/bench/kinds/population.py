@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -101,10 +101,6 @@ LARGEST_RATIO = 100.0
 SPREAD = 0.3
 """Share of a row's height over which the dots of scenes are spread, up and down."""
 
-SYMBOLS = {"in phase": "circle", "carrier": "diamond"}
-OPEN_FRAME = "paper"
-"""Frame whose dots are open; those of the other one are filled."""
-
 
 class PopulationSuite(Suite):
     """Suite of the kind ``population``.
@@ -158,16 +154,11 @@ class PopulationKind(Kind):
     def tasks(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one task a scenario: the scenario as it is, labelled with family, frame and phases."""
         entries, metrics, tasks = build_estimators(suite), self.metrics_of(suite), []
-        for scenario in scenarios.values():
-            measure = measure_lone_scatterers if scenario.family in POINT_FAMILIES else None
-            labels = {
-                "family": scenario.family,
-                "frame": "paper" if isinstance(scenario.frame, PaperFrame) else "panel",
-                "coherent_phase": scenario.system.coherent_phase,
-            }
-            tasks.append(
-                ImagingTask(suite, scenario, entries, measure=measure, metrics=metrics, labels=labels)
-            )
+        for one in scenarios.values():
+            measure = measure_lone_scatterers if one.family in POINT_FAMILIES else None
+            frame = "paper" if isinstance(one.frame, PaperFrame) else "panel"
+            labels = {"family": one.family, "frame": frame, "coherent_phase": one.system.coherent_phase}
+            tasks.append(ImagingTask(suite, one, entries, measure=measure, metrics=metrics, labels=labels))
         return tasks
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -211,11 +202,7 @@ class PopulationKind(Kind):
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Ratios of all scenes, scores over SNR by family, targets of lone scatterers, and run times."""
-        lines = {
-            # Bands are over scenes here, and not over the realisations of a reference.
-            variant: line._replace(label=line.label.replace(" ± spread", ""))
-            for variant, line in kind.lines_of(rows).items()
-        }
+        lines = kind.lines_of(rows)
         summary = summarise_population(rows)
         by_snr = summary[summary["frame"] == ALL].dropna(subset="snr_db")
         found = [*ratio_charts(scene_cells(rows), lines), _score_charts(by_snr, lines)]
@@ -235,51 +222,47 @@ def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Cha
 
     A dot a scene, a bar from quartile to quartile; an estimator that sees the truth is a line at its median.
     """
-    keys = ["family", "snr_db", *VARIANT, "scenario", "frame", "phases"]
+    keys = ["family", "snr_db", *VARIANT, "scenario"]
     scenes = cells.dropna(subset="ratio").groupby(keys, sort=False)["ratio"].mean().reset_index()
     if scenes.empty:
         return []
     scenes["ratio"] = scenes["ratio"].clip(upper=LARGEST_RATIO)
-    rows = {variant: line for variant, line in lines.items() if not line.is_reference} or dict(lines)
-    families, snrs_db = scenes["family"].unique(), sorted(scenes["snr_db"].unique())
+    places = {variant: line for variant, line in lines.items() if not line.is_reference} or dict(lines)
+    families = scenes["family"].unique()
     x = Axis(
         "ratio to the oracle", log=True, limits=(0.8 * scenes["ratio"].min(), 1.2 * scenes["ratio"].max())
     )
-    y = Axis("", categories=[line.label for line in rows.values()])
+    y = Axis("", categories=[line.label for line in places.values()])
     panels = []
-    for snr_db, family in product(snrs_db, families):
+    for snr_db, family in product(scores.snrs_of(scenes), families):
         part = scenes[(scenes["snr_db"] == snr_db) & (scenes["family"] == family)]
         series: list[Series] = []
-        for place, (variant, line) in enumerate(rows.items()):
-            series += _strip(charts.rows_of(part, variant), place, line)
         for variant, line in lines.items():
-            if variant not in rows:
-                middle, ends = charts.rows_of(part, variant)["ratio"].median(), [-0.5, len(rows) - 0.5]
-                series.append(Series(line.label, 2 * [middle], ends, style=line.style))
+            ratios = charts.rows_of(part, variant)["ratio"]
+            if variant in places:
+                series += _strip(ratios, list(places).index(variant), line)
+            else:
+                ends = [-0.5, len(places) - 0.5]
+                series.append(Series(line.label, 2 * [ratios.median()], ends, style=line.style))
         panels.append(Chart(f"{family}, {snr_db:g} dB", x, y, series))
     title = (
         "Hausdorff sum of each scene, divided by that of the oracle (0.3 m or more)\n"
         "a dot a scene, a bar from quartile to quartile, its tick at the median"
     )
-    panel_in = 2.1, 0.75 + 0.28 * len(rows)
+    panel_in = 2.1, 0.75 + 0.28 * len(places)
     return [ChartGroup("ratios", title, panels, n_columns=len(families), panel_in=panel_in)]
 
 
-def _strip(part: pd.DataFrame, place: int, line: Line) -> Iterable[Series]:
+def _strip(ratios: pd.Series[float], place: int, line: Line) -> list[Series]:
     """Quartiles of an estimator's ratios, and a dot for each of its scenes."""
-    if part.empty:
-        return
-    low, middle, high = part["ratio"].quantile([0.25, 0.5, 0.75]).tolist()
+    low, middle, high = ratios.quantile([0.25, 0.5, 0.75])
     # Neighbours in ratio at different heights, the same in every run.
-    heights = place + SPREAD * (np.arange(len(part)) * 0.618 % 1 * 2 - 1)
-    ordered = part.sort_values("ratio", kind="stable").assign(height=heights)
-    for (frame, phases), dots in ordered.groupby(["frame", "phases"]):
-        symbol = SYMBOLS[str(phases)] + ("-open" if frame == OPEN_FRAME else "")
-        words = "in phase" if phases == "in phase" else f"{phases} phases"
-        style = LineStyle(line.style.colour, "", symbol)
-        yield Series(f"frame {frame}, {words}", dots["ratio"], dots["height"], mark="points", style=style)
-    style = LineStyle("", "", "line-ns")
-    yield Series("", [middle], [place], x_low=[low], x_high=[high], mark="points", style=style)
+    heights = place + SPREAD * (np.arange(len(ratios)) * 0.618 % 1 * 2 - 1)
+    dots, bar = LineStyle(line.style.colour, "", "circle"), LineStyle("", "", "line-ns")
+    return [
+        Series("", ratios.sort_values(kind="stable"), heights, mark="points", style=dots),
+        Series("", [middle], [place], x_low=[low], x_high=[high], mark="points", style=bar),
+    ]
 
 
 def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGroup:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import pandas as pd
@@ -200,22 +199,6 @@ def with_references(labels: Mapping[Variant, str], references: Collection[str]) 
     return {one: f"{label} (ref.)" if one[0] in references else label for one, label in labels.items()}
 
 
-def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Table]:
-    """Objects of a run: shares that were detected, and errors, first over all SNRs, then as details at each.
-
-    No tables if no row has scores of objects.
-    """
-    scored = rows[rows["n_objects"].notna()] if "n_objects" in rows else rows[:0]
-    if scored.empty:
-        return []
-    title, snrs_db = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, ", snrs_of(scored)
-    found = [_object_table(scored, labels, title + over_snrs(snrs_db))]
-    for snr_db in snrs_db if len(snrs_db) > 1 else ():
-        table = _object_table(scored[scored["snr_db"] == snr_db], labels, f"{title}{snr_db:g} dB")
-        found.append(replace(table, is_detail=True))
-    return found
-
-
 def snrs_of(rows: pd.DataFrame) -> list[float]:
     """SNRs of rows in order."""
     return sorted(rows["snr_db"].dropna().unique())
@@ -235,8 +218,12 @@ def object_means(rows: pd.DataFrame) -> pd.DataFrame:
     return scenes.groupby(VARIANT, sort=False).mean()
 
 
-def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
-    means = object_means(rows)
+def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Table]:
+    """Objects of a run: shares that were detected, and errors, over all SNRs; nothing if no row has any."""
+    scored = rows[rows["n_objects"].notna()] if "n_objects" in rows else rows[:0]
+    if scored.empty:
+        return []
+    means = object_means(scored)
     columns = [
         Column("estimator", "label", part=0),
         Column("F-score", "objects_f_score", "{:.2f}"),
@@ -249,4 +236,5 @@ def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str)
     for error, unit in ERRORS:
         heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
         columns.append(Column(heading, column, "{:.2f}", optional=1))
-    return Table(title, columns, labelled_rows(means.reset_index().to_dict("records"), labels))
+    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, {over_snrs(snrs_of(scored))}"
+    return [Table(title, columns, labelled_rows(means.reset_index().to_dict("records"), labels))]

@@ -244,31 +244,19 @@ def test_every_scene_is_a_dot_in_the_row_of_its_estimator_and_references_are_lin
     places = [f"{family}, {snr} dB" for snr in (0, 10) for family in ("town", "crowd")]
     assert [chart.title for chart in group.charts] == places
     for chart in group.charts:
-        dots = [one for one in chart.series if one.mark == "points" and one.label]
+        dots = [one for one in chart.series if one.style.symbol == "circle"]
         ratio, height = (np.concatenate([getattr(one, name) for one in dots]) for name in "xy")
         assert sorted(ratio[height < 0.5]) == pytest.approx(np.arange(2.0, 10.0) / 2)
         assert ratio[height > 0.5].tolist() == [LARGEST_RATIO] * 8
         (reference,) = [one for one in chart.series if one.mark == "line"]
         assert (reference.x, reference.style.dash) == ([1, 1], "dash")
-        a, b = [one for one in chart.series if one.mark == "points" and not one.label]
+        a, b = [one for one in chart.series if one.style.symbol == "line-ns"]
         assert [*a.x_low, *a.x, *a.x_high] == pytest.approx(
             np.quantile(ratio[height < 0.5], [0.25, 0.5, 0.75])
         )
         assert (a.y, b.y) == ([0], [1])
     assert list(chart.y.categories) == ["a", "b"]
     assert (chart.x.log, chart.x.title) == (True, "ratio to the oracle")
-
-
-def test_frames_and_phases_have_symbols_that_the_legend_names(drawn):
-    chart = ratio_charts(scene_cells(drawn), lines_of(drawn))[0].charts[0]
-    symbols = {one.label: one.style.symbol for one in chart.series if one.label}
-    assert symbols == {
-        "frame panel, in phase": "circle",
-        "frame panel, carrier phases": "diamond",
-        "frame paper, in phase": "circle-open",
-        "frame paper, carrier phases": "diamond-open",
-        "oracle (truth merged in cells ± spread)": "",
-    }
 
 
 def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
