@@ -48,7 +48,7 @@ ROLES = {"oracle": "truth merged in cells", "chance": "zero skill", "empty": "no
 NO_SCORE = ": no score"
 """End of the label of a series that has none."""
 
-LONGEST_LABEL = 32
+LONGEST_LABEL = 34
 SHARE_LIMITS = -0.03, 1.03
 """Ends of an axis of shares and probabilities."""
 
@@ -90,8 +90,6 @@ class Series:
     mark : {"line", "points", "step", "bar"}
         Bars lie, and those of several series stand in a row.
     style : LineStyle
-    texts : sequence of str
-        Beside the points, or empty.
     tick : float or None
         Place on the x axis that the points stand for, where those of several series stand side by side.
     """
@@ -105,7 +103,6 @@ class Series:
     x_high: ArrayLike = ()
     mark: Literal["line", "points", "step", "bar"] = "line"
     style: LineStyle = LineStyle()
-    texts: Sequence[str] = ()
     tick: float | None = None
 
 

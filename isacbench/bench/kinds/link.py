@@ -30,7 +30,7 @@ from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import Entry, ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
-from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import counted
@@ -52,10 +52,6 @@ IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
 
-
-MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
-DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
-RECEIVER_DASHES = "solid", "dash", "dashdot"
 
 LOWEST_BER = 1e-6
 """A frame has a few million bits: fewer errors are not seen."""
@@ -214,7 +210,8 @@ class LinkKind(Kind):
         for template, stem, part in kind.title_stems(sensed, "template"):
             images = []
             for variant in charts.variants_in(part):
-                series = _signal_series(charts.rows_of(part, variant))
+                own, lines = _with_lines(charts.rows_of(part, variant), SIGNAL)
+                series = charts.line_series(own, lines, "snr_db", "deviation_mean", "deviation")
                 images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, DEVIATION, series))
             title = (
                 f"{template}: bit errors of the user, and deviations of the image; "
@@ -226,39 +223,28 @@ class LinkKind(Kind):
         return found
 
 
+def _with_lines(part: pd.DataFrame, names: list[str]) -> tuple[pd.DataFrame, dict[Variant, Line]]:
+    """Label rows by some columns, and give each label a line; modulations have their colours."""
+    labels = [signal_label(values) for values in part[names].itertuples(index=False)]
+    part = part.assign(estimator=part["modulation"], params=labels)
+    return part, charts.assign_lines({variant: variant[1] for variant in charts.variants_in(part)})
+
+
 def _error_series(part: pd.DataFrame) -> list[Series]:
-    """Bit error rates behind a channel, and the closed form of white noise."""
-    found, receivers = [], kind.labels_of(part)
-    for modulation in part["modulation"].unique():
-        colour, own = MODULATION_COLOURS[modulation], part[part["modulation"] == modulation]
-        for place, (variant, receiver) in enumerate(receivers.items()):
-            rows = charts.rows_of(own[own["n_bit_errors"] > 0], variant)
-            limits = charts.interval(rows, "ber")
-            style = LineStyle(colour, RECEIVER_DASHES[place % len(RECEIVER_DASHES)], "circle")
-            label = f"{modulation.upper()}, {receiver}"
-            found.append(Series(label, rows["snr_db"], rows["ber"], *limits, style=style))
-        snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
+    """Bit error rates behind a channel where there are errors, and the closed form of white noise."""
+    receivers = kind.labels_of(part)
+    columns = {"receiver": [receivers[one] for one in zip(part["estimator"], part["params"], strict=True)]}
+    columns["ber"] = part["ber"].where(part["n_bit_errors"] > 0)
+    part, lines = _with_lines(part.assign(**columns), ["modulation", "receiver"])
+    found = charts.line_series(part, lines, "snr_db", "ber", "ber")
+    colours = {modulation: line.style.colour for (modulation, _), line in reversed(lines.items())}
+    for modulation, colour in colours.items():
+        snrs_db = np.linspace(part["snr_db"].min(), part["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
         rates[rates < LOWEST_BER] = np.nan
-        label = f"{modulation.upper()}, closed form in white noise"
+        label = f"{modulation} closed form in white noise"
         found.append(Series(label, snrs_db, rates, style=LineStyle(colour, "dot", "")))
     return found
-
-
-def _signal_series(part: pd.DataFrame) -> list[Series]:
-    """Deviations of one estimator, a line a signal."""
-    found = []
-    for key, rows in part.groupby(SIGNAL, sort=False):
-        limits, style = charts.interval(rows, "deviation_mean", "deviation"), _signal_style(key)
-        label = f"image, {signal_label(key)}"
-        found.append(Series(label, rows["snr_db"], rows["deviation_mean"], *limits, style=style))
-    return found
-
-
-def _signal_style(signal: tuple[Any, ...]) -> LineStyle:
-    sensing, modulation, division = signal
-    symbol = "diamond" if sensing == "prs" else "circle"
-    return LineStyle(MODULATION_COLOURS.get(modulation, ""), DIVISION_DASHES[division], symbol)
 
 
 def _trade_charts(
@@ -268,20 +254,13 @@ def _trade_charts(
     channel = received["channel"].iloc[0]
     receiver, label = list(kind.labels_of(received).items())[-1]
     rates = charts.rows_of(received[received["channel"] == channel], receiver)
-    rates, panels = rates[["modulation", "snr_db", "rate_bps"]], []
+    rates = rates[["modulation", "snr_db"]].assign(rate_gbps=rates["rate_bps"] / 1e9)
+    x, panels = Axis("achievable bit rate [Gbit/s]"), []
     for variant in charts.variants_in(sensed):
-        points, series = _trade_points(charts.rows_of(sensed, variant), rates), []
-        for key, rows in points.groupby(SIGNAL, sort=False):
-            sensing, _, division = key
-            is_named = sensing != "prs" and division in ("", "reciprocal")
-            texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]] if is_named else []
-            x, y = rows["rate_bps"] / 1e9, rows["deviation_mean"]
-            series.append(Series(signal_label(key), x, y, style=_signal_style(key), texts=texts))
-        top = max([0.0, *points["deviation_mean"].dropna()])
-        axis = Axis("imaging deviation", limits=(0.0, 1.06 * top or 1.0))
-        rate = Axis("achievable bit rate [Gbit/s]")
-        panels.append(Chart(f"Image by {labels[variant]}", rate, axis, series))
-    title = f"{template}: image against bit rate behind {channel}, {label}; numbers are SNRs in dB"
+        points, lines = _with_lines(_trade_points(charts.rows_of(sensed, variant), rates), SIGNAL)
+        series = charts.line_series(points, lines, "rate_gbps", "deviation_mean")
+        panels.append(Chart(f"Image by {labels[variant]}", x, DEVIATION, series))
+    title = f"{template}: image against bit rate behind {channel}, {label}; at 0, 10, 20 and 30 dB"
     return ChartGroup(f"trade-{stem}", title, panels, panel_in=PANEL_IN)
 
 

@@ -346,7 +346,6 @@ def _series(series: Series) -> dict[str, Any]:
         "label": series.label,
         "mark": series.mark,
         **asdict(series.style),
-        "texts": list(series.texts),
         **{name: numbers(np.asarray(getattr(series, name), float)) for name in ("x", "y", "low", "high")},
     }
 
