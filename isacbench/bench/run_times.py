@@ -66,12 +66,18 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
     parts = dict(iter(_medians(rows, [place, *VARIANT]).groupby(place, sort=False)))
     is_detail = len(parts) > MANY_SCENARIOS
     found = [_stage_table(f"{len(parts)} scenarios", _medians(rows, VARIANT))] if is_detail else []
-    return found + [replace(_stage_table(name, part), is_detail=is_detail) for name, part in parts.items()]
+    return found + [
+        replace(_stage_table(str(name), part), is_detail=is_detail) for name, part in parts.items()
+    ]
 
 
 def _stage_table(name: str, table: pd.DataFrame) -> Table:
     labels = charts.short_labels(estimator_labels(charts.variants_in(table)))
-    times = {"time": "time_estimate_s", "spread": "time_spread_s", **{one: f"time_{one}_s" for one in STAGES}}
+    times: dict[str, str] = {
+        "time": "time_estimate_s",
+        "spread": "time_spread_s",
+        **{one: f"time_{one}_s" for one in STAGES},
+    }
     columns = [
         Column("estimator", "label", part=0),
         Column("cells", "n_timed"),
@@ -131,8 +137,8 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
     snrs_db = shown_snrs(part["snr_db"].tolist())
     points = part[part["snr_db"].isin(snrs_db)]
     # References are level lines, whose times would only stretch the axis.
-    own_times_s = points["time_s"].where(~points["is_limit"] | points["is_limit"].all())
-    x_limits = charts.decades(1e3 * own_times_s)
+    own = points[~points["is_limit"]] if not points["is_limit"].all() else points
+    x_limits = charts.decades(1e3 * own["time_s"])
     x = Axis("median processor time of an image [ms]", log=True, limits=x_limits)
     y = Axis("Hausdorff sum [m]", log=True, limits=charts.decades(points["hausdorff_sum_m_mean"]))
     panels = [

@@ -170,12 +170,6 @@ def time_words(rows: pd.DataFrame) -> str:
     return "median processor time" + ("" if is_alone else " (not measured alone)")
 
 
-def time_notes(rows: pd.DataFrame, by: Sequence[str]) -> dict[Any, str]:
-    """End of the title of each group of rows: the median time of its cells, where any did not fail."""
-    words, times_s = time_words(rows), median_times(rows, by)[f"{TIME}_median"]
-    return {key: f"; {words} {1e3 * time_s:.1f} ms" for key, time_s in times_s.items()}
-
-
 def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] = (TIME,)) -> pd.DataFrame:
     """Take the median over the cells of each group that did not fail, whatever their SNR and trial.
 

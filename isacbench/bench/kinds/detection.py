@@ -124,7 +124,8 @@ class DetectionKind(Kind):
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
         found = []
-        for scenario, part in self.summary(rows).groupby("scenario", sort=False):
+        for key, part in self.summary(rows).groupby("scenario", sort=False):
+            scenario = str(key)
             columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
             title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
             if scenario in MAPS:

@@ -26,7 +26,7 @@ from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.dsp.bounds import single_bound
 from isacbench.model.radio_coordinates import draw_place, radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers, Scenario
@@ -43,7 +43,6 @@ TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "
 ERRORS, BOUNDS = ([f"{what}_{column}" for column, _ in UNITS.values()] for what in ("error", "bound"))
 """Errors of a hit, which have a sign, and Cramér-Rao bounds, standard deviations."""
 
-CURVE = ["scenario", "estimator", "params"]
 
 BOUND_STYLE = LineStyle("", "dash", "")
 SNR_AXIS, SHARE_AXIS = Axis("SNR after gain [dB]"), Axis("share of trials", limits=charts.SHARE_LIMITS)
@@ -81,23 +80,23 @@ class EfficiencyKind(Kind):
         ``ratio_<x>_high``, all of the trials with a hit, the interval of five or more;
         ``time_estimate_s_median``.
         """
-        return statistics.summarise(rows, [*CURVE, "snr_db"], _numbers)
+        return statistics.summarise(rows, ["scenario", *VARIANT, "snr_db"], _numbers)
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Errors over the bound, one table a scenario and estimator."""
-        summary, labels, found = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
-        times = statistics.time_notes(rows, CURVE)
+        found, words = kind.number_tables(rows), statistics.time_words(rows)
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
             Column("missed", form=_missed_text),
             Column("false: points", "n_false"),
             *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in UNITS),
+            Column("time [ms]", "time_estimate_s_median", "{:.1f}", scale=1e3),
         ]
-        for key, part in summary.groupby(CURVE, sort=False):
-            scenario, name, params = map(str, key)
-            band = statistics.trials_and_band(part["n_trials"].max())
-            title = f"{scenario}, {labels[name, params]}: error over Cramér-Rao bound, {band}"
-            found.append(Table(title + times.get(key, ""), columns, part.sort_values("snr_gain_db")))
+        summary = kind.with_labels(self.summary(rows)).sort_values("snr_gain_db", kind="stable")
+        for (scenario, label), part in summary.groupby(["scenario", "label"], sort=False):
+            trials = statistics.trials_and_band(part["n_trials"].max())
+            title = f"{scenario}, {label}: error over Cramér-Rao bound, {trials}; {words}"
+            found.append(Table(title, columns, part))
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:

@@ -87,12 +87,12 @@ class ImagingKind(Kind):
         found = []
         for batch in charts.batched(charts.variants_in(summary), ESTIMATORS_A_TABLE):
             columns = [Column("SNR [dB]", "snr_db", part=0)]
-            for part, variant in enumerate(batch, start=1):
-                columns.append(Column(f"{labels[variant]}: deviation", variant, part=part))
+            for place, variant in enumerate(batch, start=1):
+                columns.append(Column(f"{labels[variant]}: deviation", variant, part=place))
                 for name in further:
                     one = score_of(name)
                     heading, optional = one.name, one.optional
-                    columns.append(Column(heading, (*variant, name), one.form, optional=optional, part=part))
+                    columns.append(Column(heading, (*variant, name), one.form, optional=optional, part=place))
             found.append(Table(title, columns, lines))
         return found
 

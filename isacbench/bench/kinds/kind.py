@@ -111,6 +111,12 @@ def labels_of(rows: pd.DataFrame) -> dict[Variant, str]:
     return charts.short_labels(estimator_labels(variants_in(rows)))
 
 
+def with_labels(rows: pd.DataFrame) -> pd.DataFrame:
+    """Add the short label of each estimator, the same in all tables of a run, as the column ``label``."""
+    labels = labels_of(rows)
+    return rows.assign(label=[labels[one] for one in zip(rows["estimator"], rows["params"], strict=True)])
+
+
 def number_tables(rows: pd.DataFrame) -> list[Table]:
     """Table of what the numbers in short labels stand for, if there are any."""
     return charts.number_table(estimator_labels(variants_in(rows)))

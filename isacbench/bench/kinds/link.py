@@ -48,7 +48,6 @@ from isacbench.model.numerology import System
 from isacbench.plugins.registry import canonical_params, construct
 from isacbench.specifications import parse_spec
 
-IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
 
@@ -174,24 +173,17 @@ class LinkKind(Kind):
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Deviations of every scenario and estimator, and bit error rates of every channel and receiver."""
         summary = self.summary(rows).sort_values("snr_db", kind="stable")
-        sensed, received = summary[summary["channel"] == ""], summary[summary["channel"] != ""]
-        times, labels = statistics.time_notes(rows, IMAGED), kind.labels_of(sensed)
+        sensed, received = map(kind.with_labels, _sensed_and_received(summary))
         found, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
-        for key, part in sensed.groupby(IMAGED, sort=False):
-            template, *variant = key
-            title = (
-                f"{template}, {labels[tuple(variant)]}: mean imaging deviation by what is sensed with, "
-                f"{statistics.trials_and_band(part['n_cells'].max())}{times.get(key, '')}"
-            )
+        for (template, label), part in sensed.groupby(["template", "label"], sort=False):
+            trials = statistics.trials_and_band(part["n_cells"].max())
+            title = f"{template}, {label}: mean imaging deviation by what is sensed with, {trials}"
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
             lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
             found.append(charts.spread_table(title, first, lines, headings))
-        labels = kind.labels_of(received)
-        for (channel, *variant), part in received.groupby(["channel", *VARIANT], sort=False):
-            title = (
-                f"{channel}, {labels[tuple(variant)]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
-                f"{counted(part['n_cells'].max(), 'frame')}"
-            )
+        for (channel, label), part in received.groupby(["channel", "label"], sort=False):
+            frames = counted(part["n_cells"].max(), "frame")
+            title = f"{channel}, {label}: bit error rate (expected) | EVM [dB] | Gbit/s, {frames}"
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
             lines = charts.spread_rows(part, ["snr_db"], ["modulation"], _reception_text)
             found.append(charts.spread_table(title, first, lines, headings))
@@ -200,7 +192,7 @@ class LinkKind(Kind):
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Bit errors of every channel beside deviations of every scenario, and the trade between the two."""
         summary = self.summary(rows).sort_values("snr_db", kind="stable")
-        received, sensed = summary[summary["channel"] != ""], summary[summary["channel"] == ""]
+        sensed, received = _sensed_and_received(summary)
         y = Axis("bit error rate", log=True, limits=(LOWEST_BER, 1.0))
         errors = [
             Chart(f"User behind {channel}", SNR_AXIS, y, _error_series(part))
@@ -223,6 +215,11 @@ class LinkKind(Kind):
         return found
 
 
+def _sensed_and_received(summary: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    is_sensed = summary["channel"] == ""
+    return summary[is_sensed], summary[~is_sensed]
+
+
 def _with_lines(part: pd.DataFrame, names: list[str]) -> tuple[pd.DataFrame, dict[Variant, Line]]:
     """Label rows by some columns, and give each label a line; modulations have their colours."""
     labels = [signal_label(values) for values in part[names].itertuples(index=False)]
@@ -232,18 +229,16 @@ def _with_lines(part: pd.DataFrame, names: list[str]) -> tuple[pd.DataFrame, dic
 
 def _error_series(part: pd.DataFrame) -> list[Series]:
     """Bit error rates behind a channel where there are errors, and the closed form of white noise."""
-    receivers = kind.labels_of(part)
-    columns = {"receiver": [receivers[one] for one in zip(part["estimator"], part["params"], strict=True)]}
-    columns["ber"] = part["ber"].where(part["n_bit_errors"] > 0)
-    part, lines = _with_lines(part.assign(**columns), ["modulation", "receiver"])
+    part = kind.with_labels(part.assign(ber=part["ber"].where(part["n_bit_errors"] > 0)))
+    part, lines = _with_lines(part, ["modulation", "label"])
     found = charts.line_series(part, lines, "snr_db", "ber", "ber")
-    colours = {modulation: line.style.colour for (modulation, _), line in reversed(lines.items())}
-    for modulation, colour in colours.items():
+    first: dict[Any, Line] = {modulation: line for (modulation, _), line in reversed(lines.items())}
+    for modulation, line in first.items():
         snrs_db = np.linspace(part["snr_db"].min(), part["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
         rates[rates < LOWEST_BER] = np.nan
         label = f"{modulation} closed form in white noise"
-        found.append(Series(label, snrs_db, rates, style=LineStyle(colour, "dot", "")))
+        found.append(Series(label, snrs_db, rates, style=LineStyle(line.style.colour, "dot", "")))
     return found
 
 

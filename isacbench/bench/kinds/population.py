@@ -14,7 +14,6 @@ finds the scatterer without false points.
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -186,12 +185,12 @@ class PopulationKind(Kind):
         # A heading of all tables: times of cells that ran beside others mislead.
         words = "time [ms]" + statistics.time_words(rows).removeprefix("median processor time")
         by = summary[is_of_all_frames].groupby(["family", "snr_db"], sort=False, dropna=False)
-        for (family, snr_db), part in by:
-            is_over_all = math.isnan(snr_db)
-            is_detail = not is_over_all or (family != ALL and part["n_false_mean"].isna().all())
-            title = (
-                f"{'All scenes' if family == ALL else family}, {over if is_over_all else f'{snr_db:g} dB'}"
-            )
+        for key, part in by:
+            family, snr_db = map(str, key)
+            is_over_all = snr_db == "nan"
+            is_detail = not is_over_all or bool(family != ALL and part["n_false_mean"].isna().all())
+            snrs = over if is_over_all else f"{float(snr_db):g} dB"
+            title = f"{'All scenes' if family == ALL else family}, {snrs}"
             found.append(replace(_score_table(part, labels, title, words), is_detail=is_detail))
         ratios = summary[summary["snr_db"].isna()].dropna(subset="ratio_median")
         own = ratios[(ratios["frame"] == ALL) & (ratios["family"] != ALL)]
@@ -306,7 +305,7 @@ def _ratio_table(
     columns = [Column("estimator", "label", part=0)]
     for place, (key, part) in enumerate(ratios.groupby(by, sort=False), start=1):
         mark = MARK if _column("ratio") in json.loads(part["near_chance"].iloc[0]) else ""
-        columns.append(Column(", ".join(key) + mark, key, _ratio_text, part=place))
+        columns.append(Column(", ".join(map(str, key)) + mark, key, _ratio_text, part=place))
     rows = scores.labelled_rows(charts.spread_rows(ratios, VARIANT, by), labels)
     return [Table(f"{title} (quartiles){NOTE}", columns, rows)] if len(columns) > 2 else []
 

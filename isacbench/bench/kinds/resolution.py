@@ -122,8 +122,8 @@ class ResolutionKind(Kind):
             )
             lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT, _shares_text)
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
-            texts = {one: f"{1e3 * times_s[*key, *one]:.1f}" for one in headings if (*key, *one) in times_s}
-            lines.append({"dimension": "time [ms]"} | texts)
+            own_s = ((one, times_s.get((*key, *one))) for one in headings)
+            lines.append({"dimension": "time [ms]"} | {one: f"{1e3 * s:.1f}" for one, s in own_s if s})
             found.append(charts.spread_table(title, columns, lines, headings))
         return found
 

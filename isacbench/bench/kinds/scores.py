@@ -94,14 +94,15 @@ PERCENT = "{:.0f} %"
 def averaged_columns(rows: pd.DataFrame) -> list[str]:
     """List the columns of rows that are averaged: scores, the number of points, and numbers of the kind."""
     others = {*COLUMNS, *TIMING_COLUMNS, *REFERENCE_COLUMNS, *SNR_GAIN, *AVERAGED, *LONE_COUNTS}
-    return [*AVERAGED, *(name for name in rows.select_dtypes("number") if name not in others)]
+    return [*AVERAGED, *(name for name in map(str, rows.select_dtypes("number")) if name not in others)]
 
 
 def with_counts(rows: pd.DataFrame) -> pd.DataFrame:
     """Add what is counted of each row, `COUNTS`; failures have nothing that is averaged."""
-    broken, numbers = failed(rows), rows[averaged_columns(rows)]
-    counts = {"n_cells": 1, "n_no_detection": rows["status"] == "no_detection", "n_failed": broken}
-    return rows.assign(**numbers.mask(broken, axis=0), **counts)
+    broken, names = failed(rows), averaged_columns(rows)
+    found = rows.assign(n_cells=1, n_no_detection=rows["status"] == "no_detection", n_failed=broken)
+    found[names] = rows[names].mask(broken, axis=0)
+    return found
 
 
 def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:

@@ -143,10 +143,8 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
     signals = ["all qpsk", "all 16qam reciprocal", "all 16qam matched", "all 16qam wiener", "prs"]
     assert imaged.headings == ["SNR [dB]", *signals]
     assert [row[0] for row in imaged.texts] == ["0", "60"]
-    assert imaged.title.startswith(
-        "tiny, blob: mean imaging deviation by what is sensed with, 2 trials, "
-        "no confidence band below 5; median processor time "
-    )
+    trials = "2 trials, no confidence band below 5"
+    assert imaged.title == f"tiny, blob: mean imaging deviation by what is sensed with, {trials}"
     assert not any("±" in text for row in imaged.texts for text in row[1:])
     assert known.title.startswith("awgn, one_tap[knowledge=perfect]: bit error rate")
     assert estimated.title.startswith("awgn, one_tap[knowledge=prs]: bit error rate")
@@ -154,7 +152,6 @@ def test_a_run_has_a_table_a_signal_and_one_a_receiver(plugins, tiny):
     # One trial is no trials, and no decibel has no sign.
     imaged, known, _ = LinkKind().tables(rows.query("trial == 0").assign(evm_db=-0.01))
     assert ", 1 trial, " in imaged.title
-    assert imaged.title.endswith(" ms")
     assert known.title.endswith(", 1 frame")
     assert " | 0.0 | " in known.texts[0][1]
     # A suite without users has tables and charts of images alone.
