@@ -133,9 +133,10 @@ class DetectionKind(Kind):
                 title = f"{scenario}: P_d and P_fa of a nominal {part['pfa'].iloc[0]:g}"
             else:
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
-            part = part.sort_values("snr_db")
+            part, by_detector = _with_lines(part.sort_values("snr_db"))
             lines = charts.spread_rows(part, ["snr_gain_db", "snr_db"], VARIANT, _rates_text)
-            found.append(charts.spread_table(title, columns, lines, entry_labels(part)))
+            headings = {variant: variant[1] for variant in by_detector}
+            found.append(charts.spread_table(title, columns, lines, headings))
         return found
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -150,13 +151,8 @@ class DetectionKind(Kind):
 
 
 def _map_charts(summary: pd.DataFrame) -> list[ChartGroup]:
-    """Detection and false alarms over SNR, and over each other; a column a map.
-
-    Detectors have their lines by how the suite writes them, the same for every nominal rate.
-    """
-    names = summary["detector"].str.partition("[")[0]
-    summary = summary.assign(estimator=names, params=summary["detector"])
-    lines = charts.assign_lines({variant: variant[1] for variant in charts.variants_in(summary)})
+    """Detection and false alarms over SNR, and over each other; a column a map."""
+    summary, lines = _with_lines(summary)
     rate = reference_rate(summary["pfa"])
     part = summary[summary["pfa"] == rate]
     x, false = Axis("SNR of a target in its cell [dB]"), _false_axis(part)
@@ -192,11 +188,8 @@ def _roc_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGr
 
 def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
     """Effect of detectors on estimators: deviation, detection and false alarms over SNR."""
-    labels = entry_labels(part)
-    detectors = part.drop_duplicates(VARIANT)["detector"].str.partition("[")[0]
-    places = map(str, range(len(labels)))
-    named = dict(zip(zip(detectors, places, strict=True), labels.values(), strict=True))
-    lines = dict(zip(labels, charts.assign_lines(named).values(), strict=True))
+    behind = f"{', '.join(part['estimator'].unique())} behind each detector"
+    part, lines = _with_lines(part)
     over_snr, snr = partial(charts.line_series, part, lines, "snr_db"), Axis("SNR [dB]")
     deviation, rates = Axis("imaging deviation", log=True), sorted(part["pfa"].unique())
     false = over_snr("false", "pfa_measured")
@@ -205,7 +198,6 @@ def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
         Chart("Cells of scatterers", snr, DETECTED_AXIS, over_snr("pd", "pd")),
         Chart("Cells far from scatterers", snr, _false_axis(part), false, lines=rates),
     ]
-    behind = f"{', '.join(part['estimator'].unique())} behind each detector"
     title = f"{name}: {behind}; {statistics.trials_and_band(part['n_cells'].max())}"
     return ChartGroup(f"detection-{stem}", title, panels)
 
@@ -216,11 +208,12 @@ def _false_axis(part: pd.DataFrame) -> Axis:
     return Axis("probability of false alarm", log=True, limits=limits)
 
 
-def entry_labels(part: pd.DataFrame) -> dict[Variant, str]:
-    """Label what ran on a map or scenario by its detector, and by its estimator if there are several."""
-    several = part["estimator"].nunique() > 1 and not part["scenario"].isin(list(MAPS)).any()
-    columns = zip(part["estimator"], part["params"], part["detector"], strict=True)
-    return {(name, params): f"{name}, {text}" if several else text for name, params, text in columns}
+def _with_lines(part: pd.DataFrame) -> tuple[pd.DataFrame, dict[Variant, Line]]:
+    """Name rows by their detector, with their estimator where there are several, and give each a line."""
+    is_alone = part["estimator"].nunique() == 1 or part["scenario"].isin(list(MAPS)).all()
+    labels = part["detector"] if is_alone else part["estimator"] + ", " + part["detector"]
+    part = part.assign(estimator=part["detector"].str.partition("[")[0], params=labels)
+    return part, charts.assign_lines({variant: variant[1] for variant in charts.variants_in(part)})
 
 
 def reference_rate(rates: pd.Series[Any]) -> float:

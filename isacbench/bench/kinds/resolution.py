@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from isacbench import charts
@@ -30,6 +29,7 @@ from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
+from isacbench.checked_arrays import Floats
 from isacbench.choices import Dimension
 from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase
@@ -83,18 +83,18 @@ class ResolutionKind(Kind):
     }
 
     def tasks(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagingTask]:
-        """Plan one scene a scenario, dimension, distance and relative phase."""
-        entries, found = build_estimators(suite), []
+        """Plan one task a scenario, dimension, distance and relative phase."""
+        entries, tasks = build_estimators(suite), []
         pairs = product(suite.dimensions, suite.separations_cells, suite.phases_deg)
         for template, (dimension, cells, phase_deg) in product(scenarios.values(), pairs):
+            own = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
             name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
-            own: dict[str, Any] = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
-            draw = partial(_draw, suite, template, partial(pair, template, name, **own))
             with warned_before():
-                renamed = dataclasses.replace(template, name=name)
-            labels, measure = {"template": template.name, **own}, partial(measure_resolution, dimension)
-            found.append(ImagingTask(suite, renamed, entries, draw=draw, measure=measure, labels=labels))
-        return found
+                scenario = dataclasses.replace(template, name=name)
+            draw, measure = partial(_draw, suite, template, name, own), partial(measure_resolution, dimension)
+            labels = {"template": template.name, **own}
+            tasks.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure, labels=labels))
+        return tasks
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probability of resolution of every estimator over the distance.
@@ -152,16 +152,19 @@ class ResolutionKind(Kind):
         return found
 
 
-def _draw(suite: ResolutionSuite, template: Scenario, make: Callable[..., Scenario], trial: int) -> Scenario:
+def _draw(
+    suite: ResolutionSuite, template: Scenario, name: str, own: Mapping[str, Any], trial: int
+) -> Scenario:
     """Scenario of a trial: a pair around a place that leaves room for the farthest one."""
     margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
-    return make(centre=radio_coordinates.draw_place(template, trial, suite.seed, margin_cells))
+    centre = radio_coordinates.draw_place(template, trial, suite.seed, margin_cells)
+    return pair(template, name, centre, **own)
 
 
 def pair(
     template: Scenario,
     name: str,
-    centre: NDArray[np.float64],
+    centre: Floats,
     dimension: Dimension,
     separation_cells: float,
     phase_deg: float,
