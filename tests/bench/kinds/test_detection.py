@@ -15,7 +15,7 @@ from isacbench.model.echo import observe_echo
 from isacbench.plugins.contracts import Detection, Diagnosis
 from isacbench.plugins.registry import get_detector
 
-BAD = '''
+BAD = """
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,22 +26,18 @@ from isacbench.plugins.contracts import Detection
 
 @dataclass(frozen=True)
 class Bad:
-    """Goes wrong in a chosen way."""
-
     name: ClassVar[str] = "bad"
     pfa: float = 1e-3
-    kind: str = "raise"
+    kind: str = "write"
 
     def detect(self, power, looks=1):
-        if self.kind == "raise":
-            raise ZeroDivisionError("no luck")
         if self.kind == "write":
             power[0] = 0
         if self.kind == "list":
             return [1, 2]
         shape = (3, 3) if self.kind == "shape" else power.shape
         return Detection(np.zeros(shape, dtype=bool), power, power)
-'''
+"""
 
 
 @pytest.fixture
@@ -65,14 +61,11 @@ def test_maps_meet_every_detector_at_every_rate_and_scenarios_the_estimators_beh
     assert set(on_map["detector"]) == set(imaged["detector"]) == {"level", "ca[training=2]"}
     assert set(on_map["pfa"]) == {1e-2, 1e-3}
     assert on_map["deviation"].isna().all()
-    assert (on_map["time_estimate_s"] > 0).all()
     assert set(on_map["n_true"]) == {128}
     assert set(imaged["estimator"]) == {"blob"}
     assert {json.loads(params)["detector"]["name"] for params in imaged["params"]} == {"level", "ca"}
-    assert np.isfinite(imaged["deviation"]).all()
     # An estimator that does not show its map has nothing counted.
-    summary = DetectionKind().summary(records)
-    imaged = summary[summary["scenario"] == "tiny"]
+    imaged = DetectionKind().summary(records).query("scenario == 'tiny'")
     assert (imaged["n_targets"] == 0).all()
     assert imaged["pd"].isna().all()
     assert imaged["deviation_mean"].notna().all()
@@ -97,8 +90,7 @@ def test_without_rates_each_detector_keeps_its_own(suite):
 
 
 FAILURES = {
-    "raise": "ZeroDivisionError: no luck (bad_plugins.py, line 20, in detect)",
-    "write": "ValueError: assignment destination is read-only (bad_plugins.py, line 22, in detect)",
+    "write": "ValueError: assignment destination is read-only (bad_plugins.py, line 18, in detect)",
     "list": "TypeError: detect() must return a Detection, not list",
     "shape": "ValueError: detect() must mark cells of a map of shape (128, 1024), not bool (3, 3)",
 }

@@ -77,11 +77,6 @@ def test_rows_have_the_snr_per_element_and_after_gain(suite, records):
     gain = 10 * math.log10(255 * 127 * 81)
     assert sorted(records["snr_gain_db"].unique()) == [20, 30]
     np.testing.assert_allclose(records["snr_gain_db"] - records["snr_db"], gain, atol=1e-5)
-    by_element = run(suite, snr_db=[20 - gain], trials=1, estimators=["blob"])
-    same = records[
-        (records["trial"] == 0) & (records["snr_gain_db"] == 20) & (records["estimator"] == "blob")
-    ]
-    assert by_element["deviation"].iloc[0] == pytest.approx(same["deviation"].iloc[0], rel=1e-4)
 
 
 def test_who_sees_the_truth_hits_without_error(records):
@@ -115,26 +110,17 @@ def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
 
 def test_the_summary_takes_errors_of_hits_alone():
     rows = {
-        "scenario": "s",
-        "estimator": "e",
-        "params": "{}",
-        "snr_db": -60.0,
-        "snr_gain_db": 20.0,
-        "status": ["ok", "ok", "no_detection", "timeout"],
-        "hit": [True, True, False, False],
-        "n_false": [0, 2, 0, 0],
-        "timing": False,
-        "time_estimate_s": [0.1, 0.2, 0.3, 0.4],
+        **{"scenario": "s", "estimator": "e", "params": "{}", "snr_db": -60.0, "snr_gain_db": 20.0},
+        **{"status": ["ok", "ok", "no_detection", "timeout"], "hit": [True, True, False, False]},
+        **{"n_false": [0, 2, 0, 0], "timing": False, "time_estimate_s": [0.1, 0.2, 0.3, 0.4]},
         **{name: [3.0, -4.0, math.nan, math.nan] for name in ERRORS},
         **{name: [2.0, 2.0, 2.0, math.nan] for name in BOUNDS},
     }
     (row,) = EfficiencyKind().summary(pd.DataFrame(rows)).to_dict("records")
     assert row["ratio_u"] == pytest.approx(math.sqrt(12.5) / 2)
     assert row["rmse_range_m"] == pytest.approx(math.sqrt(12.5))
-    assert row["bound_w"] == 2.0
-    counts = {name: row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")}
-    assert counts == {"n_trials": 4, "n_failed": 1, "n_misses": 1, "n_false": 2}
-    assert row["time_estimate_s_median"] == 0.2
+    counts = [row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")]
+    assert (row["bound_w"], counts, row["time_estimate_s_median"]) == (2.0, [4, 1, 1, 2], 0.2)
 
 
 SNRS_DB = [0.0, 20.0, 40.0]
