@@ -248,12 +248,12 @@ def spread_rows(
     Each has the values of the columns `rows`, and by the values of the columns `columns`, a tuple, the
     records of the summary, or what `form` makes of them.
     """
-    found: dict[tuple[Any, ...], dict[Any, Any]] = {}
+    by_key: dict[tuple[Any, ...], dict[Any, Any]] = {}
     for record in table.to_dict("records"):
         key = tuple(record[name] for name in rows)
-        row = found.setdefault(key, dict(zip(rows, key, strict=True)))
+        row = by_key.setdefault(key, dict(zip(rows, key, strict=True)))
         row[tuple(record[name] for name in columns)] = form(record)
-    return list(found.values())
+    return list(by_key.values())
 
 
 def spread_table(
@@ -317,13 +317,13 @@ def short_labels(labels: Mapping[Variant, str]) -> dict[Variant, str]:
     >>> short_labels({("a", "1"): "a", ("b", "1"): "b[n=1]", ("b", "2"): f"b[{'x' * 40}=2]"})
     {('a', '1'): 'a', ('b', '1'): 'b[n=1]', ('b', '2'): 'b #2'}
     """
-    found: dict[Variant, str] = {}
+    short: dict[Variant, str] = {}
     numbers = Counter[str]()
     for (name, params), label in labels.items():
         numbers[name] += 1
         is_short = len(label) <= LONGEST_LABEL or label == name
-        found[name, params] = label if is_short else f"{name} #{numbers[name]}"
-    return found
+        short[name, params] = label if is_short else f"{name} #{numbers[name]}"
+    return short
 
 
 def number_table(labels: Mapping[Variant, str]) -> list[Table]:
@@ -349,23 +349,23 @@ def assign_lines(labels: Mapping[Variant, str], references: Iterable[str] = ()) 
     >>> [(line.style.colour, line.style.dash) for line in found.values()]
     [('#0072B2', 'solid'), ('', 'dash')]
     """
-    found: dict[Variant, Line] = {}
+    lines: dict[Variant, Line] = {}
     turns, bounds = Counter[int](), set(references)
     for variant, label in short_labels(labels).items():
         name = variant[0]
         if name in bounds:
-            dash = REFERENCE_DASHES[sum(line.is_reference for line in found.values()) % len(REFERENCE_DASHES)]
+            dash = REFERENCE_DASHES[sum(line.is_reference for line in lines.values()) % len(REFERENCE_DASHES)]
             role = ROLES.get(name, "sees the truth")
-            found[variant] = Line(f"{label} ({role})", LineStyle("", dash, ""), is_reference=True)
+            lines[variant] = Line(f"{label} ({role})", LineStyle("", dash, ""), is_reference=True)
             continue
         bare = name.partition(" (")[0]  # of several runs, estimators are named after theirs
         place = PLACES.get(bare, zlib.crc32(bare.encode()) % len(COLOURS))
         turn = turns[place]
         colour = shaded(COLOURS[place], SHADES[turn % len(SHADES)])
         dash = DASHES[(turn + turn // len(SYMBOLS)) % len(DASHES)]
-        found[variant] = Line(label, LineStyle(colour, dash, SYMBOLS[(place + turn) % len(SYMBOLS)]))
+        lines[variant] = Line(label, LineStyle(colour, dash, SYMBOLS[(place + turn) % len(SYMBOLS)]))
         turns[place] += 1
-    return found
+    return lines
 
 
 def shaded(colour: str, share: float) -> str:
@@ -393,7 +393,7 @@ def line_series(
     The stem names the columns of the interval, see `interval`; without it there is none. At a single SNR
     estimators stand side by side, and what sees the truth is a level line.
     """
-    found = []
+    series = []
     is_single = x in SNR_COLUMNS and table[x].nunique() == 1
     own = [variant for variant, line in lines.items() if not line.is_reference]
     half = 0.05 * max(len(own), 2)
@@ -410,8 +410,8 @@ def line_series(
             at = at + 0.1 * (own.index(variant) - (len(own) - 1) / 2)
         low, high = interval(rows, y, stem) if stem is not None else ((), ())
         label = line.label if rows[y].notna().any() else line.label + NO_SCORE
-        found.append(Series(label, at, rows[y], low, high, style=line.style, tick=tick))
-    return found
+        series.append(Series(label, at, rows[y], low, high, style=line.style, tick=tick))
+    return series
 
 
 def rows_of(table: pd.DataFrame, variant: Variant) -> pd.DataFrame:
@@ -435,10 +435,10 @@ def decades(values: pd.Series[float], least: float = 0.0) -> tuple[float, float]
     >>> decades(pd.Series([0.0, 0.02, 3.0]))
     (0.01, 10.0)
     """
-    shown = values[values > least]
-    if shown.empty:
+    values = values[values > least]
+    if values.empty:
         return (least or 0.1), 1.0
-    low, high = np.floor(np.log10(shown.min() / 1.5)), np.ceil(np.log10(1.5 * shown.max()))
+    low, high = np.floor(np.log10(values.min() / 1.5)), np.ceil(np.log10(1.5 * values.max()))
     return float(10.0**low), float(10.0**high)
 
 

@@ -65,8 +65,8 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
     place = "template" if "template" in rows else "scenario"
     parts = dict(iter(_medians(rows, [place, *VARIANT]).groupby(place, sort=False)))
     is_detail = len(parts) > MANY_SCENARIOS
-    found = [_stage_table(f"{len(parts)} scenarios", _medians(rows, VARIANT))] if is_detail else []
-    return found + [
+    tables = [_stage_table(f"{len(parts)} scenarios", _medians(rows, VARIANT))] if is_detail else []
+    return tables + [
         replace(_stage_table(str(name), part), is_detail=is_detail) for name, part in parts.items()
     ]
 
@@ -107,21 +107,21 @@ def time_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Chart
     timed = timed_rows(rows)
     if timed.empty:
         return []
-    points, found = summarise_points(timed), []
+    points, groups = summarise_points(timed), []
     for _, stem, part in kind.title_stems(points, "scenario"):
         # No point at all takes no time, and its error would be most of the axis.
         part = part[part["estimator"] != "empty"]
-        found.append(pareto_charts(part, f"pareto-{stem}", lines))
-        found += stage_charts(timed, part, f"stages-{stem}", lines)
-    return found
+        groups.append(pareto_charts(part, f"pareto-{stem}", lines))
+        groups += stage_charts(timed, part, f"stages-{stem}", lines)
+    return groups
 
 
-def shown_snrs(snrs_db: Sequence[float]) -> list[float]:
+def chart_snrs(snrs_db: Sequence[float]) -> list[float]:
     """Choose the SNRs that have a chart: all up to four; of more the lowest, the highest and two between.
 
     Examples
     --------
-    >>> shown_snrs([-30, -20, -10, 0, 10, 20])
+    >>> chart_snrs([-30, -20, -10, 0, 10, 20])
     [-30, -10, 0, 20]
     """
     ordered = sorted(set(snrs_db))
@@ -134,7 +134,7 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
 
     Points on the frontier are full, others open; those that failed or are missing in some trials are crosses.
     """
-    snrs_db = shown_snrs(part["snr_db"].tolist())
+    snrs_db = chart_snrs(part["snr_db"].tolist())
     points = part[part["snr_db"].isin(snrs_db)]
     # References are level lines, whose times would only stretch the axis.
     own = points[~points["is_limit"]] if not points["is_limit"].all() else points
@@ -154,12 +154,12 @@ def _pareto_series(
     points: pd.DataFrame, lines: Mapping[Variant, Line], x_limits: tuple[float, float]
 ) -> list[Series]:
     """References as lines, estimators as points, and the frontier as steps."""
-    found = []
+    series = []
     for row in points.to_dict("records"):
         label, style, _ = lines[row["estimator"], row["params"]]
         y, low, high = ([row[f"hausdorff_sum_m_{end}"]] for end in ("mean", "low", "high"))
         if row["is_limit"]:
-            found.append(Series(label, x_limits, 2 * y, 2 * low, 2 * high, style=style))
+            series.append(Series(label, x_limits, 2 * y, 2 * low, 2 * high, style=style))
             continue
         x, x_low, x_high = ([1e3 * row[name]] for name in ("time_s", "time_low_s", "time_high_s"))
         if math.isnan(y[0]):
@@ -168,13 +168,13 @@ def _pareto_series(
             style = replace(style, symbol="x")
         elif not row["is_on_frontier"]:
             style = replace(style, symbol=f"{style.symbol}-open")
-        found.append(Series(label, x, y, low, high, x_low, x_high, mark="points", style=style))
+        series.append(Series(label, x, y, low, high, x_low, x_high, mark="points", style=style))
     frontier = points[points["is_on_frontier"]].sort_values("time_s")
     if len(frontier):
         errors = frontier["hausdorff_sum_m_mean"].tolist()
         times_ms = [*(1e3 * frontier["time_s"]), x_limits[1]]
-        found.append(Series(FRONTIER, times_ms, [*errors, errors[-1]], mark="step", style=FRONTIER_STYLE))
-    return found
+        series.append(Series(FRONTIER, times_ms, [*errors, errors[-1]], mark="step", style=FRONTIER_STYLE))
+    return series
 
 
 def stage_charts(
@@ -184,7 +184,7 @@ def stage_charts(
 
     Nothing where no stage was timed, or nothing is on a frontier.
     """
-    front = points[points["is_on_frontier"] & points["snr_db"].isin(shown_snrs(points["snr_db"].tolist()))]
+    front = points[points["is_on_frontier"] & points["snr_db"].isin(chart_snrs(points["snr_db"].tolist()))]
     columns = {f"time_{one}_s": one for one in STAGES if rows.get(f"time_{one}_s", np.array([])).any()}
     if not columns or front.empty:
         return []

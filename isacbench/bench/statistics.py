@@ -200,8 +200,8 @@ def summarise(
     [{'estimator': 'a', 'n_cells': 2, 'time_estimate_s_median': 2.0}]
     """
     groups = rows.groupby(list(by), sort=False)
-    found = [{**dict(zip(by, key, strict=True)), **numbers(part)} for key, part in groups]
-    return pd.DataFrame(found).join(median_times(rows, by), on=list(by))
+    records = [{**dict(zip(by, key, strict=True)), **numbers(part)} for key, part in groups]
+    return pd.DataFrame(records).join(median_times(rows, by), on=list(by))
 
 
 def trials_and_band(n: int, unit: str = "trial") -> str:

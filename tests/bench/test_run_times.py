@@ -14,10 +14,10 @@ from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run_times import (
     FRONTIER,
+    chart_snrs,
     is_timed,
     pareto_charts,
     pareto_frontier,
-    shown_snrs,
     stage_charts,
     stage_tables,
     summarise_points,
@@ -221,7 +221,7 @@ def test_of_many_snrs_four_are_drawn_on_one_scale_the_lowest_and_the_highest_amo
     charts = pareto_charts(summarise_points(rows), "stem", lines_of(rows)).charts
     assert [chart.title for chart in charts] == ["-30 dB", "-10 dB", "0 dB", "20 dB"]
     assert all((chart.x, chart.y) == (charts[0].x, charts[0].y) for chart in charts)
-    assert shown_snrs([5.0, 5.0, -5.0]) == [-5.0, 5.0]
+    assert chart_snrs([5.0, 5.0, -5.0]) == [-5.0, 5.0]
 
 
 def with_stages(rows):

@@ -123,7 +123,7 @@ class DetectionKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
-        found = []
+        tables = []
         for key, part in self.summary(rows).groupby("scenario", sort=False):
             scenario = str(key)
             columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
@@ -136,8 +136,8 @@ class DetectionKind(Kind):
             part, by_detector = _with_lines(part.sort_values("snr_db"))
             lines = charts.spread_rows(part, ["snr_gain_db", "snr_db"], VARIANT, _rates_text)
             headings = {variant: variant[1] for variant in by_detector}
-            found.append(charts.spread_table(title, columns, lines, headings))
-        return found
+            tables.append(charts.spread_table(title, columns, lines, headings))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Detectors on the maps over SNR and over their nominal rate, and in front of estimators."""
@@ -240,14 +240,14 @@ class MapTask(Task):
     @cached_property
     def content(self) -> str:
         """Digest of the first map drawn: of what no rounding changes."""
-        drawn = self._drawn_once(0)
-        bits = np.packbits([drawn.targets, drawn.clear, drawn.noise.real > 0, drawn.echo.real > 0])
+        first = self._draw_once(0)
+        bits = np.packbits([first.targets, first.clear, first.noise.real > 0, first.echo.real > 0])
         return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Draw the map, for all detectors."""
-        drawn, target_snr_db = self._drawn_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
-        power, n_true = drawn.power(target_snr_db), int(drawn.targets.sum())
+        power_map, target_snr_db = self._draw_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
+        power, n_true = power_map.power(target_snr_db), int(power_map.targets.sum())
         power.setflags(write=False)
         return Shared(self._key(snr_db, trial), {"snr_gain_db": target_snr_db}, n_true, power)
 
@@ -266,9 +266,9 @@ class MapTask(Task):
 
     def score(self, shared: Shared, plugin: Detector, answer: Mask) -> Found:
         """Count hits and false alarms."""
-        drawn, n_found = self._drawn_once(shared.key["trial"]), int(answer.sum())
-        counts = _counts(answer, drawn.targets, drawn.clear)
-        return {"status": status_of(n_found), "n_estimated": n_found, **counts}, PointCloud.empty()
+        power_map, n_detected = self._draw_once(shared.key["trial"]), int(answer.sum())
+        counts = _counts(answer, power_map.targets, power_map.clear)
+        return {"status": status_of(n_detected), "n_estimated": n_detected, **counts}, PointCloud.empty()
 
 
 def count_cells(image: Image) -> dict[str, int]:
@@ -294,10 +294,11 @@ def count_cells(image: Image) -> dict[str, int]:
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts and rates of one group, and the deviation of its images."""
     counts, n_failed = {name: int(part[name].sum()) for name in COUNTS}, int(failed(part).sum())
-    found = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed, **counts}
+    numbers = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed}
+    numbers |= counts
     for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
-        found |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
-    return found | statistics.deviation_columns(part)
+        numbers |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
+    return numbers | statistics.deviation_columns(part)
 
 
 def _alone(

@@ -43,7 +43,6 @@ TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "
 ERRORS, BOUNDS = ([f"{what}_{column}" for column, _ in UNITS.values()] for what in ("error", "bound"))
 """Errors of a hit, which have a sign, and Cramér-Rao bounds, standard deviations."""
 
-
 BOUND_STYLE = LineStyle("", "dash", "")
 SNR_AXIS, SHARE_AXIS = Axis("SNR after gain [dB]"), Axis("share of trials", limits=charts.SHARE_LIMITS)
 RATIO_AXIS = Axis("error over bound", log=True, limits=(0.7, 10.0))
@@ -84,7 +83,7 @@ class EfficiencyKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Errors over the bound, one table a scenario and estimator."""
-        found, words = kind.number_tables(rows), statistics.time_words(rows)
+        tables, words = kind.number_tables(rows), statistics.time_words(rows)
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
             Column("missed", form=_missed_text),
@@ -96,12 +95,12 @@ class EfficiencyKind(Kind):
         for (scenario, label), part in summary.groupby(["scenario", "label"], sort=False):
             trials = statistics.trials_and_band(part["n_trials"].max())
             title = f"{scenario}, {label}: error over Cramér-Rao bound, {trials}; {words}"
-            found.append(Table(title, columns, part))
-        return found
+            tables.append(Table(title, columns, part))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Errors beside their bound, errors over it, misses and false points, over SNR."""
-        summary, lines, found = _with_shares(self.summary(rows)), kind.lines_of(rows), []
+        summary, lines, groups = _with_shares(self.summary(rows)), kind.lines_of(rows), []
         for scenario, stem, part in kind.title_stems(summary, "scenario"):
             over_snr = partial(charts.line_series, part, lines, "snr_gain_db")
             bounds = part.drop_duplicates("snr_gain_db").sort_values("snr_gain_db")
@@ -119,8 +118,8 @@ class EfficiencyKind(Kind):
             trials = statistics.trials_and_band(part["n_trials"].max())
             title = f"{scenario}: one scatterer, errors where it was found; {trials}"
             panels = [*errors, missed, *ratios, false]
-            found.append(ChartGroup(f"efficiency-{stem}", title, panels, n_columns=5))
-        return found
+            groups.append(ChartGroup(f"efficiency-{stem}", title, panels, n_columns=5))
+        return groups
 
 
 def measure_efficiency(image: Image) -> dict[str, Any]:
@@ -170,7 +169,7 @@ def _ratio_text(column: str, row: Mapping[Any, Any]) -> str:
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts of one group, and errors and bounds of its trials with a hit."""
     broken, hits = failed(part), part[part["hit"]]
-    found: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "snr_gain_db": part["snr_gain_db"].iloc[0],
         "n_trials": len(part),
         "n_failed": int(broken.sum()),
@@ -179,11 +178,11 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     for dimension, (column, _) in UNITS.items():
         error, bound = hits[f"error_{column}"], hits[f"bound_{column}"]
-        found[f"rmse_{column}"] = math.sqrt((error**2).mean())
-        found[f"bound_{column}"] = part[f"bound_{column}"].mean()
+        numbers[f"rmse_{column}"] = math.sqrt((error**2).mean())
+        numbers[f"bound_{column}"] = part[f"bound_{column}"].mean()
         names = (f"ratio_{dimension}{end}" for end in ("", "_low", "_high"))
-        found |= zip(names, statistics.rms_interval((error / bound).to_numpy()), strict=True)
-    return found
+        numbers |= zip(names, statistics.rms_interval((error / bound).to_numpy()), strict=True)
+    return numbers
 
 
 def _draw(scenario: Scenario, seed: int, trial: int) -> Scenario:

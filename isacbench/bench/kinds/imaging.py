@@ -55,17 +55,17 @@ class ImagingKind(Kind):
         labels, words = kind.labels_of(rows), f"{statistics.time_words(rows)} of an image"
         if rows.get(SPREAD_COLUMNS["deviation"], pd.Series()).notna().any():
             words += "; ± of references: spread over realisations"
-        n_scenarios, found = rows["scenario"].nunique(), kind.number_tables(rows)
+        n_scenarios, tables = rows["scenario"].nunique(), kind.number_tables(rows)
         is_detail = n_scenarios > MANY_SCENARIOS
         if is_detail:
             title = f"mean over {statistics.trials_and_band(n_scenarios, 'scenario')}; {words}"
-            found += self._estimators_over_snr(average_scenarios(rows), title, labels, rows)
+            tables += self._estimators_over_snr(average_scenarios(rows), title, labels, rows)
         for scenario, part in summarise_scores(rows).groupby("scenario", sort=False):
             title = f"{scenario}: mean of {statistics.trials_and_band(part['n_cells'].max())}; {words}"
             own = rows[rows["scenario"] == scenario]
-            tables = self._estimators_over_snr(part, title, labels, own)
-            found += [replace(table, is_detail=is_detail) for table in tables]
-        return [*found, *scores.object_tables(rows, scores.with_references(labels, find_limits(rows)))]
+            own_tables = self._estimators_over_snr(part, title, labels, own)
+            tables += [replace(table, is_detail=is_detail) for table in own_tables]
+        return [*tables, *scores.object_tables(rows, scores.with_references(labels, find_limits(rows)))]
 
     def _estimators_over_snr(
         self, summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], rows: pd.DataFrame
@@ -84,7 +84,7 @@ class ImagingKind(Kind):
         lines.append(
             {"snr_db": "time [ms]"} | {one: f"{1e3 * time_s:.1f}" for one, time_s in times_s.items()}
         )
-        found = []
+        tables = []
         for batch in charts.batched(charts.variants_in(summary), ESTIMATORS_A_TABLE):
             columns = [Column("SNR [dB]", "snr_db", part=0)]
             for place, variant in enumerate(batch, start=1):
@@ -93,8 +93,8 @@ class ImagingKind(Kind):
                     one = score_of(name)
                     heading, optional = one.name, one.optional
                     columns.append(Column(heading, (*variant, name), one.form, optional=optional, part=place))
-            found.append(Table(title, columns, lines))
-        return found
+            tables.append(Table(title, columns, lines))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Deviation of all scenarios, all scores of each, and run time against error where the time counts.
@@ -106,15 +106,15 @@ class ImagingKind(Kind):
             note = f"mean over {statistics.trials_and_band(n_scenarios, 'scenario')}"
             return [deviation_charts(average_scenarios(rows), lines, note), *time_charts(rows, lines)]
         summary = summarise_scores(rows)
-        found = [
+        groups = [
             deviation_charts(
                 summary, lines, f"mean of {statistics.trials_and_band(summary['n_cells'].max())}"
             )
         ]
         for name, stem, part in kind.title_stems(summary, "scenario"):
             names = [score for score in SCORES if f"{score}_mean" in part]
-            found.append(score_charts(part, names, f"curves-{stem}", lines, scenarios.get(name)))
-        return [*found, *time_charts(rows, lines)]
+            groups.append(score_charts(part, names, f"curves-{stem}", lines, scenarios.get(name)))
+        return [*groups, *time_charts(rows, lines)]
 
 
 def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note: str) -> ChartGroup:
@@ -146,4 +146,4 @@ def score_charts(
 
 def deviation_text(entry: Mapping[Any, Any]) -> str:
     """Mean deviation of some trials with its band, and the trials that failed."""
-    return charts.with_failures(scores.mean_text("deviation", entry), entry["n_failed"])
+    return charts.with_failures(scores.mean_text("deviation_mean", entry), entry["n_failed"])

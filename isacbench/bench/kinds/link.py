@@ -174,20 +174,20 @@ class LinkKind(Kind):
         """Deviations of every scenario and estimator, and bit error rates of every channel and receiver."""
         summary = self.summary(rows).sort_values("snr_db", kind="stable")
         sensed, received = map(kind.with_labels, _sensed_and_received(summary))
-        found, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
+        tables, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
         for (template, label), part in sensed.groupby(["template", "label"], sort=False):
             trials = statistics.trials_and_band(part["n_cells"].max())
             title = f"{template}, {label}: mean imaging deviation by what is sensed with, {trials}"
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
             lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
-            found.append(charts.spread_table(title, first, lines, headings))
+            tables.append(charts.spread_table(title, first, lines, headings))
         for (channel, label), part in received.groupby(["channel", "label"], sort=False):
             frames = counted(part["n_cells"].max(), "frame")
             title = f"{channel}, {label}: bit error rate (expected) | EVM [dB] | Gbit/s, {frames}"
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
             lines = charts.spread_rows(part, ["snr_db"], ["modulation"], _reception_text)
-            found.append(charts.spread_table(title, first, lines, headings))
-        return found
+            tables.append(charts.spread_table(title, first, lines, headings))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Bit errors of every channel beside deviations of every scenario, and the trade between the two."""
@@ -198,7 +198,7 @@ class LinkKind(Kind):
             Chart(f"User behind {channel}", SNR_AXIS, y, _error_series(part))
             for channel, part in received.groupby("channel", sort=False)
         ]
-        labels, found = kind.labels_of(sensed), []
+        labels, groups = kind.labels_of(sensed), []
         for template, stem, part in kind.title_stems(sensed, "template"):
             images = []
             for variant in charts.variants_in(part):
@@ -209,10 +209,10 @@ class LinkKind(Kind):
                 f"{template}: bit errors of the user, and deviations of the image; "
                 f"{statistics.trials_and_band(summary['n_cells'].max())}"
             )
-            found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], len(errors) or 1, PANEL_IN))
+            groups.append(ChartGroup(f"link-{stem}", title, [*errors, *images], len(errors) or 1, PANEL_IN))
             if len(received):
-                found.append(_trade_charts(template, stem, part, received, labels))
-        return found
+                groups.append(_trade_charts(template, stem, part, received, labels))
+        return groups
 
 
 def _sensed_and_received(summary: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -231,15 +231,15 @@ def _error_series(part: pd.DataFrame) -> list[Series]:
     """Bit error rates behind a channel where there are errors, and the closed form of white noise."""
     part = kind.with_labels(part.assign(ber=part["ber"].where(part["n_bit_errors"] > 0)))
     part, lines = _with_lines(part, ["modulation", "label"])
-    found = charts.line_series(part, lines, "snr_db", "ber", "ber")
+    series = charts.line_series(part, lines, "snr_db", "ber", "ber")
     first: dict[Any, Line] = {modulation: line for (modulation, _), line in reversed(lines.items())}
     for modulation, line in first.items():
         snrs_db = np.linspace(part["snr_db"].min(), part["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
         rates[rates < LOWEST_BER] = np.nan
         label = f"{modulation} closed form in white noise"
-        found.append(Series(label, snrs_db, rates, style=LineStyle(line.style.colour, "dot", "")))
-    return found
+        series.append(Series(label, snrs_db, rates, style=LineStyle(line.style.colour, "dot", "")))
+    return series
 
 
 def _trade_charts(
@@ -340,7 +340,7 @@ class ReceptionTask(Task):
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Send a frame, for all receivers."""
-        grid = self._drawn_once(trial)
+        grid = self._draw_once(trial)
         return Shared(self._key(snr_db, trial), self._labels, grid.bits.size, grid)
 
     def call(self, shared: Shared, plugin: OneTap) -> Reception:

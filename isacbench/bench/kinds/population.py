@@ -177,11 +177,11 @@ class PopulationKind(Kind):
 
         As details each family on its own, over all SNRs and at each.
         """
-        summary, labels, found = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
+        summary, labels, tables = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
         references = find_limits(rows)
         ordered = sorted(labels, key=lambda variant: variant[0] in references)
         labels = scores.with_references({one: labels[one] for one in ordered}, references)
-        over, is_of_all_frames = scores.over_snrs(scores.snrs_of(summary)), summary["frame"] == ALL
+        over, is_of_all_frames = scores.over_snrs(rows), summary["frame"] == ALL
         # A heading of all tables: times of cells that ran beside others mislead.
         words = "time [ms]" + statistics.time_words(rows).removeprefix("median processor time")
         by = summary[is_of_all_frames].groupby(["family", "snr_db"], sort=False, dropna=False)
@@ -191,20 +191,20 @@ class PopulationKind(Kind):
             is_detail = not is_over_all or bool(family != ALL and part["n_false_mean"].isna().all())
             snrs = over if is_over_all else f"{float(snr_db):g} dB"
             title = f"{'All scenes' if family == ALL else family}, {snrs}"
-            found.append(replace(_score_table(part, labels, title, words), is_detail=is_detail))
+            tables.append(replace(_score_table(part, labels, title, words), is_detail=is_detail))
         ratios = summary[summary["snr_db"].isna()].dropna(subset="ratio_median")
         own = ratios[(ratios["frame"] == ALL) & (ratios["family"] != ALL)]
-        found += _ratio_table(own, ["family"], labels, f"Median ratio by family, {over}")
+        tables += _ratio_table(own, ["family"], labels, f"Median ratio by family, {over}")
         own = ratios[(ratios["frame"] != ALL) & (ratios["family"] == ALL)]
-        found += _ratio_table(own, ["frame", "phases"], labels, f"Median ratio by frame and phases, {over}")
-        return sorted(found + scores.object_tables(rows, labels), key=lambda table: table.is_detail)
+        tables += _ratio_table(own, ["frame", "phases"], labels, f"Median ratio by frame and phases, {over}")
+        return sorted(tables + scores.object_tables(rows, labels), key=lambda table: table.is_detail)
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Ratios of all scenes, scores over SNR by family, targets of lone scatterers, and run times."""
         lines = kind.lines_of(rows)
         summary = summarise_population(rows)
         by_snr = summary[summary["frame"] == ALL].dropna(subset="snr_db")
-        found = [*ratio_charts(scene_cells(rows), lines), _score_charts(by_snr, lines)]
+        groups = [*ratio_charts(scene_cells(rows), lines), _score_charts(by_snr, lines)]
         lone = by_snr[by_snr["n_false_mean"].notna()]
         stems = file_stems(lone["family"].unique())
         for family, part in lone.groupby("family", sort=False):
@@ -212,8 +212,8 @@ class PopulationKind(Kind):
                 score_chart(one.name, one, f"{name}_mean", part, lines, part) for name, one in TARGETS.items()
             ]
             title = f"{family}: means over {statistics.trials_and_band(part['n_scenes'].max(), 'scene')}"
-            found.append(ChartGroup(f"targets-{stems[str(family)]}", title, panels))
-        return [*found, *time_charts(rows, lines)]
+            groups.append(ChartGroup(f"targets-{stems[str(family)]}", title, panels))
+        return [*groups, *time_charts(rows, lines)]
 
 
 def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
@@ -228,12 +228,11 @@ def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Cha
     scenes["ratio"] = scenes["ratio"].clip(upper=LARGEST_RATIO)
     places = {variant: line for variant, line in lines.items() if not line.is_reference} or dict(lines)
     families = scenes["family"].unique()
-    x = Axis(
-        "ratio to the oracle", log=True, limits=(0.8 * scenes["ratio"].min(), 1.2 * scenes["ratio"].max())
-    )
+    limits = 0.8 * scenes["ratio"].min(), 1.2 * scenes["ratio"].max()
+    x = Axis("ratio to the oracle", log=True, limits=limits)
     y = Axis("", categories=[line.label for line in places.values()])
     panels = []
-    for snr_db, family in product(scores.snrs_of(scenes), families):
+    for snr_db, family in product(sorted(scenes["snr_db"].unique()), families):
         part = scenes[(scenes["snr_db"] == snr_db) & (scenes["family"] == family)]
         series: list[Series] = []
         for variant, line in lines.items():
@@ -268,7 +267,6 @@ def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartG
     """Scores over SNR, a row of charts for each score, a column for each family."""
     references = {variant[0] for variant, line in lines.items() if line.is_reference}
     compared, panels = by_snr[~by_snr["estimator"].isin(references)], []
-    n_families = by_snr["family"].nunique()
     for name in IN_CHARTS:
         column = _column(name)
         if column not in by_snr or by_snr[column].isna().all():
@@ -280,7 +278,8 @@ def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartG
             )
     n_scenes = statistics.trials_and_band(by_snr["n_scenes"].max(), "scene")
     title = f"Means, and medians of the ratio, over scenes: {n_scenes}"
-    return ChartGroup("scores", title, panels, n_columns=n_families, panel_in=(2.1, 1.85))
+    n_columns = by_snr["family"].nunique()
+    return ChartGroup("scores", title, panels, n_columns, panel_in=(2.1, 1.85))
 
 
 def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Table:
@@ -290,7 +289,7 @@ def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, 
         one, column = OWN_SCORES[name], _column(name)
         if column in part and part[column].notna().any():
             heading = one.name + MARK if column in marked else one.name
-            columns.append(Column(heading, form=partial(_score_text, name), optional=one.optional))
+            columns.append(Column(heading, form=partial(scores.mean_text, column), optional=one.optional))
     if part["n_failed"].any():
         columns.append(Column("failed: cells", "n_failed"))
     columns.append(Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3))
@@ -313,13 +312,6 @@ def _ratio_table(
 def _column(name: str) -> str:
     """Column of a summary with the mean or the median of a number."""
     return f"{name}_{'median' if name in MEDIANS else 'mean'}"
-
-
-def _score_text(name: str, entry: Mapping[Any, Any]) -> str:
-    """Median, or mean with its band."""
-    if name in MEDIANS:
-        return charts.number_or_blank(entry[_column(name)], "{:.2f}")
-    return scores.mean_text(name, entry)
 
 
 def _ratio_text(entry: Mapping[Any, Any]) -> str:
@@ -363,16 +355,16 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     by = [*PART, *VARIANT]
     means = [*(name for name in scores.averaged_columns(rows) if name not in MEDIANS), *TARGETS]
     groups = scores.grouped_scenarios(cells, by, [*MEDIANS, *means])
-    found = groups[COUNTS].sum()
-    found.insert(0, "n_scenes", groups.size())
+    summary = groups[COUNTS].sum()
+    summary.insert(0, "n_scenes", groups.size())
     for name in MEDIANS:
         for share in (25, 75):
-            found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
+            summary[f"{name}_q{share}"] = groups[name].quantile(share / 100)
         numbers = (values.to_numpy() for _, values in groups[name])
         limits = [statistics.median_interval(each[~np.isnan(each)]) for each in numbers]
-        found[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
-    found = found.join(statistics.means_and_bands(groups, means)).reset_index()
-    return found.merge(statistics.median_times(cells, by).reset_index(), how="left", on=by)
+        summary[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
+    summary = summary.join(statistics.means_and_bands(groups, means)).reset_index()
+    return summary.merge(statistics.median_times(cells, by).reset_index(), how="left", on=by)
 
 
 def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:

@@ -109,7 +109,7 @@ class ResolutionKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Share of pairs that were found, estimators over dimension and distance: a table a place and SNR."""
-        labels, found = kind.labels_of(rows), kind.number_tables(rows)
+        labels, tables = kind.labels_of(rows), kind.number_tables(rows)
         times_s = statistics.median_times(rows, [*PLACE, *VARIANT])[f"{statistics.TIME}_median"]
         columns = [
             Column("pairs: differ in", "dimension", part=0),
@@ -124,12 +124,12 @@ class ResolutionKind(Kind):
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
             own_s = ((one, times_s.get((*key, *one))) for one in headings)
             lines.append({"dimension": "time [ms]"} | {one: f"{1e3 * s:.1f}" for one, s in own_s if s})
-            found.append(charts.spread_table(title, columns, lines, headings))
-        return found
+            tables.append(charts.spread_table(title, columns, lines, headings))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Share of pairs that are found over their distance, a chart a dimension."""
-        summary, lines, in_phase, found = self.summary(rows), kind.lines_of(rows), {}, []
+        summary, lines, in_phase, groups = self.summary(rows), kind.lines_of(rows), {}, []
         for variant, line in lines.items():
             style = dataclasses.replace(line.style, dash="dash", symbol="")
             in_phase[variant] = line._replace(label=f"{line.label}, in phase", style=style)
@@ -148,8 +148,8 @@ class ResolutionKind(Kind):
                     f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(part['n_trials'].max())}"
                 )
                 suffix = f"-{snr_db:g}dB" if summary["snr_gain_db"].nunique() > 1 else ""
-                found.append(ChartGroup(f"resolution-{stem}{suffix}", title, panels))
-        return found
+                groups.append(ChartGroup(f"resolution-{stem}{suffix}", title, panels))
+        return groups
 
 
 def _draw(
@@ -208,7 +208,7 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts of one group, and the shares of its pairs that were found."""
     n_trials = part["trial"].nunique()
     phases = part.groupby("phase_deg")["resolved"].mean()
-    found: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "n_cells": len(part),
         "n_trials": n_trials,
         "n_failed": int(failed(part).sum()),
@@ -218,5 +218,5 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     in_phase = part[part["phase_deg"] == 0]
     for name, chosen in (("resolved", part), ("resolved_in_phase", in_phase)):
-        found |= statistics.share_columns(name, int(chosen["resolved"].sum()), len(chosen), n_trials)
-    return found
+        numbers |= statistics.share_columns(name, int(chosen["resolved"].sum()), len(chosen), n_trials)
+    return numbers

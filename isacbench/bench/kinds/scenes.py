@@ -122,7 +122,7 @@ class Task(ABC):
         draw: Callable[[int], Any],
     ) -> None:
         self.name, self.entries, self.snr_db, self._suite = name, entries, snr_db, suite
-        self._drawn_once = lru_cache(maxsize=1)(draw)
+        self._draw_once = lru_cache(maxsize=1)(draw)
 
     @property
     @abstractmethod
@@ -147,7 +147,7 @@ class Task(ABC):
 
     def forget(self) -> None:
         """Let go of what was kept for further observations."""
-        self._drawn_once.cache_clear()
+        self._draw_once.cache_clear()
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Tabulate the scatterers that were drawn, with the columns `DRAW_COLUMNS`; by default none."""
@@ -209,18 +209,18 @@ class ImagingTask(Task):
         self.template, self.measure, self.metrics, self.labels = scenario, measure, metrics, labels or {}
         self.is_drawn = draw is not None
         self._draw = draw
-        first = self.drawn(0)
+        first = self.scenario_of(0)
         if not len(first.scatterers):
             raise InputError(f"scenarios: {scenario.name!r} has no scatterers, so that nothing can be scored")
         snrs_db = element_snrs_db(suite, gain_db(first))
         super().__init__(
-            suite, name or scenario.name, entries, snrs_db, lambda trial: simulator(self.drawn(trial))
+            suite, name or scenario.name, entries, snrs_db, lambda trial: simulator(self.scenario_of(trial))
         )
 
     @cached_property
     def content(self) -> str:
         """Digest of the first scenario drawn, and of what the rows are labelled with."""
-        return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
+        return digest([scenario_digest(self.scenario_of(0)), self._suite.kind, dict(self.labels)])
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Observe once, for all estimators."""
@@ -256,17 +256,17 @@ class ImagingTask(Task):
             return super().draws(n_trials)
         tables = []
         for trial in range(n_trials):
-            scenario = self.drawn(trial)
-            labels = {"scenario": self.name, "trial": trial, "phase_rad": scenario.scatterers.phase_rad}
-            tables.append(scenario.truth.to_dataframe().assign(**labels))
+            scenario = self.scenario_of(trial)
+            truth, phase_rad = scenario.truth.to_dataframe(), scenario.scatterers.phase_rad
+            tables.append(truth.assign(scenario=self.name, trial=trial, phase_rad=phase_rad))
         return pd.concat(tables, ignore_index=True)[DRAW_COLUMNS]
 
-    def drawn(self, trial: int) -> Scenario:
+    def scenario_of(self, trial: int) -> Scenario:
         """Scenario of a trial."""
         return self.template if self._draw is None else self._draw(trial)
 
     def _simulator(self, trial: int) -> Simulator:
-        simulator: Simulator = self._drawn_once(trial if self.is_drawn else 0)
+        simulator: Simulator = self._draw_once(trial if self.is_drawn else 0)
         return simulator
 
 
@@ -299,13 +299,13 @@ def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) ->
 
     `what` they are: ``"estimator"``, ``"detector"`` or ``"receiver"``.
     """
-    found: dict[Variant, Entry[Plugin]] = {}
+    entries: dict[Variant, Entry[Plugin]] = {}
     for text, entry in written:
-        if entry.key in found:
+        if entry.key in entries:
             article = "an" if what.startswith("e") else "a"
             raise InputError(f"{what}s: {text!r} repeats {article} {what} with equal parameters")
-        found[entry.key] = entry
-    return list(found.values())
+        entries[entry.key] = entry
+    return list(entries.values())
 
 
 def element_snrs_db(suite: Suite, gain: float) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -100,9 +101,9 @@ def averaged_columns(rows: pd.DataFrame) -> list[str]:
 def with_counts(rows: pd.DataFrame) -> pd.DataFrame:
     """Add what is counted of each row, `COUNTS`; failures have nothing that is averaged."""
     broken, names = failed(rows), averaged_columns(rows)
-    found = rows.assign(n_cells=1, n_no_detection=rows["status"] == "no_detection", n_failed=broken)
-    found[names] = rows[names].mask(broken, axis=0)
-    return found
+    table = rows.assign(n_cells=1, n_no_detection=rows["status"] == "no_detection", n_failed=broken)
+    table[names] = rows[names].mask(broken, axis=0)
+    return table
 
 
 def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
@@ -115,11 +116,11 @@ def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
     `isacbench.bench.statistics.median_times` has it.
     """
     groups, averaged = with_counts(rows).groupby(GROUP, sort=False), averaged_columns(rows)
-    found = groups[COUNTS].sum().join(means_and_bands(groups, averaged))
+    summary = groups[COUNTS].sum().join(means_and_bands(groups, averaged))
     for name, spread in SPREAD_COLUMNS.items():
         if name in averaged and spread in rows:
-            found[f"{name}_band"] = groups[spread].mean().fillna(found[f"{name}_band"])
-    return found.join(median_times(rows, GROUP)).reset_index()
+            summary[f"{name}_band"] = groups[spread].mean().fillna(summary[f"{name}_band"])
+    return summary.join(median_times(rows, GROUP)).reset_index()
 
 
 def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
@@ -130,9 +131,9 @@ def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
     """
     by, names = [*VARIANT, "snr_db"], averaged_columns(rows)
     groups = grouped_scenarios(with_counts(rows), by, names)
-    found = groups[COUNTS].sum().join(means_and_bands(groups, names))
-    found = found.join(median_times(rows, by)).reset_index()
-    return found.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
+    summary = groups[COUNTS].sum().join(means_and_bands(groups, names))
+    summary = summary.join(median_times(rows, by)).reset_index()
+    return summary.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
 
 
 def grouped_scenarios(rows: pd.DataFrame, by: Sequence[str], names: Sequence[str]) -> Any:
@@ -183,10 +184,10 @@ def score_chart(
     return Chart(title, SNR_AXIS, y, charts.line_series(table, lines, "snr_db", column, stem))
 
 
-def mean_text(score: str, entry: Mapping[Any, Any]) -> str:
-    """Mean of a score with its band."""
-    mean = charts.number_or_blank(entry[f"{score}_mean"], "{:.2f}")
-    return mean + charts.number_or_blank(entry[f"{score}_band"], " ±{:.2f}")
+def mean_text(column: str, entry: Mapping[Any, Any]) -> str:
+    """Mean of a score with its band, or a median, which has none."""
+    band = entry.get(f"{column.removesuffix('_mean')}_band", math.nan)
+    return charts.number_or_blank(entry[column], "{:.2f}") + charts.number_or_blank(band, " ±{:.2f}")
 
 
 def labelled_rows(rows: Iterable[Mapping[Any, Any]], labels: Mapping[Variant, str]) -> list[dict[Any, Any]]:
@@ -200,14 +201,9 @@ def with_references(labels: Mapping[Variant, str], references: Collection[str]) 
     return {one: f"{label} (ref.)" if one[0] in references else label for one, label in labels.items()}
 
 
-def snrs_of(rows: pd.DataFrame) -> list[float]:
-    """SNRs of rows in order."""
-    return sorted(rows["snr_db"].dropna().unique())
-
-
-def over_snrs(snrs_db: list[float]) -> str:
+def over_snrs(rows: pd.DataFrame) -> str:
     """Say which SNRs a mean is over."""
-    return f"mean over {', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
+    return f"mean over {', '.join(f'{snr_db:g}' for snr_db in sorted(rows['snr_db'].unique()))} dB"
 
 
 def object_means(rows: pd.DataFrame) -> pd.DataFrame:
@@ -237,5 +233,5 @@ def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Tab
     for error, unit in ERRORS:
         heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
         columns.append(Column(heading, column, "{:.2f}", optional=1))
-    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, {over_snrs(snrs_of(scored))}"
+    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, {over_snrs(scored)}"
     return [Table(title, columns, labelled_rows(means.reset_index().to_dict("records"), labels))]

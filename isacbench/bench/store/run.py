@@ -351,7 +351,7 @@ class Run(Displayed):
                     f"{self.label}: the scatterers of {name}, trial {trial} are not stored, and this "
                     "isacbench would draw others; use the version of isacbench that made the run"
                 )
-            return scene.drawn(trial)
+            return scene.scenario_of(trial)
         points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
         scatterers = Scatterers(
             xyz=points[:, :3],
