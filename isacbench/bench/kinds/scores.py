@@ -101,9 +101,9 @@ def averaged_columns(rows: pd.DataFrame) -> list[str]:
 def with_counts(rows: pd.DataFrame) -> pd.DataFrame:
     """Add what is counted of each row, `COUNTS`; failures have nothing that is averaged."""
     broken, names = failed(rows), averaged_columns(rows)
-    table = rows.assign(n_cells=1, n_no_detection=rows["status"] == "no_detection", n_failed=broken)
-    table[names] = rows[names].mask(broken, axis=0)
-    return table
+    numbers = rows[names].mask(broken, axis=0)
+    table = pd.concat([rows.drop(columns=names), numbers], axis=1)  # in one piece
+    return table.assign(n_cells=1, n_no_detection=rows["status"] == "no_detection", n_failed=broken)
 
 
 def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
