@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -27,7 +27,7 @@ from isacbench.bench.cells.record import failed, status_of
 from isacbench.bench.kinds import kind, scenes
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import Entry, ImagingTask, Shared, Task
+from isacbench.bench.kinds.scenes import ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
@@ -50,7 +50,6 @@ from isacbench.specifications import parse_spec
 
 SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
-
 
 LOWEST_BER = 1e-6
 """A frame has a few million bits: fewer errors are not seen."""
@@ -292,45 +291,30 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
 
 
 def _received(part: pd.DataFrame) -> dict[str, float]:
-    """Bit errors of all trials, and means of the rest."""
+    """Bit errors of all trials, and means of the rest, of dB those of powers."""
     n_bits, n_errors = int(part["n_bits"].sum()), int(part["n_bit_errors"].sum())
+    with np.errstate(divide="ignore"):
+        power_db = 10 * np.log10((10 ** (part[["evm_db", "channel_error_db"]] / 10)).mean())
     return {
         "n_bits": n_bits,
         "n_bit_errors": n_errors,
         **statistics.share_columns("ber", n_errors, n_bits, len(part)),
         "ber_expected": part["ber_expected"].mean(),
-        **{name: _mean_db(part[name]) for name in ("evm_db", "channel_error_db")},
+        **power_db.to_dict(),
         "rate_bps": part["rate_bps"].mean(),
     }
 
 
-def _mean_db(values: pd.Series[Any]) -> float:
-    """Mean of powers in dB."""
-    with np.errstate(divide="ignore"):
-        return float(10 * np.log10((10 ** (values / 10)).mean()))
-
-
 class ReceptionTask(Task):
-    """Channel (`text` as the suite writes it), modulation, and the receivers behind them."""
+    """A channel with a modulation, the `labels` of its rows, and the receivers behind it."""
 
     def __init__(
-        self,
-        suite: LinkSuite,
-        system: System,
-        channel: Channel,
-        text: str,
-        modulation: Modulation,
-        entries: Sequence[Entry[OneTap]],
+        self, suite: LinkSuite, system: System, channel: Channel, labels: dict[str, Any], entries: list[Any]
     ) -> None:
-        self._system, self._channel = system, channel
-        self._labels = {"channel": text, "modulation": modulation}
-        super().__init__(
-            suite,
-            f"user-{text}-{modulation}",
-            entries,
-            suite.snr_db or (),
-            lambda trial: draw_grid(system, modulation, seed=suite.seed, trial=trial),
-        )
+        self._system, self._channel, self._labels = system, channel, labels
+        draw = partial(draw_grid, system, labels["modulation"], seed=suite.seed)
+        name = f"user-{labels['channel']}-{labels['modulation']}"
+        super().__init__(suite, name, entries, suite.snr_db or (), lambda trial: draw(trial=trial))
 
     @cached_property
     def content(self) -> str:
@@ -409,7 +393,7 @@ def _reception_tasks(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     except InputError as error:
         raise InputError(f"{what}: {error}") from error
     return [
-        ReceptionTask(suite, system, channel, text, modulation, entries)
+        ReceptionTask(suite, system, channel, {"channel": text, "modulation": modulation}, entries)
         for (text, channel), modulation in product(channels.items(), suite.modulations)
     ]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
@@ -87,11 +87,12 @@ class ResolutionKind(Kind):
         entries, tasks = build_estimators(suite), []
         pairs = product(suite.dimensions, suite.separations_cells, suite.phases_deg)
         for template, (dimension, cells, phase_deg) in product(scenarios.values(), pairs):
-            own = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
+            own: dict[str, Any] = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
             name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
             with warned_before():
                 scenario = dataclasses.replace(template, name=name)
-            draw, measure = partial(_draw, suite, template, name, own), partial(measure_resolution, dimension)
+            make, measure = partial(pair, template, name, **own), partial(measure_resolution, dimension)
+            draw = partial(_draw, suite, template, make)
             labels = {"template": template.name, **own}
             tasks.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure, labels=labels))
         return tasks
@@ -152,13 +153,10 @@ class ResolutionKind(Kind):
         return groups
 
 
-def _draw(
-    suite: ResolutionSuite, template: Scenario, name: str, own: Mapping[str, Any], trial: int
-) -> Scenario:
+def _draw(suite: ResolutionSuite, template: Scenario, make: Callable[..., Scenario], trial: int) -> Scenario:
     """Scenario of a trial: a pair around a place that leaves room for the farthest one."""
     margin_cells = MARGIN_CELLS + max(suite.separations_cells) / 2
-    centre = radio_coordinates.draw_place(template, trial, suite.seed, margin_cells)
-    return pair(template, name, centre, **own)
+    return make(centre=radio_coordinates.draw_place(template, trial, suite.seed, margin_cells))
 
 
 def pair(
