@@ -66,22 +66,18 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
     parts = dict(iter(_medians(rows, [place, *VARIANT]).groupby(place, sort=False)))
     is_detail = len(parts) > MANY_SCENARIOS
     tables = [_stage_table(f"{len(parts)} scenarios", _medians(rows, VARIANT))] if is_detail else []
-    return tables + [
-        replace(_stage_table(str(name), part), is_detail=is_detail) for name, part in parts.items()
-    ]
+    for name, part in parts.items():
+        tables.append(replace(_stage_table(str(name), part), is_detail=is_detail))
+    return tables
 
 
 def _stage_table(name: str, table: pd.DataFrame) -> Table:
     labels = charts.short_labels(estimator_labels(charts.variants_in(table)))
-    times: dict[str, str] = {
-        "time": "time_estimate_s",
-        "spread": "time_spread_s",
-        **{one: f"time_{one}_s" for one in STAGES},
-    }
+    times = "estimate", "spread", *STAGES
     columns = [
         Column("estimator", "label", part=0),
         Column("cells", "n_timed"),
-        *(Column(one, f"{column}_median", "{:.2f}", scale=1e3) for one, column in times.items()),
+        *(Column(one, f"time_{one}_s_median", "{:.2f}", scale=1e3) for one in times),
         Column("memory", "peak_memory_mib_median", "{:.1f}"),
     ]
     title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"

@@ -269,7 +269,7 @@ def test_a_row_has_the_median_times_of_an_estimator_and_its_stages(stage_rows):
     what = "median processor time of an estimate and its stages [ms], peak memory [MiB]"
     assert (street.title, yard.title) == (f"street: {what}", f"yard: {what}")
     row = dict(zip(street.headings, street.texts[0], strict=True))
-    filled = {"estimator": "blob", "cells": "6", "time": "12.00", "spread": "0.10", "memory": "32.0"}
+    filled = {"estimator": "blob", "cells": "6", "estimate": "12.00", "spread": "0.10", "memory": "32.0"}
     filled |= {"detection": "3.00", "peaks": "9.00"}
     assert row == dict.fromkeys(["rdm", "subspace", "spectrum", "refinement"], "0.00") | filled
     stage_rows["time_spread_s"] = np.nan  # of single repeats

@@ -60,6 +60,9 @@ class Entry(Generic[Plugin]):
         return self.name, self.params
 
 
+Entries = Sequence[Entry[Any]]
+
+
 @dataclass(frozen=True, eq=False)
 class Shared:
     """What all entries of a task work on at one SNR in one trial.
@@ -114,12 +117,7 @@ class Task(ABC):
     """
 
     def __init__(
-        self,
-        suite: Suite,
-        name: str,
-        entries: Sequence[Entry[Any]],
-        snr_db: Sequence[float],
-        draw: Callable[[int], Any],
+        self, suite: Suite, name: str, entries: Entries, snr_db: Sequence[float], draw: Callable[[int], Any]
     ) -> None:
         self.name, self.entries, self.snr_db, self._suite = name, entries, snr_db, suite
         self._draw_once = lru_cache(maxsize=1)(draw)
