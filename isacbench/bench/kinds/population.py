@@ -65,14 +65,14 @@ MEDIANS = ["ratio", "velocity_nmse"]
 """Numbers of a scene whose distribution has a long tail."""
 
 TARGETS = {
-    "n_false": Score("false points an image"),
-    "share_clean": Score("images without false points", "share", is_higher_better=True),
-    "share_resolved": Score("scatterers resolved", "share", is_higher_better=True),
-    "share_met": Score("images with all met", "share", is_higher_better=True),
+    "n_false": Score("false points: an image"),
+    "share_clean": Score("images: without false points", "share", is_higher_better=True),
+    "share_resolved": Score("scatterers: resolved", "share", is_higher_better=True),
+    "share_met": Score("images: all met", "share", is_higher_better=True),
 }
 """Numbers of a scene of lone scatterers."""
 
-OWN_SCORES = {**SCORES, "ratio": Score("median ratio to the oracle", "log"), **TARGETS}
+OWN_SCORES = {**SCORES, "ratio": Score("median ratio: to the oracle", "log"), **TARGETS}
 IN_TABLES = (
     *("ratio", "hausdorff_sum_m", "f_score", "objects_f_score", "gospa_skill", "velocity_error_mps"),
     *("precision", "recall", *TARGETS),

@@ -26,7 +26,7 @@ class Score(NamedTuple):
     Attributes
     ----------
     name : str
-        In headings and at axes, with its unit.
+        In headings and at axes, with its unit. Words after a colon stand below in a terminal.
     scale : {"linear", "share", "log"}
         Of its axis.
     form : str
@@ -46,7 +46,7 @@ class Score(NamedTuple):
 SCORES = {
     "deviation": Score("imaging deviation"),
     "hausdorff_sum_m": Score("Hausdorff sum [m]"),
-    "density": Score("density error"),
+    "density": Score("density error", optional=4),
     "velocity_nmse": Score("velocity NMSE", "log", "{:.1e}", 4),
     "hausdorff_xy_m": Score("Hausdorff distance xy [m]"),
     "hausdorff_xz_m": Score("Hausdorff distance xz [m]"),
