@@ -113,22 +113,19 @@ def test_a_detector_that_fails_is_a_row_with_its_reason_and_one_that_sees_nothin
 
 
 class Shower:
-    """Has looked at a map in which three cells exceed the threshold."""
+    """Has looked at a map in which some cells exceed the threshold."""
 
     def __init__(self, cells):
-        self.cells = cells
+        self.cells = np.array(cells)
 
     def estimate(self, observation):
         return PointCloud.empty()
 
     def diagnose(self, observation):
-        gate = observation.gate
-        power = np.ones(gate.shape)
+        gate, power = observation.gate, np.ones(observation.gate.shape)
         mask = np.zeros(gate.shape, dtype=bool)
-        for row, column in self.cells:
-            mask[row - gate.range_bins[0], column - gate.doppler_bins[0]] = True
-        detection = Detection(mask, power, power)
-        return Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, (), None)
+        mask[tuple((self.cells - [gate.range_bins[0], gate.doppler_bins[0]]).T)] = True
+        return Diagnosis(power, Detection(mask, power, power), gate.range_bins, gate.doppler_bins, (), None)
 
 
 def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of_them(room, put):

@@ -130,13 +130,14 @@ SNRS_DB = [0.0, 20.0, 40.0]
 def made():
     """Summary of two estimators at three SNRs, out of order: a is twice the bound, b is never found."""
     parts = []
-    for name, ratio in (("a", 2.0), ("b", np.nan)):
+    for name, ratio, n_misses in (("a", 2.0, 0), ("b", np.nan, 10)):
         part = pd.DataFrame({"scenario": "room", "estimator": name, "params": "{}", "snr_gain_db": SNRS_DB})
         bound = 10 ** (-part["snr_gain_db"] / 20)
-        columns = {"n_trials": 10, "n_failed": 0, "n_misses": 0 if name == "a" else 10, "n_false": 5}
-        for dimension, unit in (("range", "range_m"), ("velocity", "velocity_mps"), ("u", "u"), ("w", "w")):
-            columns |= {f"rmse_{unit}": ratio * bound, f"bound_{unit}": bound, f"ratio_{dimension}": ratio}
-            columns |= {f"ratio_{dimension}_low": 0.9 * ratio, f"ratio_{dimension}_high": 1.2 * ratio}
+        columns = {"n_trials": 10, "n_failed": 0, "n_misses": n_misses, "n_false": 5}
+        for bound_name, dimension in zip(BOUNDS, ("range", "velocity", "u", "w"), strict=True):
+            columns |= {bound_name: bound, bound_name.replace("bound", "rmse"): ratio * bound}
+            ends = {"": ratio, "_low": 0.9 * ratio, "_high": 1.2 * ratio}
+            columns |= {f"ratio_{dimension}{end}": value for end, value in ends.items()}
         parts.append(part.assign(**columns))
     return pd.concat(parts).iloc[::-1].reset_index(drop=True)
 
