@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -41,13 +42,13 @@ DETECTORS = "osca", "ca", "os", "tm", "goca", "soca", "fixed"
 PLACES = {name: number for names in (ESTIMATORS, DETECTORS) for number, name in enumerate(names)}
 """Places in `COLOURS` of estimators and detectors that are often shown together."""
 
-ROLES = {"oracle": "truth merged in cells ± spread", "chance": "zero skill ± spread", "empty": "no point"}
-"""Meaning of the built-in references in legends, with that of their band."""
+ROLES = {"oracle": "truth merged in cells", "chance": "zero skill", "empty": "no point"}
+"""Meaning of the built-in references in legends."""
 
 NO_SCORE = ": no score"
 """End of the label of a series that has none."""
 
-LONGEST_LABEL = 32
+LONGEST_LABEL = 34
 SHARE_LIMITS = -0.03, 1.03
 """Ends of an axis of shares and probabilities."""
 
@@ -89,8 +90,6 @@ class Series:
     mark : {"line", "points", "step", "bar"}
         Bars lie, and those of several series stand in a row.
     style : LineStyle
-    texts : sequence of str
-        Beside the points, or empty.
     tick : float or None
         Place on the x axis that the points stand for, where those of several series stand side by side.
     """
@@ -104,7 +103,6 @@ class Series:
     x_high: ArrayLike = ()
     mark: Literal["line", "points", "step", "bar"] = "line"
     style: LineStyle = LineStyle()
-    texts: Sequence[str] = ()
     tick: float | None = None
 
 
@@ -239,37 +237,31 @@ def text_table(
     return Table(title, columns, [dict(enumerate(row)) for row in rows], is_detail)
 
 
-def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]) -> list[dict[Any, Any]]:
+def spread_rows(
+    table: pd.DataFrame,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    form: Callable[[dict[Any, Any]], Any] = lambda record: record,
+) -> list[dict[Any, Any]]:
     """Turn a summary into rows of a table.
 
     Each has the values of the columns `rows`, and by the values of the columns `columns`, a tuple, the
-    records of the summary.
+    records of the summary, or what `form` makes of them.
     """
-    found: dict[tuple[Any, ...], dict[Any, Any]] = {}
+    by_key: dict[tuple[Any, ...], dict[Any, Any]] = {}
     for record in table.to_dict("records"):
         key = tuple(record[name] for name in rows)
-        row = found.setdefault(key, dict(zip(rows, key, strict=True)))
-        row[tuple(record[name] for name in columns)] = record
-    return list(found.values())
+        row = by_key.setdefault(key, dict(zip(rows, key, strict=True)))
+        row[tuple(record[name] for name in columns)] = form(record)
+    return list(by_key.values())
 
 
-def tables_of_columns(
-    title: str,
-    first: Sequence[Column],
-    rows: Sequence[Mapping[Any, Any]],
-    headings: Mapping[Any, str],
-    form: Callable[[Any], str],
-    n_columns: int,
-) -> list[Table]:
-    """Tabulate rows as `spread_rows` gives them: some first columns, then at most `n_columns` a table.
-
-    Those are named by their keys in the rows and have their headings and a form in common.
-    """
-    found = []
-    for keys in batched(headings, n_columns):
-        columns = [Column(headings[key], key, form, part=part) for part, key in enumerate(keys, start=1)]
-        found.append(Table(title, [*first, *columns], rows))
-    return found
+def spread_table(
+    title: str, first: Sequence[Column], rows: Sequence[Mapping[Any, Any]], headings: Mapping[Any, str]
+) -> Table:
+    """Tabulate rows as `spread_rows` gives them: some first columns, then one for each of their keys."""
+    columns = [Column(text, key, part=part) for part, (key, text) in enumerate(headings.items(), start=1)]
+    return Table(title, [*first, *columns], rows)
 
 
 def batched(items: Iterable[Item], n: int) -> list[list[Item]]:
@@ -325,13 +317,13 @@ def short_labels(labels: Mapping[Variant, str]) -> dict[Variant, str]:
     >>> short_labels({("a", "1"): "a", ("b", "1"): "b[n=1]", ("b", "2"): f"b[{'x' * 40}=2]"})
     {('a', '1'): 'a', ('b', '1'): 'b[n=1]', ('b', '2'): 'b #2'}
     """
-    found: dict[Variant, str] = {}
-    numbers: dict[str, int] = {}
-    for variant, label in labels.items():
-        numbers[variant[0]] = numbers.get(variant[0], 0) + 1
-        is_short = len(label) <= LONGEST_LABEL or label == variant[0]
-        found[variant] = label if is_short else f"{variant[0]} #{numbers[variant[0]]}"
-    return found
+    short: dict[Variant, str] = {}
+    numbers = Counter[str]()
+    for (name, params), label in labels.items():
+        numbers[name] += 1
+        is_short = len(label) <= LONGEST_LABEL or label == name
+        short[name, params] = label if is_short else f"{name} #{numbers[name]}"
+    return short
 
 
 def number_table(labels: Mapping[Variant, str]) -> list[Table]:
@@ -357,23 +349,23 @@ def assign_lines(labels: Mapping[Variant, str], references: Iterable[str] = ()) 
     >>> [(line.style.colour, line.style.dash) for line in found.values()]
     [('#0072B2', 'solid'), ('', 'dash')]
     """
-    found: dict[Variant, Line] = {}
-    turns: dict[int, int] = {}
-    bounds = set(references)
+    lines: dict[Variant, Line] = {}
+    turns, bounds = Counter[int](), set(references)
     for variant, label in short_labels(labels).items():
         name = variant[0]
         if name in bounds:
-            dash = REFERENCE_DASHES[sum(line.is_reference for line in found.values()) % len(REFERENCE_DASHES)]
+            dash = REFERENCE_DASHES[sum(line.is_reference for line in lines.values()) % len(REFERENCE_DASHES)]
             role = ROLES.get(name, "sees the truth")
-            found[variant] = Line(f"{label} ({role})", LineStyle("", dash, ""), is_reference=True)
+            lines[variant] = Line(f"{label} ({role})", LineStyle("", dash, ""), is_reference=True)
             continue
         bare = name.partition(" (")[0]  # of several runs, estimators are named after theirs
         place = PLACES.get(bare, zlib.crc32(bare.encode()) % len(COLOURS))
-        turn = turns[place] = turns.get(place, -1) + 1
+        turn = turns[place]
         colour = shaded(COLOURS[place], SHADES[turn % len(SHADES)])
         dash = DASHES[(turn + turn // len(SYMBOLS)) % len(DASHES)]
-        found[variant] = Line(label, LineStyle(colour, dash, SYMBOLS[(place + turn) % len(SYMBOLS)]))
-    return found
+        lines[variant] = Line(label, LineStyle(colour, dash, SYMBOLS[(place + turn) % len(SYMBOLS)]))
+        turns[place] += 1
+    return lines
 
 
 def shaded(colour: str, share: float) -> str:
@@ -401,7 +393,7 @@ def line_series(
     The stem names the columns of the interval, see `interval`; without it there is none. At a single SNR
     estimators stand side by side, and what sees the truth is a level line.
     """
-    found = []
+    series = []
     is_single = x in SNR_COLUMNS and table[x].nunique() == 1
     own = [variant for variant, line in lines.items() if not line.is_reference]
     half = 0.05 * max(len(own), 2)
@@ -418,8 +410,8 @@ def line_series(
             at = at + 0.1 * (own.index(variant) - (len(own) - 1) / 2)
         low, high = interval(rows, y, stem) if stem is not None else ((), ())
         label = line.label if rows[y].notna().any() else line.label + NO_SCORE
-        found.append(Series(label, at, rows[y], low, high, style=line.style, tick=tick))
-    return found
+        series.append(Series(label, at, rows[y], low, high, style=line.style, tick=tick))
+    return series
 
 
 def rows_of(table: pd.DataFrame, variant: Variant) -> pd.DataFrame:
@@ -443,10 +435,10 @@ def decades(values: pd.Series[float], least: float = 0.0) -> tuple[float, float]
     >>> decades(pd.Series([0.0, 0.02, 3.0]))
     (0.01, 10.0)
     """
-    shown = values[values > least]
-    if shown.empty:
+    values = values[values > least]
+    if values.empty:
         return (least or 0.1), 1.0
-    low, high = np.floor(np.log10(shown.min() / 1.5)), np.ceil(np.log10(1.5 * shown.max()))
+    low, high = np.floor(np.log10(values.min() / 1.5)), np.ceil(np.log10(1.5 * values.max()))
     return float(10.0**low), float(10.0**high)
 
 

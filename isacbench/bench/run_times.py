@@ -32,9 +32,6 @@ MEDIANS = [statistics.TIME, *TIMING_COLUMNS]
 MEMORY = "peak_memory_mib"
 
 MOST_PANELS = 4
-LEAST_LOG_RATIO = 2.5
-"""Errors that span less are drawn on a linear axis."""
-
 FRONTIER = "Pareto frontier (its symbols are full)"
 FRONTIER_STYLE = LineStyle("#737373", "solid", "")
 REST = "none of these"
@@ -66,24 +63,21 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
     together; the others are details.
     """
     place = "template" if "template" in rows else "scenario"
-    table = _medians(rows, [place, *VARIANT])
-    n_places, found = table[place].nunique(), []
-    if n_places > MANY_SCENARIOS:
-        found.append(_stage_table(f"{n_places} scenarios", _medians(rows, VARIANT)))
-    for name, part in table.groupby(place, sort=False):
-        found.append(replace(_stage_table(str(name), part), is_detail=n_places > MANY_SCENARIOS))
-    return found
+    parts = dict(iter(_medians(rows, [place, *VARIANT]).groupby(place, sort=False)))
+    is_detail = len(parts) > MANY_SCENARIOS
+    tables = [_stage_table(f"{len(parts)} scenarios", _medians(rows, VARIANT))] if is_detail else []
+    for name, part in parts.items():
+        tables.append(replace(_stage_table(str(name), part), is_detail=is_detail))
+    return tables
 
 
 def _stage_table(name: str, table: pd.DataFrame) -> Table:
     labels = charts.short_labels(estimator_labels(charts.variants_in(table)))
-    milliseconds: dict[str, Any] = {"form": "{:.2f}", "scale": 1e3}
+    times = "estimate", "spread", *STAGES
     columns = [
         Column("estimator", "label", part=0),
         Column("cells", "n_timed"),
-        Column("time", "time_estimate_s_median", **milliseconds),
-        Column("spread", "time_spread_s_median", **milliseconds),
-        *(Column(stage, f"time_{stage}_s_median", _milliseconds_or_blank) for stage in STAGES),
+        *(Column(one, f"time_{one}_s_median", "{:.2f}", scale=1e3) for one in times),
         Column("memory", "peak_memory_mib_median", "{:.1f}"),
     ]
     title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"
@@ -93,10 +87,6 @@ def _stage_table(name: str, table: pd.DataFrame) -> Table:
 def _of_variants(table: pd.DataFrame, values: Mapping[Variant, Any]) -> list[Any]:
     """Values of the estimators in the rows of a table."""
     return [values[variant] for variant in zip(table["estimator"], table["params"], strict=True)]
-
-
-def _milliseconds_or_blank(time_s: float) -> str:
-    return f"{1e3 * time_s:.2f}" if time_s else ""
 
 
 def _medians(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
@@ -113,21 +103,21 @@ def time_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Chart
     timed = timed_rows(rows)
     if timed.empty:
         return []
-    points, found = summarise_points(timed), []
+    points, groups = summarise_points(timed), []
     for _, stem, part in kind.title_stems(points, "scenario"):
         # No point at all takes no time, and its error would be most of the axis.
         part = part[part["estimator"] != "empty"]
-        found.append(pareto_charts(part, f"pareto-{stem}", lines))
-        found += stage_charts(timed, part, f"stages-{stem}", lines)
-    return found
+        groups.append(pareto_charts(part, f"pareto-{stem}", lines))
+        groups += stage_charts(timed, part, f"stages-{stem}", lines)
+    return groups
 
 
-def shown_snrs(snrs_db: Sequence[float]) -> list[float]:
+def chart_snrs(snrs_db: Sequence[float]) -> list[float]:
     """Choose the SNRs that have a chart: all up to four; of more the lowest, the highest and two between.
 
     Examples
     --------
-    >>> shown_snrs([-30, -20, -10, 0, 10, 20])
+    >>> chart_snrs([-30, -20, -10, 0, 10, 20])
     [-30, -10, 0, 20]
     """
     ordered = sorted(set(snrs_db))
@@ -140,64 +130,47 @@ def pareto_charts(part: pd.DataFrame, stem: str, lines: Mapping[Variant, Line]) 
 
     Points on the frontier are full, others open; those that failed or are missing in some trials are crosses.
     """
-    n_trials, scenario = int(part["n_trials"].max()), part["scenario"].iloc[0]
-    note = "one trial"
-    if n_trials > 1:
-        trials = statistics.trials_and_band(n_trials, "interval")
-        note = f"mean Hausdorff sum over median processor time of {trials}"
-    snrs_db = shown_snrs(part["snr_db"].tolist())
-    shown = part[part["snr_db"].isin(snrs_db)]
+    snrs_db = chart_snrs(part["snr_db"].tolist())
+    points = part[part["snr_db"].isin(snrs_db)]
     # References are level lines, whose times would only stretch the axis.
-    own_times_s = shown.loc[~shown["is_limit"], "time_s"].dropna()
-    x_limits = _limits(1e3 * (shown["time_s"].dropna() if own_times_s.empty else own_times_s))
-    errors = shown["hausdorff_sum_m_mean"].dropna()
-    is_log = bool(errors.max() > LEAST_LOG_RATIO * errors.min() > 0)
-    y_limits = _limits(errors)
-    if y_limits and not is_log:
-        y_limits = 0.0, y_limits[1] or 1.0
+    own = points[~points["is_limit"]] if not points["is_limit"].all() else points
+    x_limits = charts.decades(1e3 * own["time_s"])
     x = Axis("median processor time of an image [ms]", log=True, limits=x_limits)
-    y = Axis("Hausdorff sum [m]", log=is_log, limits=y_limits)
+    y = Axis("Hausdorff sum [m]", log=True, limits=charts.decades(points["hausdorff_sum_m_mean"]))
     panels = [
-        Chart(f"{snr_db:g} dB", x, y, _pareto_series(shown[shown["snr_db"] == snr_db], lines, x_limits))
+        Chart(f"{snr_db:g} dB", x, y, _pareto_series(points[points["snr_db"] == snr_db], lines, x_limits))
         for snr_db in snrs_db
     ]
-    n_columns = 3 if len(snrs_db) == 3 else 2
-    return ChartGroup(stem, f"{scenario}: {note}", panels, n_columns, panel_in=(4.6, 3.6))
-
-
-def _limits(values: pd.Series[float]) -> tuple[float, float] | None:
-    return (0.8 * values.min(), 1.25 * values.max()) if len(values) else None
+    trials = statistics.trials_and_band(part["n_trials"].max())
+    title = f"{part['scenario'].iloc[0]}: mean Hausdorff sum over median processor time of {trials}"
+    return ChartGroup(stem, title, panels, n_columns=2, panel_in=(4.6, 3.6))
 
 
 def _pareto_series(
-    points: pd.DataFrame, lines: Mapping[Variant, Line], x_limits: tuple[float, float] | None
+    points: pd.DataFrame, lines: Mapping[Variant, Line], x_limits: tuple[float, float]
 ) -> list[Series]:
     """References as lines, estimators as points, and the frontier as steps."""
-    found = []
+    series = []
     for row in points.to_dict("records"):
-        line, error = lines[row["estimator"], row["params"]], row["hausdorff_sum_m_mean"]
-        y, low, high = [error], [row["hausdorff_sum_m_low"]], [row["hausdorff_sum_m_high"]]
+        label, style, _ = lines[row["estimator"], row["params"]]
+        y, low, high = ([row[f"hausdorff_sum_m_{end}"]] for end in ("mean", "low", "high"))
         if row["is_limit"]:
-            if x_limits is not None and math.isfinite(error):
-                found.append(Series(line.label, x_limits, 2 * y, 2 * low, 2 * high, style=line.style))
+            series.append(Series(label, x_limits, 2 * y, 2 * low, 2 * high, style=style))
             continue
-        label, symbol = line.label, line.style.symbol
-        if not math.isfinite(error) or not math.isfinite(row["time_s"]):
-            found.append(Series(label + charts.NO_SCORE, [], [], mark="points", style=line.style))
-            continue
-        if not row["is_complete"]:
-            symbol = "x"
-        elif not row["is_on_frontier"]:
-            symbol += "-open"
         x, x_low, x_high = ([1e3 * row[name]] for name in ("time_s", "time_low_s", "time_high_s"))
-        style = replace(line.style, symbol=symbol)
-        found.append(Series(label, x, y, low, high, x_low, x_high, mark="points", style=style))
+        if math.isnan(y[0]):
+            label, x, y = label + charts.NO_SCORE, [], []
+        elif not row["is_complete"]:
+            style = replace(style, symbol="x")
+        elif not row["is_on_frontier"]:
+            style = replace(style, symbol=f"{style.symbol}-open")
+        series.append(Series(label, x, y, low, high, x_low, x_high, mark="points", style=style))
     frontier = points[points["is_on_frontier"]].sort_values("time_s")
-    if len(frontier) and x_limits is not None:
+    if len(frontier):
         errors = frontier["hausdorff_sum_m_mean"].tolist()
         times_ms = [*(1e3 * frontier["time_s"]), x_limits[1]]
-        found.append(Series(FRONTIER, times_ms, [*errors, errors[-1]], mark="step", style=FRONTIER_STYLE))
-    return found
+        series.append(Series(FRONTIER, times_ms, [*errors, errors[-1]], mark="step", style=FRONTIER_STYLE))
+    return series
 
 
 def stage_charts(
@@ -207,19 +180,24 @@ def stage_charts(
 
     Nothing where no stage was timed, or nothing is on a frontier.
     """
-    front = points[points["is_on_frontier"] & points["snr_db"].isin(shown_snrs(points["snr_db"].tolist()))]
-    shares = _stage_shares(rows, front)
-    if shares is None:
+    front = points[points["is_on_frontier"] & points["snr_db"].isin(chart_snrs(points["snr_db"].tolist()))]
+    columns = {f"time_{one}_s": one for one in STAGES if rows.get(f"time_{one}_s", np.array([])).any()}
+    if not columns or front.empty:
         return []
+    scored = rows[~failed(rows)]
+    shares = 100 * scored[[*columns]].fillna(0.0).div(scored["time_estimate_s"], axis=0)
+    shares = pd.concat([scored[POINT], shares.rename(columns=columns)], axis=1).groupby(POINT).mean()
+    # Medians of stages need not add up to the median of their sum.
+    front = front.join(shares.assign(**{REST: (100 - shares.sum(axis=1)).clip(lower=0.0)}), on=POINT)
     x, panels = Axis("share of the processor time [%]", limits=(0, 100)), []
     for snr_db, group in front.sort_values("time_s").groupby("snr_db"):
-        costs, places = map(_cost, group.to_dict("records")), np.arange(len(group))
         names = [
-            f"{line.label}: {cost}" for line, cost in zip(_of_variants(group, lines), costs, strict=True)
+            f"{lines[row['estimator'], row['params']].label}: {_cost(row)}"
+            for row in group.to_dict("records")
         ]
         bars = [
-            Series(stage, shares.loc[group.index, stage], places, mark="bar", style=STAGE_STYLES[stage])
-            for stage in map(str, shares)
+            Series(stage, group[stage], np.arange(len(group)), mark="bar", style=STAGE_STYLES[stage])
+            for stage in (*columns.values(), REST)
         ]
         panels.append(Chart(f"{snr_db:g} dB", x, Axis("", categories=names), bars))
     title = f"{points['scenario'].iloc[0]}: share of the stages in the processor time"
@@ -229,22 +207,8 @@ def stage_charts(
 
 def _cost(row: Mapping[Any, Any]) -> str:
     """Median time, and the peak memory where it was measured."""
-    memory_mib = row.get(MEMORY, math.nan)
-    return f"{1e3 * row['time_s']:.3g} ms" + (f", {memory_mib:.3g} MiB" if math.isfinite(memory_mib) else "")
-
-
-def _stage_shares(rows: pd.DataFrame, frontier: pd.DataFrame) -> pd.DataFrame | None:
-    """Compute mean shares in % of the stages and of the rest in the run time, indexed as the points are."""
-    columns = [name for name in map("time_{}_s".format, STAGES) if name in rows and rows[name].notna().any()]
-    if not columns or frontier.empty:
-        return None
-    scored = rows[~failed(rows)]
-    shares = 100 * scored[columns].fillna(0.0).div(scored["time_estimate_s"], axis=0)
-    means = pd.concat([scored[POINT], shares], axis=1).groupby(POINT, sort=False).mean()
-    found = means.loc[pd.MultiIndex.from_frame(frontier[POINT])].set_axis(frontier.index)
-    found.columns = [name.removeprefix("time_").removesuffix("_s") for name in columns]
-    # Medians of stages need not add up to the median of their sum.
-    return found.assign(**{REST: (100 - found.sum(axis=1)).clip(lower=0.0)})
+    memory_mib = charts.number_or_blank(row.get(MEMORY, math.nan), ", {:.3g} MiB")
+    return f"{1e3 * row['time_s']:.3g} ms{memory_mib}"
 
 
 def pareto_frontier(time_s: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
@@ -303,31 +267,34 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
 
     Limits of intervals are NaN where the trials are too few: five are needed of Hausdorff sums, six of times.
     """
-    rows = timed_rows(records)
-    labels = estimator_labels(charts.variants_in(records))
-    points = summarise_scores(rows)
-    points["number"] = _of_variants(points, {variant: place for place, variant in enumerate(labels, start=1)})
-    points["label"] = _of_variants(points, labels)
-    points = points.rename(columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"})
+    rows, labels = timed_rows(records), estimator_labels(charts.variants_in(records))
+    points = summarise_scores(rows).rename(
+        columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"}
+    )
+    numbers = {variant: place for place, variant in enumerate(labels, start=1)}
     low, high = charts.interval(points, "hausdorff_sum_m_mean", "hausdorff_sum_m")
-    points = points.assign(hausdorff_sum_m_low=low, hausdorff_sum_m_high=high)
-    points = points.join(_times(rows[~failed(rows)]), on=POINT)
-    points["is_limit"] = points["estimator"].isin(find_limits(records))
     all_trials = points.groupby(PANEL)["n_trials"].transform("max")
-    points["is_complete"] = (points["n_failed"] == 0) & (points["n_trials"] == all_trials)
-    points["is_on_frontier"] = False
+    points = points.assign(
+        number=_of_variants(points, numbers),
+        label=_of_variants(points, labels),
+        hausdorff_sum_m_low=low,
+        hausdorff_sum_m_high=high,
+        is_limit=points["estimator"].isin(find_limits(records)),
+        is_complete=(points["n_failed"] == 0) & (points["n_trials"] == all_trials),
+        is_on_frontier=False,
+    ).join(_times(rows[~failed(rows)]), on=POINT)
     for _, part in points[points["is_complete"] & ~points["is_limit"]].groupby(PANEL, sort=False):
         is_on_frontier = pareto_frontier(part["time_s"], part["hausdorff_sum_m_mean"])
         points.loc[part.index, "is_on_frontier"] = is_on_frontier
     names = [
         *(*POINT, "number", "label", "n_trials", "n_failed", "n_no_detection"),
         *("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
-        *("time_s", "time_low_s", "time_high_s", "time_slowest_s"),
-        *([MEMORY] if MEMORY in points else []),
+        *("time_s", "time_low_s", "time_high_s", "time_slowest_s", MEMORY),
         *("is_limit", "is_complete", "is_on_frontier"),
     ]
+    points = points[[name for name in names if name in points]]
     order = pd.factorize(points["scenario"])[0], points["snr_db"]
-    return points[names].iloc[np.lexsort(order[::-1])].reset_index(drop=True)
+    return points.iloc[np.lexsort(order[::-1])].reset_index(drop=True)
 
 
 def _times(scored: pd.DataFrame) -> pd.DataFrame:

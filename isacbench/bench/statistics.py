@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
 from isacbench.bench.cells.record import failed
+from isacbench.files.escaping import counted
 
 Floats = NDArray[np.float64]
 
@@ -38,23 +39,11 @@ def student_band(deviation: ArrayLike, n: ArrayLike) -> Floats:
     return band
 
 
-def mean_band(values: Floats) -> tuple[float, float]:
-    """Mean and half the width of its 95 % confidence interval (Student's t), NaN for fewer than five values.
-
-    Examples
-    --------
-    >>> [round(number, 3) for number in mean_band(np.array([1.0, 2.0, 3.0, 4.0, 5.0]))]
-    [3.0, 1.963]
-    """
-    if values.size < MIN_TRIALS:
-        return (float(values.mean()) if values.size else math.nan), math.nan
-    return float(values.mean()), float(student_band(values.std(ddof=1), values.size))
-
-
 def deviation_columns(rows: pd.DataFrame) -> dict[str, float]:
-    """Mean of the imaging deviation, ``deviation_mean``, and its ``deviation_band`` (`mean_band`)."""
-    mean, band = mean_band(rows["deviation"].dropna().to_numpy())
-    return {"deviation_mean": mean, "deviation_band": band}
+    """Mean of the imaging deviation, ``deviation_mean``, and its ``deviation_band`` (`student_band`)."""
+    deviation = rows["deviation"].dropna()
+    band = student_band(deviation.std(), len(deviation))
+    return {"deviation_mean": float(deviation.mean()), "deviation_band": float(band)}
 
 
 def means_and_bands(groups: Any, names: Sequence[str]) -> pd.DataFrame:
@@ -181,12 +170,6 @@ def time_words(rows: pd.DataFrame) -> str:
     return "median processor time" + ("" if is_alone else " (not measured alone)")
 
 
-def time_notes(rows: pd.DataFrame, by: Sequence[str]) -> dict[Any, str]:
-    """End of the title of each group of rows: the median time of its cells, where any did not fail."""
-    words, times_s = time_words(rows), median_times(rows, by)[f"{TIME}_median"]
-    return {key: f"; {words} {1e3 * time_s:.1f} ms" for key, time_s in times_s.items()}
-
-
 def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] = (TIME,)) -> pd.DataFrame:
     """Take the median over the cells of each group that did not fail, whatever their SNR and trial.
 
@@ -199,11 +182,10 @@ def median_times(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str] =
     >>> median_times(rows, ["estimator"])["time_estimate_s_median"].to_dict()
     {'a': 2.0}
     """
-    scored = rows[~failed(rows)]
-    is_timed = scored["timing"].astype(bool)
-    any_timed = is_timed.groupby([scored[name] for name in by], sort=False).transform("any")
-    counting = scored[is_timed | ~any_timed]
-    return counting.groupby(list(by), sort=False)[list(columns)].median().add_suffix("_median")
+    scored = rows[~failed(rows)].astype({"timing": bool})
+    any_timed = scored.groupby(list(by), sort=False, dropna=False)["timing"].transform("any")
+    counting = scored[scored["timing"] | ~any_timed].groupby(list(by), sort=False, dropna=False)
+    return counting[list(columns)].median().add_suffix("_median")
 
 
 def summarise(
@@ -218,43 +200,17 @@ def summarise(
     [{'estimator': 'a', 'n_cells': 2, 'time_estimate_s_median': 2.0}]
     """
     groups = rows.groupby(list(by), sort=False)
-    found = [{**dict(zip(by, key, strict=True)), **numbers(part)} for key, part in groups]
-    return pd.DataFrame(found).join(median_times(rows, by), on=list(by))
+    records = [{**dict(zip(by, key, strict=True)), **numbers(part)} for key, part in groups]
+    return pd.DataFrame(records).join(median_times(rows, by), on=list(by))
 
 
-def trials_and_band(n_trials: int, noun: str = "band") -> str:
-    """Say how many trials there were, and whether they have a confidence band.
-
-    Examples
-    --------
-    >>> trials_and_band(12), trials_and_band(2, "interval")
-    ('12 trials, 95 % confidence band', '2 trials, no confidence interval below 5')
-    """
-    trials = "1 trial" if n_trials == 1 else f"{n_trials} trials"
-    return f"{trials}, {_band_words(n_trials, noun)}"
-
-
-def mean_of_trials(n_trials: int) -> str:
-    """Say that something is a mean over trials, unless there is but one.
+def trials_and_band(n: int, unit: str = "trial") -> str:
+    """Say how many trials, or others, there were, and whether they have a confidence band.
 
     Examples
     --------
-    >>> mean_of_trials(5), mean_of_trials(1)
-    ('mean of 5 trials, 95 % confidence band', 'one trial')
+    >>> trials_and_band(12), trials_and_band(1, "scene")
+    ('12 trials, 95 % confidence band', '1 scene, no confidence band below 5')
     """
-    return "one trial" if n_trials == 1 else f"mean of {trials_and_band(n_trials)}"
-
-
-def mean_of_scenarios(n_scenarios: int) -> str:
-    """Say that something is a mean over scenarios, and whether it has a confidence band.
-
-    Examples
-    --------
-    >>> mean_of_scenarios(100)
-    'mean over 100 scenarios, 95 % confidence band'
-    """
-    return f"mean over {n_scenarios} scenarios, {_band_words(n_scenarios, 'band')}"
-
-
-def _band_words(n: int, noun: str) -> str:
-    return f"95 % confidence {noun}" if n >= MIN_TRIALS else f"no confidence {noun} below {MIN_TRIALS}"
+    band = "95 % confidence band" if n >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
+    return f"{counted(n, unit)}, {band}"

@@ -15,9 +15,9 @@ from isacbench import charts
 from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.compare.pairs import CURVE
 from isacbench.bench.compare.verdicts import VERDICTS, Tolerance, verdict_counts
-from isacbench.bench.kinds.imaging import SCORE_AXES
+from isacbench.bench.kinds.scores import score_of
 from isacbench.bench.plan.labels import estimator_labels
-from isacbench.bench.statistics import mean_of_trials
+from isacbench.bench.statistics import trials_and_band
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, text_table
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted, file_stems, shortened
@@ -329,11 +329,11 @@ class ComparisonReport:
         part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
         n_pairs = int(curves["n_pairs"].max())
         of_scenes = f"mean of {n_pairs} scenes, 95 % confidence band"
-        mean = mean_of_trials(n_pairs) if self.unit == "trial" else of_scenes
+        mean = f"mean of {trials_and_band(n_pairs)}" if self.unit == "trial" else of_scenes
         of_curve, panels = points.groupby(CURVE), []
         for curve in shown.to_dict("records"):
             own = of_curve.get_group(tuple(curve[key] for key in CURVE)).sort_values("snr_db")
-            y = Axis(SCORE_AXES[metric].axis if metric in SCORE_AXES else metric, limits=_limits(own))
+            y = Axis(score_of(metric).name, limits=_limits(own))
             panels.append(Chart(self._title(curve), Axis("SNR [dB]"), y, self._series(own)))
         return ChartGroup("compare", f"{metric} of paired cells: {mean}{part}", panels, n_columns=3)
 

@@ -277,10 +277,6 @@ def _draw_series(
         axes.plot(x, y, color=colour, linestyle=LINES[style.dash], **marker)
         if low.size:
             axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0.0)
-    for text, place in zip(series.texts, zip(x, y, strict=True), strict=False):
-        if np.isfinite(place).all():
-            offset: dict[str, Any] = {"xytext": (0, 4), "textcoords": "offset points"}
-            axes.annotate(text, place, color=colour, ha="center", fontsize=6.0, **offset)
 
 
 def _inside(values: Floats, axis: Axis, instead: Floats | None = None) -> Floats:

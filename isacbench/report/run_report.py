@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 
 from isacbench import charts
 from isacbench.bench.cells.record import CLOUD_KEYS, failed
-from isacbench.bench.kinds.imaging import SCORE_AXES, score_charts
+from isacbench.bench.kinds.imaging import score_charts
 from isacbench.bench.kinds.kind import lines_of, title_stems
 from isacbench.bench.kinds.population import scene_cells
-from isacbench.bench.kinds.scores import MANY_SCENARIOS, averaged_columns, summarise_scores
+from isacbench.bench.kinds.scores import MANY_SCENARIOS, SCORES, averaged_columns, summarise_scores
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.store.manifest import command_to_show
@@ -350,7 +350,7 @@ def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[Nam
         scene = run.scenarios[scenario]
         part = summary[summary["scenario"] == scenario]
         if choice.metric is not None or not is_of_images:
-            all_scores = [score for score in SCORE_AXES if f"{score}_mean" in part]
+            all_scores = [score for score in SCORES if f"{score}_mean" in part]
             scores = all_scores if choice.metric is None else [choice.metric]
             own_stem = f"{choice.metric or 'curves'}-{stem}"
             yield from drawn_charts([score_charts(part, scores, own_stem, lines, scene)])

@@ -1,13 +1,15 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binom, binomtest, chi2, multinomial
 
 from isacbench.bench.statistics import (
+    deviation_columns,
     exact_interval,
-    mean_band,
     median_interval,
+    median_times,
     rms_interval,
     share_columns,
     student_band,
@@ -40,19 +42,17 @@ def test_the_interval_covers_the_truth_as_often_as_it_promises(draw):
 @pytest.mark.parametrize(("n", "has_band"), [(2, False), (4, False), (5, True), (12, True)])
 def test_five_trials_are_needed_for_any_band(n, has_band):
     values = np.arange(1.0, n + 1)
-    halves = [mean_band(values)[1], float(student_band(1.0, n))]
+    mean, band = deviation_columns(pd.DataFrame({"deviation": values})).values()
+    halves = [band, float(student_band(1.0, n))]
     limits = [*rms_interval(values)[1:], *[*share_columns("p", 1, 1000 * n, n_trials=n).values()][1:]]
     assert [math.isfinite(number) for number in halves + limits] == [has_band] * 6
-    assert mean_band(values)[0] == (n + 1) / 2
+    assert mean == (n + 1) / 2
     assert rms_interval(values)[0] > 0
 
 
 def test_without_values_there_is_nothing_and_of_one_no_interval():
-    assert all(math.isnan(number) for number in rms_interval(np.array([])))
-    rms, low, high = rms_interval(np.array([-3.0]))
-    assert rms == 3
-    assert math.isnan(low)
-    assert math.isnan(high)
+    assert np.isnan(rms_interval(np.array([]))).all()
+    np.testing.assert_array_equal(rms_interval(np.array([-3.0])), [3, np.nan, np.nan])
     assert rms_interval(np.zeros(5))[0] == 0
 
 
@@ -83,10 +83,8 @@ def test_the_interval_of_the_median_is_the_tightest_of_order_statistics_that_kee
 
 @pytest.mark.parametrize("n", range(6))
 def test_few_values_have_a_median_and_no_interval(n):
-    middle, low, high = median_interval(np.arange(float(n)))
-    assert math.isnan(low)
-    assert math.isnan(high)
-    assert math.isnan(middle) if n == 0 else middle == (n - 1) / 2
+    expected = [(n - 1) / 2 if n else np.nan, np.nan, np.nan]
+    np.testing.assert_array_equal(median_interval(np.arange(float(n))), expected)
 
 
 @pytest.mark.parametrize("n", [6, 20])
@@ -105,9 +103,22 @@ def test_the_exact_interval_covers_every_win_probability_with_95_per_cent_whatev
 
 def test_the_exact_interval_is_that_of_scipy():
     for k in range(11):
-        low, high = exact_interval(k, 10)
-        assert (low, high) == pytest.approx(binomtest(k, 10).proportion_ci(method="exact"))
+        expected = binomtest(k, 10).proportion_ci(method="exact")
+        assert exact_interval(k, 10) == pytest.approx(expected)
 
 
 def test_no_trials_have_no_interval():
     assert all(math.isnan(limit) for limit in (*wilson_interval(0, 0), *exact_interval(0, 0)))
+
+
+def medians(**columns):
+    rows = pd.DataFrame({"estimator": "a", "status": "ok", "timing": False, **columns})
+    return median_times(rows, ["estimator"])["time_estimate_s_median"].to_dict()
+
+
+def test_median_times_are_those_of_cells_without_failures_and_of_timed_ones_where_there_are_any():
+    assert medians(snr_db=[0, 0, 0, 10, 10, 10], time_estimate_s=[1.0, 2.0, 9.0, 3.0, 8.0, 9.0]) == {"a": 5.5}
+    status, time_s = ["ok", "no_detection", "error", "timeout", "error"], [1.0, 3.0, 50.0, 60.0, 7.0]
+    assert medians(estimator=list("aaaab"), status=status, time_estimate_s=time_s) == {"a": 2.0}
+    timing, time_s = [True, True, False, False], [1.0, 2.0, 9.0, 4.0]
+    assert medians(estimator=list("aaab"), timing=timing, time_estimate_s=time_s) == {"a": 1.5, "b": 4.0}

@@ -175,7 +175,7 @@ def test_what_does_not_model_turns_refuses_them(taking_turns, mimo):
     scenario = taking_turns(mimo)
     for refused, task in (
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
-        (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
+        (lambda: LinkKind().tasks(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
         (lambda: FrameSimulator(scenario, 10.0), "a simulated frame"),
         (lambda: observe_cube(np.zeros((240, 112, 4, 4), np.complex64), scenario), "a recorded frame"),
         (lambda: image_cost(scenario, get_estimator("fft4d")), "a recorded frame"),

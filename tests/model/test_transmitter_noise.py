@@ -122,9 +122,9 @@ def test_what_takes_noise_to_be_the_receivers_refuses_another(noisy):
     scenario = noisy()
     for refused, task in (
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
-        (lambda: LinkKind().scenes(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
+        (lambda: LinkKind().tasks(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
         (
-            lambda: EfficiencyKind().scenes(load_suite("efficiency"), {"few": scenario}),
+            lambda: EfficiencyKind().tasks(load_suite("efficiency"), {"few": scenario}),
             "the Cramér-Rao bound",
         ),
     ):

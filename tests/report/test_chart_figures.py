@@ -112,11 +112,6 @@ def test_bars_of_several_series_stand_in_a_row_at_the_names_of_their_places():
     assert low > 1 > 0 > high  # the first above
 
 
-def test_texts_stand_beside_their_points():
-    axes = drawn(Series("a", [0, 1, 2], [3, np.nan, 1], texts=["10", "20", "30"]))
-    assert {text.get_text(): text.xy for text in axes.texts} == {"10": (0, 3), "30": (2, 1)}
-
-
 def test_one_legend_has_each_label_once_grey_where_its_series_have_several_colours():
     chart = Chart(
         "", X, Y, [Series("a", [0, 1], [0, 1], style=style) for style in (RED, BLUE)] + [Series("", [0], [0])]

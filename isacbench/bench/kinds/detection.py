@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, get_args
@@ -39,13 +39,10 @@ from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.numerology import System
 from isacbench.plugins.contracts import Detection, Detector, Diagnoser
-from isacbench.plugins.registry import get_detector, get_estimator
-from isacbench.specifications import SpelledVariant, spec_variants
+from isacbench.plugins.registry import get_detector
+from isacbench.specifications import SpelledVariant, parse_spec, spec_variants
 
 Pfa = Annotated[float, Field(gt=0, lt=1)]
-
-LabelledPlugin = tuple[str, float, Any]
-"""Text of a detector, its nominal rate, and the plugin that has it."""
 
 COUNTS = ["n_targets", "n_hits", "n_clear", "n_false"]
 """Cells with a target, those of them detected, clear cells, and those of them detected."""
@@ -61,7 +58,6 @@ GROUP = ["scenario", "estimator", "params", "detector", "pfa", "snr_db"]
 REFERENCE_PFA = 1e-3
 """Nominal rate whose numbers are shown, where it was run: the paper's."""
 
-DETECTORS_A_TABLE, ESTIMATORS_A_TABLE = 6, 3
 ROC_SNRS_DB = 10.0, 15.0, 20.0
 
 NONE_FOUND = 0.1
@@ -103,10 +99,11 @@ class DetectionKind(Kind):
         **dict.fromkeys(["snr_gain_db", "pfa", "n_targets", "n_clear"], "neither"),
     }
 
-    def scenes(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
+    def tasks(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
-        alone, behind = _entries(_alone(suite, detectors)), _entries(_behind(suite, detectors))
+        alone = scenes.distinct_entries("detector", _alone(suite, detectors))
+        behind = scenes.distinct_entries("detector", _behind(suite, detectors))
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
         maps = [MapTask(suite, name, alone) for name in suite.maps]
@@ -126,21 +123,21 @@ class DetectionKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Probabilities of detection and of false alarm over SNR, and deviations where imaged."""
-        found = []
+        tables = []
         for key, part in self.summary(rows).groupby("scenario", sort=False):
             scenario = str(key)
             columns = [Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0)]
+            title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
             if scenario in MAPS:
                 part = part[part["pfa"] == reference_rate(part["pfa"])]
                 title = f"{scenario}: P_d and P_fa of a nominal {part['pfa'].iloc[0]:g}"
-                form, n_columns = _rates_text, DETECTORS_A_TABLE
             else:
-                title = f"{scenario}: deviation, P_d and P_fa of range-Doppler cells"
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
-                form, n_columns = _deviation_and_rates, ESTIMATORS_A_TABLE
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_gain_db", "snr_db"], VARIANT)
-            found += charts.tables_of_columns(title, columns, lines, entry_labels(part), form, n_columns)
-        return found
+            part, by_detector = _with_lines(part.sort_values("snr_db"))
+            lines = charts.spread_rows(part, ["snr_gain_db", "snr_db"], VARIANT, _rates_text)
+            headings = {variant: variant[1] for variant in by_detector}
+            tables.append(charts.spread_table(title, columns, lines, headings))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Detectors on the maps over SNR and over their nominal rate, and in front of estimators."""
@@ -154,13 +151,8 @@ class DetectionKind(Kind):
 
 
 def _map_charts(summary: pd.DataFrame) -> list[ChartGroup]:
-    """Detection and false alarms over SNR, and over each other; a column a map.
-
-    Detectors have their lines by how the suite writes them, the same for every nominal rate.
-    """
-    names = summary["detector"].str.partition("[")[0]
-    summary = summary.assign(estimator=names, params=summary["detector"])
-    lines = charts.assign_lines({variant: variant[1] for variant in charts.variants_in(summary)})
+    """Detection and false alarms over SNR, and over each other; a column a map."""
+    summary, lines = _with_lines(summary)
     rate = reference_rate(summary["pfa"])
     part = summary[summary["pfa"] == rate]
     x, false = Axis("SNR of a target in its cell [dB]"), _false_axis(part)
@@ -173,7 +165,7 @@ def _map_charts(summary: pd.DataFrame) -> list[ChartGroup]:
         above.append(Chart(str(name), x, DETECTED_AXIS, [*series, limit]))
         series = charts.line_series(own, lines, "snr_gain_db", "false", "pfa_measured")
         below.append(Chart(f"{name}: false alarms, nominal {rate:g}", x, false, series, lines=[rate]))
-    trials = statistics.trials_and_band(int(part["n_cells"].max()))
+    trials = statistics.trials_and_band(part["n_cells"].max())
     title = f"Detectors on synthetic maps, nominal P_fa {rate:g}; {trials}"
     over_snr = ChartGroup("maps", title, [*above, *below], n_columns=len(above))
     return [over_snr, _roc_charts(summary, lines)]
@@ -196,11 +188,8 @@ def _roc_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGr
 
 def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
     """Effect of detectors on estimators: deviation, detection and false alarms over SNR."""
-    labels = entry_labels(part)
-    detectors = part.drop_duplicates(VARIANT)["detector"].str.partition("[")[0]
-    places = map(str, range(len(labels)))
-    named = dict(zip(zip(detectors, places, strict=True), labels.values(), strict=True))
-    lines = dict(zip(labels, charts.assign_lines(named).values(), strict=True))
+    behind = f"{', '.join(part['estimator'].unique())} behind each detector"
+    part, lines = _with_lines(part)
     over_snr, snr = partial(charts.line_series, part, lines, "snr_db"), Axis("SNR [dB]")
     deviation, rates = Axis("imaging deviation", log=True), sorted(part["pfa"].unique())
     false = over_snr("false", "pfa_measured")
@@ -209,8 +198,7 @@ def _image_charts(part: pd.DataFrame, name: str, stem: str) -> ChartGroup:
         Chart("Cells of scatterers", snr, DETECTED_AXIS, over_snr("pd", "pd")),
         Chart("Cells far from scatterers", snr, _false_axis(part), false, lines=rates),
     ]
-    behind = f"{', '.join(part['estimator'].unique())} behind each detector"
-    title = f"{name}: {behind}; {statistics.trials_and_band(int(part['n_cells'].max()))}"
+    title = f"{name}: {behind}; {statistics.trials_and_band(part['n_cells'].max())}"
     return ChartGroup(f"detection-{stem}", title, panels)
 
 
@@ -220,11 +208,12 @@ def _false_axis(part: pd.DataFrame) -> Axis:
     return Axis("probability of false alarm", log=True, limits=limits)
 
 
-def entry_labels(part: pd.DataFrame) -> dict[Variant, str]:
-    """Label what ran on a map or scenario by its detector, and by its estimator if there are several."""
-    several = part["estimator"].nunique() > 1 and not part["scenario"].isin(list(MAPS)).any()
-    columns = zip(part["estimator"], part["params"], part["detector"], strict=True)
-    return {(name, params): f"{name}, {text}" if several else text for name, params, text in columns}
+def _with_lines(part: pd.DataFrame) -> tuple[pd.DataFrame, dict[Variant, Line]]:
+    """Name rows by their detector, with their estimator where there are several, and give each a line."""
+    is_alone = part["estimator"].nunique() == 1 or part["scenario"].isin(list(MAPS)).all()
+    labels = part["detector"] if is_alone else part["estimator"] + ", " + part["detector"]
+    part = part.assign(estimator=part["detector"].str.partition("[")[0], params=labels)
+    return part, charts.assign_lines({variant: variant[1] for variant in charts.variants_in(part)})
 
 
 def reference_rate(rates: pd.Series[Any]) -> float:
@@ -233,17 +222,12 @@ def reference_rate(rates: pd.Series[Any]) -> float:
 
 
 def _rates_text(entry: Mapping[Any, Any]) -> str:
-    """Probabilities of detection and false alarm."""
+    """Deviation of an image, and probabilities of detection and false alarm."""
     if entry["n_failed"]:
         return charts.with_failures("", entry["n_failed"])
+    deviation = charts.number_or_blank(entry["deviation_mean"], "{:.2f} ")
     # Nothing was counted where an estimator does not show its map.
-    return f"{charts.rate_text(entry['pd'], '{:.3f}')} {charts.rate_text(entry['pfa_measured'])}"
-
-
-def _deviation_and_rates(entry: Mapping[Any, Any]) -> str:
-    """Deviation, and the probabilities of detection and false alarm."""
-    rates = _rates_text(entry)
-    return rates if entry["n_failed"] else f"{entry['deviation_mean']:.2f} {rates}"
+    return f"{deviation}{charts.rate_text(entry['pd'], '{:.3f}')} {charts.rate_text(entry['pfa_measured'])}"
 
 
 class MapTask(Task):
@@ -256,14 +240,14 @@ class MapTask(Task):
     @cached_property
     def content(self) -> str:
         """Digest of the first map drawn: of what no rounding changes."""
-        drawn = self._drawn_once(0)
-        bits = np.packbits([drawn.targets, drawn.clear, drawn.noise.real > 0, drawn.echo.real > 0])
+        first = self._draw_once(0)
+        bits = np.packbits([first.targets, first.clear, first.noise.real > 0, first.echo.real > 0])
         return digest([self._suite.kind, self.name, hashlib.sha256(bits.tobytes()).hexdigest()])
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Draw the map, for all detectors."""
-        drawn, target_snr_db = self._drawn_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
-        power, n_true = drawn.power(target_snr_db), int(drawn.targets.sum())
+        power_map, target_snr_db = self._draw_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
+        power, n_true = power_map.power(target_snr_db), int(power_map.targets.sum())
         power.setflags(write=False)
         return Shared(self._key(snr_db, trial), {"snr_gain_db": target_snr_db}, n_true, power)
 
@@ -282,9 +266,9 @@ class MapTask(Task):
 
     def score(self, shared: Shared, plugin: Detector, answer: Mask) -> Found:
         """Count hits and false alarms."""
-        drawn, n_found = self._drawn_once(shared.key["trial"]), int(answer.sum())
-        counts = _counts(answer, drawn.targets, drawn.clear)
-        return {"status": status_of(n_found), "n_estimated": n_found, **counts}, PointCloud.empty()
+        power_map, n_detected = self._draw_once(shared.key["trial"]), int(answer.sum())
+        counts = _counts(answer, power_map.targets, power_map.clear)
+        return {"status": status_of(n_detected), "n_estimated": n_detected, **counts}, PointCloud.empty()
 
 
 def count_cells(image: Image) -> dict[str, int]:
@@ -310,52 +294,36 @@ def count_cells(image: Image) -> dict[str, int]:
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts and rates of one group, and the deviation of its images."""
     counts, n_failed = {name: int(part[name].sum()) for name in COUNTS}, int(failed(part).sum())
-    found = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed, **counts}
+    numbers = {"snr_gain_db": part["snr_gain_db"].iloc[0], "n_cells": len(part), "n_failed": n_failed}
+    numbers |= counts
     for name, hits, of in (("pd", "n_hits", "n_targets"), ("pfa_measured", "n_false", "n_clear")):
-        found |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
-    return found | statistics.deviation_columns(part)
+        numbers |= statistics.share_columns(name, counts[hits], counts[of], len(part) - n_failed)
+    return numbers | statistics.deviation_columns(part)
 
 
-def _alone(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
+def _alone(
+    suite: DetectionSuite, detectors: Sequence[SpelledVariant]
+) -> Iterator[tuple[str, Entry[Detector]]]:
     """Every detector at every nominal rate, at its own where none is given."""
-    for text, (name, params) in detectors:
-        for own in [{"pfa": rate} for rate in suite.pfa] or [{}]:
-            detector = get_detector(name, **{**params, **own})
-            yield text, detector.pfa, detector
+    for (text, (name, params)), own in product(detectors, [{"pfa": rate} for rate in suite.pfa] or [{}]):
+        detector = get_detector(name, **{**params, **own})
+        yield text, scenes.entry_of(detector, detector=text, pfa=detector.pfa)
 
 
-def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[LabelledPlugin]:
+def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[tuple[str, Entry[Any]]]:
     """Every estimator behind every detector."""
-    for build, (text, (name, params)) in product(_builders(suite), detectors):
-        detector = get_detector(name, **params)
-        estimator = build(detector=detector)
-        own_pfa = getattr(estimator, "pfa", None)
-        yield text, detector.pfa if own_pfa is None else own_pfa, estimator
-
-
-def _builders(suite: DetectionSuite) -> Iterator[Callable[..., Any]]:
-    """Functions of a detector that build a suite's estimators with it."""
-    for text in suite.estimators:
-        estimator: Any = suite.instances.get(text)
-        if estimator is None:
-            for variant, (name, params) in spec_variants(text):
-                if "detector" in params:
-                    raise InputError(
-                        f"estimators: {variant!r} sets a detector; list detectors under the key detectors"
-                    )
-                yield partial(get_estimator, name, **params)
-        elif "detector" in {field.name for field in dataclasses.fields(estimator)}:
-            yield partial(dataclasses.replace, estimator)
-        else:
+    for spelled, plugin in scenes.build_plugins(suite, "estimator", suite.estimators):
+        if not hasattr(plugin, "detector") or "detector" in parse_spec(spelled).params:
             raise InputError(
-                f"estimator {estimator.name} has no parameter detector, which a detection suite sets"
+                f"estimators: {spelled!r}: allowed are estimators with a parameter detector, which is not "
+                "set; list detectors under the key detectors"
             )
-
-
-def _entries(plugins: Iterable[LabelledPlugin]) -> list[Entry[Any]]:
-    """Entries of plugins, labelled with the text of their detector and its nominal rate."""
-    entries = ((text, scenes.entry_of(plugin, detector=text, pfa=pfa)) for text, pfa, plugin in plugins)
-    return scenes.distinct_entries("detector", entries)
+        for text, (name, params) in detectors:
+            detector = get_detector(name, **params)
+            estimator = dataclasses.replace(plugin, detector=detector)
+            own_pfa = getattr(estimator, "pfa", None)
+            pfa = detector.pfa if own_pfa is None else own_pfa
+            yield text, scenes.entry_of(estimator, detector=text, pfa=pfa)
 
 
 def _counts(mask: Mask, targets: Mask, clear: Mask) -> dict[str, int]:

@@ -26,7 +26,7 @@ from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.dsp.bounds import single_bound
 from isacbench.model.radio_coordinates import draw_place, radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers, Scenario
@@ -40,16 +40,8 @@ UNITS = {"range": ("range_m", " [m]"), "velocity": ("velocity_mps", " [m/s]"), "
 TITLES = {"range": "Range", "velocity": "Velocity", "u": "Direction cosine u", "w": "Direction cosine w"}
 """Titles of charts by dimension."""
 
-ERRORS = [f"error_{column}" for column, _ in UNITS.values()]
-"""Errors of a hit, which have a sign."""
-
-BOUNDS = [f"bound_{column}" for column, _ in UNITS.values()]
-"""Cramér-Rao bounds, standard deviations."""
-
-CURVE = ["scenario", "estimator", "params"]
-
-FEWEST_FALSE = 0.1
-"""Fewer false points a trial do not stretch their axis."""
+ERRORS, BOUNDS = ([f"{what}_{column}" for column, _ in UNITS.values()] for what in ("error", "bound"))
+"""Errors of a hit, which have a sign, and Cramér-Rao bounds, standard deviations."""
 
 BOUND_STYLE = LineStyle("", "dash", "")
 SNR_AXIS, SHARE_AXIS = Axis("SNR after gain [dB]"), Axis("share of trials", limits=charts.SHARE_LIMITS)
@@ -69,14 +61,14 @@ class EfficiencyKind(Kind):
     }
     better: ClassVar = {"hit": "higher", **dict.fromkeys([*SNR_GAIN, *ERRORS, *BOUNDS], "neither")}
 
-    def scenes(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
-        """Plan one scene a scenario: one scatterer in its region."""
-        entries, found = build_estimators(suite), []
+    def tasks(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:
+        """Plan one task a scenario: one scatterer in its region."""
+        entries, tasks = build_estimators(suite), []
         for scenario in scenarios.values():
             scenario.require_default("the Cramér-Rao bound", "noise")
             draw = partial(_draw, scenario, suite.seed)
-            found.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure_efficiency))
-        return found
+            tasks.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure_efficiency))
+        return tasks
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Root mean square errors over the bound, of every estimator at every SNR.
@@ -87,28 +79,28 @@ class EfficiencyKind(Kind):
         ``ratio_<x>_high``, all of the trials with a hit, the interval of five or more;
         ``time_estimate_s_median``.
         """
-        return statistics.summarise(rows, [*CURVE, "snr_db"], _numbers)
+        return statistics.summarise(rows, ["scenario", *VARIANT, "snr_db"], _numbers)
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Errors over the bound, one table a scenario and estimator."""
-        summary, labels, found = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
-        times = statistics.time_notes(rows, CURVE)
+        tables, words = kind.number_tables(rows), statistics.time_words(rows)
         columns = [
             Column("SNR: after gain [dB]", "snr_gain_db", "{:.4g}", part=0),
             Column("missed", form=_missed_text),
             Column("false: points", "n_false"),
             *(Column(name, form=partial(_ratio_text, f"ratio_{name}")) for name in UNITS),
+            Column("time [ms]", "time_estimate_s_median", "{:.1f}", scale=1e3),
         ]
-        for key, part in summary.groupby(CURVE, sort=False):
-            scenario, name, params = map(str, key)
-            band = statistics.trials_and_band(int(part["n_trials"].max()), "interval")
-            title = f"{scenario}, {labels[name, params]}: error over Cramér-Rao bound, {band}"
-            found.append(Table(title + times.get(key, ""), columns, part.sort_values("snr_gain_db")))
-        return found
+        summary = kind.with_labels(self.summary(rows)).sort_values("snr_gain_db", kind="stable")
+        for (scenario, label), part in summary.groupby(["scenario", "label"], sort=False):
+            trials = statistics.trials_and_band(part["n_trials"].max())
+            title = f"{scenario}, {label}: error over Cramér-Rao bound, {trials}; {words}"
+            tables.append(Table(title, columns, part))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Errors beside their bound, errors over it, misses and false points, over SNR."""
-        summary, lines, found = _with_shares(self.summary(rows)), kind.lines_of(rows), []
+        summary, lines, groups = _with_shares(self.summary(rows)), kind.lines_of(rows), []
         for scenario, stem, part in kind.title_stems(summary, "scenario"):
             over_snr = partial(charts.line_series, part, lines, "snr_gain_db")
             bounds = part.drop_duplicates("snr_gain_db").sort_values("snr_gain_db")
@@ -122,14 +114,12 @@ class EfficiencyKind(Kind):
                 series = over_snr(f"ratio_{name}", f"ratio_{name}")
                 ratios.append(Chart(f"{title}: error over the bound", SNR_AXIS, RATIO_AXIS, series, [1.0]))
             missed = Chart("Missed", SNR_AXIS, SHARE_AXIS, over_snr("missed"))
-            top = max(1.06 * float(part["false"].max()), FEWEST_FALSE)
-            axis = Axis("number a trial", limits=(-0.03 * top, top))
-            false = Chart("False points", SNR_AXIS, axis, over_snr("false"))
-            trials = statistics.trials_and_band(int(part["n_trials"].max()))
+            false = Chart("False points", SNR_AXIS, Axis("number a trial"), over_snr("false"))
+            trials = statistics.trials_and_band(part["n_trials"].max())
             title = f"{scenario}: one scatterer, errors where it was found; {trials}"
             panels = [*errors, missed, *ratios, false]
-            found.append(ChartGroup(f"efficiency-{stem}", title, panels, n_columns=5))
-        return found
+            groups.append(ChartGroup(f"efficiency-{stem}", title, panels, n_columns=5))
+        return groups
 
 
 def measure_efficiency(image: Image) -> dict[str, Any]:
@@ -170,18 +160,16 @@ def _missed_text(row: Mapping[Any, Any]) -> str:
 
 
 def _ratio_text(column: str, row: Mapping[Any, Any]) -> str:
-    """Error over bound with its interval, two decimals below 10; empty without a hit."""
-    ratio, low, high = (
-        charts.number_or_blank(row[f"{column}{end}"], "{:.2f}" if row[f"{column}{end}"] < 9.995 else "{:.0f}")
-        for end in ("", "_low", "_high")
-    )
+    """Error over bound with its interval; empty without a hit."""
+    ends = (charts.number_or_blank(row[f"{column}{end}"], "{:.2f}") for end in ("", "_low", "_high"))
+    ratio, low, high = ends
     return f"{ratio} ({low}-{high})" if low else ratio
 
 
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts of one group, and errors and bounds of its trials with a hit."""
     broken, hits = failed(part), part[part["hit"]]
-    found: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "snr_gain_db": part["snr_gain_db"].iloc[0],
         "n_trials": len(part),
         "n_failed": int(broken.sum()),
@@ -190,15 +178,11 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     for dimension, (column, _) in UNITS.items():
         error, bound = hits[f"error_{column}"], hits[f"bound_{column}"]
-        ratio, low, high = statistics.rms_interval((error / bound).to_numpy())
-        found |= {
-            f"rmse_{column}": math.sqrt((error**2).mean()),
-            f"bound_{column}": part[f"bound_{column}"].mean(),
-            f"ratio_{dimension}": ratio,
-            f"ratio_{dimension}_low": low,
-            f"ratio_{dimension}_high": high,
-        }
-    return found
+        numbers[f"rmse_{column}"] = math.sqrt((error**2).mean())
+        numbers[f"bound_{column}"] = part[f"bound_{column}"].mean()
+        names = (f"ratio_{dimension}{end}" for end in ("", "_low", "_high"))
+        numbers |= zip(names, statistics.rms_interval((error / bound).to_numpy()), strict=True)
+    return numbers
 
 
 def _draw(scenario: Scenario, seed: int, trial: int) -> Scenario:

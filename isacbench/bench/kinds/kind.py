@@ -42,7 +42,10 @@ class Kind(ABC):
     suite : type of Suite
         Class with the keys of its suites.
     columns : mapping of str to Any
-        Columns that the kind adds to the rows, each with its value in the row of a failed cell.
+        Columns that the kind adds to the rows, each with its value in the row of a failed cell, whose type
+        (str, bool, int, float) is that of the column. The summaries of images average those of numbers,
+        without failed cells. Where `measure` of an `ImagingTask` gives them, it sees one realisation of a
+        reference, whose scores are means over all of them.
     better : mapping of str to {"lower", "higher", "neither"}
         Better direction of a column; columns that are not listed are better ``"lower"``.
     metrics : tuple of str
@@ -59,8 +62,8 @@ class Kind(ABC):
     has_images: ClassVar[bool] = False
 
     @abstractmethod
-    def scenes(self, suite: Any, scenarios: Scenarios) -> Sequence[Task]:
-        """Plan the scenes of a suite on scenarios by name; an `InputError` where it cannot be run on them."""
+    def tasks(self, suite: Any, scenarios: Scenarios) -> Sequence[Task]:
+        """Plan the tasks of a suite on scenarios by name; an `InputError` where it cannot be run on them."""
 
     @abstractmethod
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -106,6 +109,12 @@ def lines_of(rows: pd.DataFrame) -> dict[Variant, Line]:
 def labels_of(rows: pd.DataFrame) -> dict[Variant, str]:
     """Short label of every estimator of a run, the same in all its tables."""
     return charts.short_labels(estimator_labels(variants_in(rows)))
+
+
+def with_labels(rows: pd.DataFrame) -> pd.DataFrame:
+    """Add the short label of each estimator, the same in all tables of a run, as the column ``label``."""
+    labels = labels_of(rows)
+    return rows.assign(label=[labels[one] for one in zip(rows["estimator"], rows["params"], strict=True)])
 
 
 def number_tables(rows: pd.DataFrame) -> list[Table]:

@@ -10,10 +10,8 @@ of them came out wrong.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -21,7 +19,6 @@ from typing import Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
-from scipy.special import bdtr, bdtrc
 
 from isacbench import charts
 from isacbench.bench import statistics
@@ -30,10 +27,10 @@ from isacbench.bench.cells.record import failed, status_of
 from isacbench.bench.kinds import kind, scenes
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import Entry, ImagingTask, Shared, Task
+from isacbench.bench.kinds.scenes import ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
-from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import counted
@@ -48,30 +45,18 @@ from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System
-from isacbench.model.scene import Scenario
 from isacbench.plugins.registry import canonical_params, construct
 from isacbench.specifications import parse_spec
 
-IMAGED = ["template", *VARIANT]
 SIGNAL = ["sensing", "modulation", "division"]
 GROUP = ["scenario", "template", "modulation", "sensing", "division", "channel", *VARIANT, "snr_db"]
-
-FAMILY_CONFIDENCE = 0.99
-"""Confidence of the interval that all counts of bit errors of a run are compared with together."""
-
-SIGNALS_A_TABLE, MODULATIONS_A_TABLE = 6, 4
-DIVISIONS = {"reciprocal": "reciprocal", "matched": "matched", "wiener": "Wiener"}
-KNOWLEDGE = {"perfect": "channel known", "prs": "channel from PRS"}
-
-MODULATION_COLOURS = dict(zip(get_args(Modulation), charts.COLOURS, strict=False))
-DIVISION_DASHES = {"": "solid", "reciprocal": "solid", "matched": "dash", "wiener": "dot"}
-RECEIVER_DASHES = "solid", "dash", "dashdot"
 
 LOWEST_BER = 1e-6
 """A frame has a few million bits: fewer errors are not seen."""
 
 TRADE_SNRS_DB = 0.0, 10.0, 20.0, 30.0
 SNR_AXIS = Axis("SNR of a resource element [dB]")
+DEVIATION = Axis("imaging deviation", log=True)
 PANEL_IN = 3.1, 2.5
 
 
@@ -139,7 +124,7 @@ class LinkKind(Kind):
         **dict.fromkeys(["snr_gain_db", "n_bits", "ber_expected"], "neither"),
     }
 
-    def scenes(self, suite: LinkSuite, scenarios: Scenarios) -> list[Task]:
+    def tasks(self, suite: LinkSuite, scenarios: Scenarios) -> list[Task]:
         """Plan every scenario with every signal, and every channel with every modulation.
 
         What would fail in every cell is refused.
@@ -148,19 +133,28 @@ class LinkKind(Kind):
             raise InputError(
                 "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
             )
-        entries = scenes.build_estimators(suite)
-        found: list[Task] = []
+        entries, systems = scenes.build_estimators(suite), {}
         for scenario in scenarios.values():
             scenario.require_default("a suite of the kind link", "noise", "mimo")
-            found += _signal_scenes(suite, scenario, entries)
-        (first, scenario), *others = scenarios.items()
-        for name, other in others:
-            if other.system != scenario.system:
-                raise InputError(
-                    f"scenarios: {first!r} and {name!r} have different systems; a suite of the kind link "
-                    "takes scenarios of one system, whose frame the user receives"
-                )
-        return [*found, *_user_scenes(suite, scenario.system)]
+            systems[scenario.name] = scenario.system
+        (first, system), *others = systems.items()
+        if unlike := [name for name, other in others if other != system]:
+            raise InputError(
+                f"scenarios: {first!r} and {unlike[0]!r} have different systems; a suite of the kind link "
+                "takes scenarios of one system, whose frame the user receives"
+            )
+        tasks = []
+        for scenario, (name, signal) in product(scenarios.values(), signals_of(suite).items()):
+            labels = {
+                "template": scenario.name,
+                "modulation": "" if signal.sensing == "prs" else signal.modulation,
+                "sensing": signal.sensing,
+                "division": "" if signal.has_unit_modulus else signal.division,
+            }
+            own_name, simulator = f"{scenario.name}-{name}", partial(SignalSimulator, signal=signal)
+            task = ImagingTask(suite, scenario, entries, name=own_name, simulator=simulator, labels=labels)
+            tasks.append(task)
+        return [*tasks, *_reception_tasks(suite, system)]
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Average the trials of every signal and estimator, and of every channel, modulation and receiver.
@@ -177,95 +171,74 @@ class LinkKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Deviations of every scenario and estimator, and bit error rates of every channel and receiver."""
-        summary = self.summary(rows)
-        sensed, received = summary[summary["channel"] == ""], summary[summary["channel"] != ""]
-        times, labels = statistics.time_notes(rows, IMAGED), kind.labels_of(sensed)
-        found, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
-        for key, part in sensed.groupby(IMAGED, sort=False):
-            template, name, params = map(str, key)
-            title = (
-                f"{template}, {labels[name, params]}: mean imaging deviation by what is sensed with, "
-                f"{statistics.trials_and_band(int(part['n_cells'].max()), 'interval')}{times.get(key, '')}"
-            )
+        summary = self.summary(rows).sort_values("snr_db", kind="stable")
+        sensed, received = map(kind.with_labels, _sensed_and_received(summary))
+        tables, first = kind.number_tables(sensed), [Column("SNR [dB]", "snr_db", "{:.4g}", part=0)]
+        for (template, label), part in sensed.groupby(["template", "label"], sort=False):
+            trials = statistics.trials_and_band(part["n_cells"].max())
+            title = f"{template}, {label}: mean imaging deviation by what is sensed with, {trials}"
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], SIGNAL)
-            found += charts.tables_of_columns(title, first, lines, headings, deviation_text, SIGNALS_A_TABLE)
-        labels, outside = receiver_labels(received), outside_interval(received)
-        for key, part in received.groupby(["channel", *VARIANT], sort=False):
-            channel, name, params = map(str, key)
-            title = (
-                f"{channel}, {labels[name, params]}: bit error rate (expected) | EVM [dB] | Gbit/s, "
-                f"{counted(part['n_cells'].max(), 'frame')}"
-            ) + _counts_text(outside.reindex(part.index).dropna())
+            lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
+            tables.append(charts.spread_table(title, first, lines, headings))
+        for (channel, label), part in received.groupby(["channel", "label"], sort=False):
+            frames = counted(part["n_cells"].max(), "frame")
+            title = f"{channel}, {label}: bit error rate (expected) | EVM [dB] | Gbit/s, {frames}"
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
-            lines = charts.spread_rows(part.sort_values("snr_db"), ["snr_db"], ["modulation"])
-            found += charts.tables_of_columns(
-                title, first, lines, headings, _reception_text, MODULATIONS_A_TABLE
-            )
-        return found
+            lines = charts.spread_rows(part, ["snr_db"], ["modulation"], _reception_text)
+            tables.append(charts.spread_table(title, first, lines, headings))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Bit errors of every channel beside deviations of every scenario, and the trade between the two."""
         summary = self.summary(rows).sort_values("snr_db", kind="stable")
-        received, sensed = summary[summary["channel"] != ""], summary[summary["channel"] == ""]
+        sensed, received = _sensed_and_received(summary)
         y = Axis("bit error rate", log=True, limits=(LOWEST_BER, 1.0))
         errors = [
             Chart(f"User behind {channel}", SNR_AXIS, y, _error_series(part))
             for channel, part in received.groupby("channel", sort=False)
         ]
-        labels, found = kind.labels_of(sensed), []
+        labels, groups = kind.labels_of(sensed), []
         for template, stem, part in kind.title_stems(sensed, "template"):
-            deviation = Axis("imaging deviation", log=bool((part["deviation_mean"] > 0).any()))
             images = []
             for variant in charts.variants_in(part):
-                series = _signal_series(charts.rows_of(part, variant))
-                images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, deviation, series))
+                own, lines = _with_lines(charts.rows_of(part, variant), SIGNAL)
+                series = charts.line_series(own, lines, "snr_db", "deviation_mean", "deviation")
+                images.append(Chart(f"Image by {labels[variant]}", SNR_AXIS, DEVIATION, series))
             title = (
                 f"{template}: bit errors of the user, and deviations of the image; "
-                f"{statistics.trials_and_band(int(summary['n_cells'].max()))}"
+                f"{statistics.trials_and_band(summary['n_cells'].max())}"
             )
-            n_columns = max(len(errors), 1) if len(errors) <= 4 else 3
-            found.append(ChartGroup(f"link-{stem}", title, [*errors, *images], n_columns, PANEL_IN))
+            groups.append(ChartGroup(f"link-{stem}", title, [*errors, *images], len(errors) or 1, PANEL_IN))
             if len(received):
-                found.append(_trade_charts(template, stem, part, received, labels))
-        return found
+                groups.append(_trade_charts(template, stem, part, received, labels))
+        return groups
+
+
+def _sensed_and_received(summary: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    is_sensed = summary["channel"] == ""
+    return summary[is_sensed], summary[~is_sensed]
+
+
+def _with_lines(part: pd.DataFrame, names: list[str]) -> tuple[pd.DataFrame, dict[Variant, Line]]:
+    """Label rows by some columns, and give each label a line; modulations have their colours."""
+    labels = [signal_label(values) for values in part[names].itertuples(index=False)]
+    part = part.assign(estimator=part["modulation"], params=labels)
+    return part, charts.assign_lines({variant: variant[1] for variant in charts.variants_in(part)})
 
 
 def _error_series(part: pd.DataFrame) -> list[Series]:
-    """Bit error rates behind a channel, and the closed form of white noise."""
-    found, receivers = [], receiver_labels(part)
-    for modulation in part["modulation"].unique():
-        colour, own = MODULATION_COLOURS[modulation], part[part["modulation"] == modulation]
-        for place, (variant, receiver) in enumerate(receivers.items()):
-            rows = charts.rows_of(own[own["n_bit_errors"] > 0], variant)
-            limits = charts.interval(rows, "ber")
-            style = LineStyle(colour, RECEIVER_DASHES[place % len(RECEIVER_DASHES)], "circle")
-            label = f"{modulation.upper()}, {receiver}"
-            found.append(Series(label, rows["snr_db"], rows["ber"], *limits, style=style))
-        snrs_db = np.linspace(own["snr_db"].min(), own["snr_db"].max(), 200)
+    """Bit error rates behind a channel where there are errors, and the closed form of white noise."""
+    part = kind.with_labels(part.assign(ber=part["ber"].where(part["n_bit_errors"] > 0)))
+    part, lines = _with_lines(part, ["modulation", "label"])
+    series = charts.line_series(part, lines, "snr_db", "ber", "ber")
+    first: dict[Any, Line] = {modulation: line for (modulation, _), line in reversed(lines.items())}
+    for modulation, line in first.items():
+        snrs_db = np.linspace(part["snr_db"].min(), part["snr_db"].max(), 200)
         rates = awgn_ber(modulation, snrs_db)
         rates[rates < LOWEST_BER] = np.nan
-        label = f"{modulation.upper()}, closed form in white noise"
-        found.append(Series(label, snrs_db, rates, style=LineStyle(colour, "dot", "")))
-    return found
-
-
-def _signal_series(part: pd.DataFrame) -> list[Series]:
-    """Deviations of one estimator, a line a signal."""
-    found = []
-    for key, rows in part.groupby(SIGNAL, sort=False):
-        limits, style = charts.interval(rows, "deviation_mean", "deviation"), _signal_style(key)
-        label = f"image, {signal_label(key)}"
-        found.append(Series(label, rows["snr_db"], rows["deviation_mean"], *limits, style=style))
-    return found
-
-
-def _signal_style(signal: tuple[Any, ...]) -> LineStyle:
-    sensing, modulation, division = signal
-    colour = MODULATION_COLOURS.get(modulation, "")
-    if sensing == "prs":
-        return LineStyle(colour, "dashdot", "diamond")
-    return LineStyle(colour, DIVISION_DASHES[division], "circle")
+        label = f"{modulation} closed form in white noise"
+        series.append(Series(label, snrs_db, rates, style=LineStyle(line.style.colour, "dot", "")))
+    return series
 
 
 def _trade_charts(
@@ -273,26 +246,15 @@ def _trade_charts(
 ) -> ChartGroup:
     """Imaging deviation over the bit rate at the same SNR behind the first channel, a chart an estimator."""
     channel = received["channel"].iloc[0]
-    of_channel = received[received["channel"] == channel]
-    receiver = charts.variants_in(of_channel)[-1]
-    rates = charts.rows_of(of_channel, receiver)[["modulation", "snr_db", "rate_bps"]]
-    panels = []
+    receiver, label = list(kind.labels_of(received).items())[-1]
+    rates = charts.rows_of(received[received["channel"] == channel], receiver)
+    rates = rates[["modulation", "snr_db"]].assign(rate_gbps=rates["rate_bps"] / 1e9)
+    x, panels = Axis("achievable bit rate [Gbit/s]"), []
     for variant in charts.variants_in(sensed):
-        series, top = [], 0.0
-        for key, rows in _trade_points(charts.rows_of(sensed, variant), rates).groupby(SIGNAL, sort=False):
-            sensing, _, division = key
-            is_named = sensing != "prs" and division in ("", "reciprocal")
-            texts = [f"{snr_db:g}" for snr_db in rows["snr_db"]] if is_named else []
-            x, y = rows["rate_bps"] / 1e9, rows["deviation_mean"]
-            series.append(Series(signal_label(key), x, y, style=_signal_style(key), texts=texts))
-            top = max(top, float(y.fillna(0.0).max()))
-        axis = Axis("imaging deviation", limits=(0.0, 1.06 * top or 1.0))
-        rate = Axis("achievable bit rate [Gbit/s]")
-        panels.append(Chart(f"Image by {labels[variant]}", rate, axis, series))
-    title = (
-        f"{template}: image against bit rate behind {channel}, {receiver_labels(received)[receiver]}; "
-        "numbers are SNRs in dB"
-    )
+        points, lines = _with_lines(_trade_points(charts.rows_of(sensed, variant), rates), SIGNAL)
+        series = charts.line_series(points, lines, "rate_gbps", "deviation_mean")
+        panels.append(Chart(f"Image by {labels[variant]}", x, DEVIATION, series))
+    title = f"{template}: image against bit rate behind {channel}, {label}; at 0, 10, 20 and 30 dB"
     return ChartGroup(f"trade-{stem}", title, panels, panel_in=PANEL_IN)
 
 
@@ -305,37 +267,8 @@ def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
 
 
 def signal_label(signal: tuple[Any, ...]) -> str:
-    """Name sensing, modulation and division for people.
-
-    Examples
-    --------
-    >>> signal_label(("all", "16qam", "matched")), signal_label(("prs", "", ""))
-    ('16QAM, matched', 'PRS alone')
-    """
-    sensing, modulation, division = signal
-    if sensing == "prs":
-        return "PRS alone"
-    return str(modulation).upper() + (f", {DIVISIONS[division]}" if division else "")
-
-
-def receiver_labels(part: pd.DataFrame) -> dict[Variant, str]:
-    """Name receivers by what they know, and by further parameters where two know the same."""
-    params = {variant: json.loads(variant[1]) for variant in charts.variants_in(part)}
-    known = [own["knowledge"] for own in params.values()]
-    return {
-        variant: KNOWLEDGE[own["knowledge"]]
-        + (f", order {own['time_order']}" if known.count(own["knowledge"]) > 1 else "")
-        for variant, own in params.items()
-    }
-
-
-def _counts_text(outside: pd.Series[bool]) -> str:
-    """Say whether counts of errors are as expected; empty where nothing is known to expect."""
-    if outside.empty:
-        return ""
-    if not outside.any():
-        return "; all counts of errors within the family-wise 99 % interval"
-    return f"; {int(outside.sum())} of {outside.size} counts of errors outside the family-wise 99 % interval"
+    """Name what is sensed with: sensing, and modulation and division where they matter."""
+    return " ".join(filter(None, signal))
 
 
 def _reception_text(entry: Mapping[Any, Any]) -> str:
@@ -350,77 +283,38 @@ def _reception_text(entry: Mapping[Any, Any]) -> str:
 def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Numbers of one group: of what was received, or of what was imaged."""
     broken = failed(part)
-    of_kind = _received if part["channel"].iloc[0] else _imaged
-    return {"n_cells": len(part), "n_failed": int(broken.sum()), **of_kind(part[~broken])}
-
-
-def outside_interval(summary: pd.DataFrame) -> pd.Series[bool]:
-    """Mark the counts of bit errors that lie outside the family-wise interval of what was expected.
-
-    Of receivers that know the channel: given the fade, errors of bits are those of the closed form, and
-    nearly independent. The family is all their counts. The interval is that of the binomial distribution with
-    Šidák's level for 99 % of the family. Over several fades the expected rate is a mean: counts then vary
-    less than binomially, and the interval errs by being wide.
-    """
-    received = summary[summary["channel"] != ""]
-    if received.empty:  # of a suite without channels there are no columns of bits
-        return pd.Series(index=received.index, dtype=np.bool_)
-    knows = received["params"].map(lambda params: json.loads(params).get("knowledge") == "perfect")
-    known = received[knows & (received["n_bits"] > 0)]
-    n_bits, n_errors = (known[name].to_numpy(dtype=np.int64) for name in ("n_bits", "n_bit_errors"))
-    expected = known["ber_expected"].to_numpy()
-    level = (1 - FAMILY_CONFIDENCE ** (1 / max(len(known), 1))) / 2
-    as_few = bdtr(n_errors, n_bits, expected)
-    as_many = np.where(n_errors > 0, bdtrc(n_errors - 1, n_bits, expected), 1.0)
-    return pd.Series((as_few < level) | (as_many < level), index=known.index)
-
-
-def _imaged(part: pd.DataFrame) -> dict[str, float]:
-    """Means of the scores of images, and the band of the deviation."""
-    means = {f"{name}_mean": part[name].mean() for name in ("n_estimated", "precision", "recall")}
-    return statistics.deviation_columns(part) | means
+    counts, scored = {"n_cells": len(part), "n_failed": int(broken.sum())}, part[~broken]
+    if part["channel"].iloc[0]:
+        return counts | _received(scored)
+    means = {f"{name}_mean": scored[name].mean() for name in ("n_estimated", "precision", "recall")}
+    return {**counts, **statistics.deviation_columns(scored), **means}
 
 
 def _received(part: pd.DataFrame) -> dict[str, float]:
-    """Bit errors of all trials, and means of the rest."""
+    """Bit errors of all trials, and means of the rest, of dB those of powers."""
     n_bits, n_errors = int(part["n_bits"].sum()), int(part["n_bit_errors"].sum())
+    with np.errstate(divide="ignore"):
+        power_db = 10 * np.log10((10 ** (part[["evm_db", "channel_error_db"]] / 10)).mean())
     return {
         "n_bits": n_bits,
         "n_bit_errors": n_errors,
         **statistics.share_columns("ber", n_errors, n_bits, len(part)),
         "ber_expected": part["ber_expected"].mean(),
-        **{name: _mean_db(part[name]) for name in ("evm_db", "channel_error_db")},
+        **power_db.to_dict(),
         "rate_bps": part["rate_bps"].mean(),
     }
 
 
-def _mean_db(values: pd.Series[Any]) -> float:
-    """Mean of powers in dB."""
-    with np.errstate(divide="ignore"):
-        return float(10 * np.log10((10 ** (values / 10)).mean()))
-
-
 class ReceptionTask(Task):
-    """Channel (`text` as the suite writes it), modulation, and the receivers behind them."""
+    """A channel with a modulation, the `labels` of its rows, and the receivers behind it."""
 
     def __init__(
-        self,
-        suite: LinkSuite,
-        system: System,
-        channel: Channel,
-        text: str,
-        modulation: Modulation,
-        entries: Sequence[Entry[OneTap]],
+        self, suite: LinkSuite, system: System, channel: Channel, labels: dict[str, Any], entries: list[Any]
     ) -> None:
-        self._system, self._channel = system, channel
-        self._labels = {"channel": text, "modulation": modulation}
-        super().__init__(
-            suite,
-            f"user-{text}-{modulation}",
-            entries,
-            suite.snr_db or (),
-            lambda trial: draw_grid(system, modulation, seed=suite.seed, trial=trial),
-        )
+        self._system, self._channel, self._labels = system, channel, labels
+        draw = partial(draw_grid, system, labels["modulation"], seed=suite.seed)
+        name = f"user-{labels['channel']}-{labels['modulation']}"
+        super().__init__(suite, name, entries, suite.snr_db or (), lambda trial: draw(trial=trial))
 
     @cached_property
     def content(self) -> str:
@@ -430,7 +324,7 @@ class ReceptionTask(Task):
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Send a frame, for all receivers."""
-        grid = self._drawn_once(trial)
+        grid = self._draw_once(trial)
         return Shared(self._key(snr_db, trial), self._labels, grid.bits.size, grid)
 
     def call(self, shared: Shared, plugin: OneTap) -> Reception:
@@ -476,22 +370,7 @@ def signals_of(suite: LinkSuite) -> dict[str, Signal]:
     return signals
 
 
-def _signal_scenes(
-    suite: LinkSuite, scenario: Scenario, entries: Sequence[Entry[Any]]
-) -> Iterator[ImagingTask]:
-    """A scenario with every signal."""
-    for short, signal in signals_of(suite).items():
-        labels = {
-            "template": scenario.name,
-            "modulation": "" if signal.sensing == "prs" else signal.modulation,
-            "sensing": signal.sensing,
-            "division": "" if signal.has_unit_modulus else signal.division,
-        }
-        name, simulator = f"{scenario.name}-{short}", partial(SignalSimulator, signal=signal)
-        yield ImagingTask(suite, scenario, entries, name=name, simulator=simulator, labels=labels)
-
-
-def _user_scenes(suite: LinkSuite, system: System) -> list[ReceptionTask]:
+def _reception_tasks(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     """Every channel with every modulation, all receivers behind them.
 
     Refused are unknown channels and receivers, a channel that the closed form does not hold for, and a
@@ -502,16 +381,19 @@ def _user_scenes(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     receivers: dict[str, OneTap] = {text: _construct("receiver", text, RECEIVERS) for text in suite.receivers}
     written = ((text, scenes.entry_of(receiver)) for text, receiver in receivers.items())
     entries = scenes.distinct_entries("receiver", written)
-    for text, channel in channels.items():
-        with _naming(f"channels: {text!r}"):
+    try:
+        for text, channel in channels.items():
+            what = f"channels: {text!r}"
             stream = random_stream("channel", 0, suite.seed, channel.name)
             require_closed_form(system, channel.paths(system, stream))
-    for text, receiver in receivers.items():
-        if channels and receiver.knowledge == "prs":
-            with _naming(f"receivers: {text!r}"):
+        for text, receiver in receivers.items():
+            what = f"receivers: {text!r}"
+            if channels and receiver.knowledge == "prs":
                 require_estimable(system, receiver.time_order)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
     return [
-        ReceptionTask(suite, system, channel, text, modulation, entries)
+        ReceptionTask(suite, system, channel, {"channel": text, "modulation": modulation}, entries)
         for (text, channel), modulation in product(channels.items(), suite.modulations)
     ]
 
@@ -522,12 +404,3 @@ def _construct(what: str, text: str, classes: Mapping[str, type[Any]]) -> Any:
     if name not in classes:
         raise unknown_name(what, name, classes)
     return construct(what, name, classes[name], params)
-
-
-@contextmanager
-def _naming(what: str) -> Iterator[None]:
-    """Put what an error is about in front of its reason."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{what}: {error}") from error

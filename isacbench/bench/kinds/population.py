@@ -14,13 +14,12 @@ finds the scatterer without false points.
 from __future__ import annotations
 
 import json
-import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -35,7 +34,7 @@ from isacbench.bench.cells.record import failed
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
-from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, SNR_AXIS, over_snrs
+from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, SCORES, Score, score_chart
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
@@ -43,7 +42,7 @@ from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, Lin
 from isacbench.checked_arrays import Floats
 from isacbench.dsp.bounds import joint_bound
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted, file_stems
+from isacbench.files.escaping import file_stems
 from isacbench.model.echo import echo_parameters
 from isacbench.model.frame import PaperFrame
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
@@ -52,9 +51,6 @@ from isacbench.model.scenes.scene_families import use_of_seed
 
 ALL = "all"
 """Value of `family`, `frame` and `phases` in a row over all of them."""
-
-EVERY_SNR = math.inf
-"""Stands for the SNR of a row over all SNRs, NaN, where rows are grouped by it."""
 
 HAND_MADE = "hand-made"
 """Value of `family` of scenes that no family made."""
@@ -68,8 +64,20 @@ PART = ["family", "frame", "phases", "snr_db"]
 MEDIANS = ["ratio", "velocity_nmse"]
 """Numbers of a scene whose distribution has a long tail."""
 
-TARGETS = ["n_false", "share_clean", "share_resolved", "share_met"]
+TARGETS = {
+    "n_false": Score("false points: an image"),
+    "share_clean": Score("images: without false points", "share", is_higher_better=True),
+    "share_resolved": Score("scatterers: resolved", "share", is_higher_better=True),
+    "share_met": Score("images: all met", "share", is_higher_better=True),
+}
 """Numbers of a scene of lone scatterers."""
+
+OWN_SCORES = {**SCORES, "ratio": Score("median ratio: to the oracle", "log"), **TARGETS}
+IN_TABLES = (
+    *("ratio", "hausdorff_sum_m", "f_score", "objects_f_score", "gospa_skill", "velocity_error_mps"),
+    *("precision", "recall", *TARGETS),
+)
+IN_CHARTS = "ratio", "f_score", "objects_detected", "velocity_error_mps", "precision", "recall"
 
 RESOLVABLE_CELLS = 0.1
 """Largest bound of a resolvable scatterer, a standard deviation, in Rayleigh cells."""
@@ -84,67 +92,13 @@ BASELINES = "chance", "empty"
 """References without skill: random points, and none."""
 
 MARK = " †"
+NOTE = "; †: chance or no point at all comes near"
 
 LARGEST_RATIO = 100.0
 """Larger ratios are drawn at the edge."""
 
 SPREAD = 0.3
 """Share of a row's height over which the dots of scenes are spread, up and down."""
-
-SYMBOLS = {"in phase": "circle", "carrier": "diamond"}
-OPEN_FRAME = "paper"
-"""Frame whose dots are open; those of the other one are filled."""
-
-
-class Score(NamedTuple):
-    """Number of a summary, in tables and charts.
-
-    Attributes
-    ----------
-    heading : str
-        In tables; empty: not there.
-    optional : int
-        How early a terminal leaves it out.
-    axis : str
-        In charts; empty: not there.
-    """
-
-    heading: str
-    name: str
-    is_higher_better: bool = False
-    optional: int = 0
-    axis: str = ""
-    scale: scores.Scale = "share"
-
-    @property
-    def column(self) -> str:
-        """Column of the summary."""
-        return f"{self.name}_median" if self.name in MEDIANS else f"{self.name}_mean"
-
-
-RATIO_AXIS = "ratio to the oracle"
-RATIO = Score("median: ratio", "ratio", axis=RATIO_AXIS, scale="log")
-HAUSDORFF = Score("Hausdorff [m]", "hausdorff_sum_m")
-SPEED = "velocity error [m/s]"
-SCORES = (
-    RATIO,
-    HAUSDORFF,
-    Score("F-score", "f_score", is_higher_better=True, axis="F-score"),
-    Score("objects: F-score", "objects_f_score", is_higher_better=True),
-    Score("", "objects_detected", axis="objects detected"),
-    Score("GOSPA: skill", "gospa_skill", is_higher_better=True, optional=1),
-    Score("velocity: error [m/s]", "velocity_error_mps", optional=2, axis=SPEED, scale="linear"),
-    Score("precision", "precision", is_higher_better=True, optional=4, axis="precision"),
-    Score("recall", "recall", is_higher_better=True, optional=3, axis="recall"),
-)
-TARGET_SCORES = (
-    Score("false points: an image", "n_false", axis="false points an image", scale="linear"),
-    Score("images: without any", "share_clean", True, axis="images without false points"),
-    Score("scatterers: resolved", "share_resolved", True, axis="scatterers resolved"),
-    Score("images: all met", "share_met", True, axis="images with all met"),
-)
-TABLE_SCORES = [one for one in (*SCORES, Score("deviation", "deviation"), *TARGET_SCORES) if one.heading]
-CHART_SCORES = [one for one in SCORES if one.axis]
 
 
 class PopulationSuite(Suite):
@@ -196,84 +150,70 @@ class PopulationKind(Kind):
     metrics = OF_IMAGES
     has_images = True
 
-    def scenes(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagingTask]:
-        """Plan one scene a scenario: the scenario as it is, labelled with family, frame and phases."""
-        entries, metrics, found = build_estimators(suite), self.metrics_of(suite), []
-        for scenario in scenarios.values():
-            measure = measure_lone_scatterers if scenario.family in POINT_FAMILIES else None
-            labels = {
-                "family": scenario.family,
-                "frame": "paper" if isinstance(scenario.frame, PaperFrame) else "panel",
-                "coherent_phase": scenario.system.coherent_phase,
-            }
-            scene = ImagingTask(suite, scenario, entries, measure=measure, metrics=metrics, labels=labels)
-            found.append(scene)
-        return found
+    def tasks(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagingTask]:
+        """Plan one task a scenario: the scenario as it is, labelled with family, frame and phases."""
+        entries, metrics, tasks = build_estimators(suite), self.metrics_of(suite), []
+        for one in scenarios.values():
+            measure = measure_lone_scatterers if one.family in POINT_FAMILIES else None
+            frame = "paper" if isinstance(one.frame, PaperFrame) else "panel"
+            labels = {"family": one.family, "frame": frame, "coherent_phase": one.system.coherent_phase}
+            tasks.append(ImagingTask(suite, one, entries, measure=measure, metrics=metrics, labels=labels))
+        return tasks
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Summarise a population, and mark the numbers in which a baseline comes near the estimators.
 
         As `summarise_population`, with the further columns ``sees_truth`` and ``near_chance``, the names of
-        the marked columns as JSON: the better one of `chance` and `empty` is better than, or within 20 % of,
-        the median of the estimators that do not see the truth.
+        the marked columns as JSON.
         """
         summary = summarise_population(rows)
         summary["sees_truth"] = summary["estimator"].isin(find_limits(rows))
-        return summary.assign(near_chance=near_chance(summary))
+        for _, part in summary.groupby(PART, sort=False, dropna=False):
+            summary.loc[part.index, "near_chance"] = json.dumps(near_chance(part))
+        return summary
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
-        """All scenes, ratios by family and by frame and phases, and lone scatterers.
+        """All scenes, families of lone scatterers, ratios by family and by frame and phases, and objects.
 
         As details each family on its own, over all SNRs and at each.
         """
-        summary = self.summary(rows)
-        parts = dict(iter(summary.fillna({"snr_db": EVERY_SNR}).groupby(PART, sort=False)))
-        labels = _row_labels(kind.labels_of(rows), summary)
-        snrs_db = sorted(summary["snr_db"].dropna().unique())
-        over = over_snrs(snrs_db)
-        # A heading of all tables of scores: times of cells that ran beside others mislead.
+        summary, labels, tables = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
+        references = find_limits(rows)
+        ordered = sorted(labels, key=lambda variant: variant[0] in references)
+        labels = scores.with_references({one: labels[one] for one in ordered}, references)
+        over, is_of_all_frames = scores.over_snrs(rows), summary["frame"] == ALL
+        # A heading of all tables: times of cells that ran beside others mislead.
         words = "time [ms]" + statistics.time_words(rows).removeprefix("median processor time")
-        of_family = {name: parts[name, ALL, ALL, EVERY_SNR] for name in summary["family"].unique()}
-        found = kind.number_tables(rows)
-        found.append(_score_table(of_family[ALL], labels, f"All scenes, {over}", words))
-        lone = [name for name, part in of_family.items() if part["n_false_mean"].notna().any()]
-        scattered = {name: part for name, part in of_family.items() if name not in (ALL, *lone)}
-        found += _ratio_table(scattered, labels, f"Median ratio by family, {over}")
-        conditions = {}
-        for frame, phases in product(("panel", "paper"), PHASES.values()):
-            if (ALL, frame, phases, EVERY_SNR) in parts:
-                conditions[f"{frame}, {phases}"] = parts[ALL, frame, phases, EVERY_SNR]
-        found += _ratio_table(conditions, labels, f"Median ratio by frame and phases, {over}")
-        found += [_target_table(of_family[name], labels, f"{name}, {over}") for name in lone]
-        found += scores.object_tables(rows, labels)
-        for name, snr_db in product(of_family, (EVERY_SNR, *snrs_db)):
-            if (name, ALL, ALL, snr_db) not in parts:  # the run was interrupted before
-                continue
-            part, heading = parts[name, ALL, ALL, snr_db], over if snr_db == EVERY_SNR else f"{snr_db:g} dB"
-            title = f"{'All scenes' if name == ALL else name}, {heading}"
-            if (name, snr_db) != (ALL, EVERY_SNR):
-                found.append(replace(_score_table(part, labels, title, words), is_detail=True))
-            if name in lone and snr_db != EVERY_SNR:
-                found.append(replace(_target_table(part, labels, title), is_detail=True))
-        return found
+        by = summary[is_of_all_frames].groupby(["family", "snr_db"], sort=False, dropna=False)
+        for key, part in by:
+            family, snr_db = map(str, key)
+            is_over_all = snr_db == "nan"
+            is_detail = not is_over_all or bool(family != ALL and part["n_false_mean"].isna().all())
+            snrs = over if is_over_all else f"{float(snr_db):g} dB"
+            title = f"{'All scenes' if family == ALL else family}, {snrs}"
+            tables.append(replace(_score_table(part, labels, title, words), is_detail=is_detail))
+        ratios = summary[summary["snr_db"].isna()].dropna(subset="ratio_median")
+        own = ratios[(ratios["frame"] == ALL) & (ratios["family"] != ALL)]
+        tables += _ratio_table(own, ["family"], labels, f"Median ratio by family, {over}")
+        own = ratios[(ratios["frame"] != ALL) & (ratios["family"] == ALL)]
+        tables += _ratio_table(own, ["frame", "phases"], labels, f"Median ratio by frame and phases, {over}")
+        return sorted(tables + scores.object_tables(rows, labels), key=lambda table: table.is_detail)
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Ratios of all scenes, scores over SNR by family, targets of lone scatterers, and run times."""
-        lines = {
-            # Bands are over scenes here, and not over the realisations of a reference.
-            variant: line._replace(label=line.label.replace(" ± spread", ""))
-            for variant, line in kind.lines_of(rows).items()
-        }
+        lines = kind.lines_of(rows)
         summary = summarise_population(rows)
-        by_snr = summary[(summary["frame"] == ALL) & (summary["phases"] == ALL)].dropna(subset="snr_db")
-        found = [*ratio_charts(scene_cells(rows), lines), _score_charts(by_snr, lines)]
-        lone = by_snr.loc[by_snr["n_false_mean"].notna(), "family"].unique()
-        for family, stem in file_stems(lone).items():
-            part = by_snr[by_snr["family"] == family]
-            panels = [_over_snr(one.axis, one, part, lines, part) for one in TARGET_SCORES]
-            title = f"{family}: means over {counted(int(part['n_scenes'].max()), 'scene')}{_bands(part)}"
-            found.append(ChartGroup(f"targets-{stem}", title, panels))
-        return [*found, *time_charts(rows, lines)]
+        by_snr = summary[summary["frame"] == ALL].dropna(subset="snr_db")
+        groups = [*ratio_charts(scene_cells(rows), lines), _score_charts(by_snr, lines)]
+        lone = by_snr[by_snr["n_false_mean"].notna()]
+        stems = file_stems(lone["family"].unique())
+        for family, part in lone.groupby("family", sort=False):
+            panels = [
+                score_chart(one.name, one, f"{name}_mean", part, lines, part) for name, one in TARGETS.items()
+            ]
+            title = f"{family}: means over {statistics.trials_and_band(part['n_scenes'].max(), 'scene')}"
+            groups.append(ChartGroup(f"targets-{stems[str(family)]}", title, panels))
+        return [*groups, *time_charts(rows, lines)]
 
 
 def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
@@ -281,184 +221,118 @@ def ratio_charts(cells: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Cha
 
     A dot a scene, a bar from quartile to quartile; an estimator that sees the truth is a line at its median.
     """
-    keys = ["family", "snr_db", *VARIANT, "scenario", "frame", "phases"]
+    keys = ["family", "snr_db", *VARIANT, "scenario"]
     scenes = cells.dropna(subset="ratio").groupby(keys, sort=False)["ratio"].mean().reset_index()
     if scenes.empty:
         return []
     scenes["ratio"] = scenes["ratio"].clip(upper=LARGEST_RATIO)
-    rows = {variant: line for variant, line in lines.items() if not line.is_reference} or dict(lines)
-    families, snrs_db = scenes["family"].unique(), sorted(scenes["snr_db"].unique())
-    x = Axis(RATIO_AXIS, log=True, limits=(0.8 * scenes["ratio"].min(), 1.2 * scenes["ratio"].max()))
-    y = Axis("", categories=[line.label for line in rows.values()])
+    places = {variant: line for variant, line in lines.items() if not line.is_reference} or dict(lines)
+    families = scenes["family"].unique()
+    limits = 0.8 * scenes["ratio"].min(), 1.2 * scenes["ratio"].max()
+    x = Axis("ratio to the oracle", log=True, limits=limits)
+    y = Axis("", categories=[line.label for line in places.values()])
     panels = []
-    for snr_db, family in product(snrs_db, families):
+    for snr_db, family in product(sorted(scenes["snr_db"].unique()), families):
         part = scenes[(scenes["snr_db"] == snr_db) & (scenes["family"] == family)]
         series: list[Series] = []
-        for place, (variant, line) in enumerate(rows.items()):
-            series += _strip(charts.rows_of(part, variant), place, line)
         for variant, line in lines.items():
-            if variant not in rows:
-                middle, ends = charts.rows_of(part, variant)["ratio"].median(), [-0.5, len(rows) - 0.5]
-                series.append(Series(line.label, 2 * [middle], ends, style=line.style))
+            ratios = charts.rows_of(part, variant)["ratio"]
+            if variant in places:
+                series += _strip(ratios, list(places).index(variant), line)
+            else:
+                ends = [-0.5, len(places) - 0.5]
+                series.append(Series(line.label, 2 * [ratios.median()], ends, style=line.style))
         panels.append(Chart(f"{family}, {snr_db:g} dB", x, y, series))
     title = (
         "Hausdorff sum of each scene, divided by that of the oracle (0.3 m or more)\n"
         "a dot a scene, a bar from quartile to quartile, its tick at the median"
     )
-    panel_in = 2.1, 0.75 + 0.28 * len(rows)
+    panel_in = 2.1, 0.75 + 0.28 * len(places)
     return [ChartGroup("ratios", title, panels, n_columns=len(families), panel_in=panel_in)]
 
 
-def _strip(part: pd.DataFrame, place: int, line: Line) -> Iterable[Series]:
+def _strip(ratios: pd.Series[float], place: int, line: Line) -> list[Series]:
     """Quartiles of an estimator's ratios, and a dot for each of its scenes."""
-    if part.empty:
-        return
-    low, middle, high = part["ratio"].quantile([0.25, 0.5, 0.75]).tolist()
+    low, middle, high = ratios.quantile([0.25, 0.5, 0.75])
     # Neighbours in ratio at different heights, the same in every run.
-    heights = place + SPREAD * (np.arange(len(part)) * 0.618 % 1 * 2 - 1)
-    ordered = part.sort_values("ratio", kind="stable").assign(height=heights)
-    for (frame, phases), dots in ordered.groupby(["frame", "phases"]):
-        symbol = SYMBOLS[str(phases)] + ("-open" if frame == OPEN_FRAME else "")
-        words = "in phase" if phases == "in phase" else f"{phases} phases"
-        style = LineStyle(line.style.colour, "", symbol)
-        yield Series(f"frame {frame}, {words}", dots["ratio"], dots["height"], mark="points", style=style)
-    style = LineStyle("", "", "line-ns")
-    yield Series("", [middle], [place], x_low=[low], x_high=[high], mark="points", style=style)
+    heights = place + SPREAD * (np.arange(len(ratios)) * 0.618 % 1 * 2 - 1)
+    dots, bar = LineStyle(line.style.colour, "", "circle"), LineStyle("", "", "line-ns")
+    return [
+        Series("", ratios.sort_values(kind="stable"), heights, mark="points", style=dots),
+        Series("", [middle], [place], x_low=[low], x_high=[high], mark="points", style=bar),
+    ]
 
 
 def _score_charts(by_snr: pd.DataFrame, lines: Mapping[Variant, Line]) -> ChartGroup:
     """Scores over SNR, a row of charts for each score, a column for each family."""
-    families = list(by_snr["family"].unique())
     references = {variant[0] for variant, line in lines.items() if line.is_reference}
     compared, panels = by_snr[~by_snr["estimator"].isin(references)], []
-    for one in CHART_SCORES:
-        if one.column not in by_snr or by_snr[one.column].isna().all():
+    for name in IN_CHARTS:
+        column = _column(name)
+        if column not in by_snr or by_snr[column].isna().all():
             continue
-        for family in families:
-            part, title = by_snr[by_snr["family"] == family], "all scenes" if family == ALL else str(family)
-            panels.append(_over_snr(title, one, part, lines, compared))
-    title = f"Means, and medians of the ratio, over scenes{_bands(by_snr)}"
-    return ChartGroup("scores", title, panels, n_columns=len(families), panel_in=(2.1, 1.85))
-
-
-def _over_snr(
-    title: str, one: Score, part: pd.DataFrame, lines: Mapping[Variant, Line], compared: pd.DataFrame
-) -> Chart:
-    """One number of a part over SNR; charts of linear ones share the scale of all that is compared."""
-    series = []
-    if part[one.column].notna().any():
-        series = charts.line_series(part, lines, "snr_db", one.column, one.name)
-    scaling = compared if one.scale == "linear" else part
-    return Chart(
-        title, SNR_AXIS, scores.score_axis(one.axis, one.scale, scaling, one.column, one.name), series
-    )
-
-
-def _bands(part: pd.DataFrame) -> str:
-    """Say that there are bands, if there are."""
-    return ", 95 % confidence bands" if part["recall_band"].notna().any() else ""
-
-
-def _row_labels(labels: Mapping[Variant, str], summary: pd.DataFrame) -> dict[Variant, str]:
-    """Labels of the estimators, then of the references that see the truth."""
-    references = set(summary.loc[summary["sees_truth"], "estimator"])
-    ordered = sorted(labels, key=lambda variant: variant[0] in references)
-    return scores.with_references({one: labels[one] for one in ordered}, references)
+        for family, part in by_snr.groupby("family", sort=False):
+            title, own = "all scenes" if family == ALL else str(family), part.dropna(subset=column)
+            panels.append(
+                score_chart(title, OWN_SCORES[name], column, part, lines if len(own) else {}, compared)
+            )
+    n_scenes = statistics.trials_and_band(by_snr["n_scenes"].max(), "scene")
+    title = f"Means, and medians of the ratio, over scenes: {n_scenes}"
+    n_columns = by_snr["family"].nunique()
+    return ChartGroup("scores", title, panels, n_columns, panel_in=(2.1, 1.85))
 
 
 def _score_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, words: str) -> Table:
-    """Scores of some scenes, a row an estimator."""
-    # Where all cells failed, an empty column has their number.
-    has_values = part.notna().any()
-    numbers = [one for one in SCORES if one.heading and has_values.get(one.column)] or [HAUSDORFF]
-    first, *others = _score_columns(numbers, part)
-    first = replace(first, form=partial(_score_and_failures, numbers[0]))
-    times = Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3)
-    return _table(part, labels, title, [first, *others, times])
+    """Scores of some scenes, a row an estimator, with the number of scenes, which decides about bands."""
+    columns, marked = [Column("estimator", "label", part=0)], json.loads(part["near_chance"].iloc[0])
+    for name in IN_TABLES:
+        one, column = OWN_SCORES[name], _column(name)
+        if column in part and part[column].notna().any():
+            heading = one.name + MARK if column in marked else one.name
+            columns.append(Column(heading, form=partial(scores.mean_text, column), optional=one.optional))
+    if part["n_failed"].any():
+        columns.append(Column("failed: cells", "n_failed"))
+    columns.append(Column(words, "time_estimate_s_median", "{:.1f}", scale=1e3))
+    title += f": {statistics.trials_and_band(part['n_scenes'].max(), 'scene')}{NOTE if marked else ''}"
+    return Table(title, columns, scores.labelled_rows(part.to_dict("records"), labels))
 
 
-def _target_table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
-    """Absolute targets of lone scatterers, a row an estimator."""
-    return _table(part, labels, f"Targets of {title}", _score_columns(TARGET_SCORES, part))
-
-
-def _score_columns(numbers: Iterable[Score], part: pd.DataFrame) -> list[Column]:
-    return [
-        Column(_marked(one.heading, one, part), form=partial(_score_text, one), optional=one.optional)
-        for one in numbers
-    ]
-
-
-def _table(part: pd.DataFrame, labels: Mapping[Variant, str], title: str, columns: Iterable[Column]) -> Table:
-    """Rows of a part in the order of the labels, with the number of scenes, which decides about bands."""
-    n_scenes, least = int(part["n_scenes"].max()), statistics.MIN_TRIALS
-    band = "95 % confidence band" if n_scenes >= least else f"no confidence band below {least}"
-    columns = [Column("estimator", "label", part=0), *columns]
-    title = _noted(f"{title}: {counted(n_scenes, 'scene')}, {band}", columns)
-    return Table(title, columns, scores.labelled_rows(part, labels))
-
-
-def _ratio_table(parts: Mapping[str, pd.DataFrame], labels: Mapping[Variant, str], title: str) -> list[Table]:
-    """Median ratios with quartiles, a column for each of some parts; nothing where there are none."""
-    parts = {name: part for name, part in parts.items() if part["ratio_median"].notna().any()}
-    if len(parts) < 2:
-        return []
+def _ratio_table(
+    ratios: pd.DataFrame, by: list[str], labels: Mapping[Variant, str], title: str
+) -> list[Table]:
+    """Median ratios with quartiles, a column for each of some parts; nothing where there is but one."""
     columns = [Column("estimator", "label", part=0)]
-    rows: dict[Variant, dict[str, Any]] = {variant: {"label": label} for variant, label in labels.items()}
-    for place, (name, part) in enumerate(parts.items(), start=1):
-        columns.append(Column(_marked(name, RATIO, part), name, _ratio_text, part=place))
-        for entry in part.to_dict("records"):
-            rows[entry["estimator"], entry["params"]][name] = entry
-    return [Table(_noted(f"{title} (quartiles)", columns), columns, list(rows.values()))]
+    for place, (key, part) in enumerate(ratios.groupby(by, sort=False), start=1):
+        mark = MARK if _column("ratio") in json.loads(part["near_chance"].iloc[0]) else ""
+        columns.append(Column(", ".join(map(str, key)) + mark, key, _ratio_text, part=place))
+    rows = scores.labelled_rows(charts.spread_rows(ratios, VARIANT, by), labels)
+    return [Table(f"{title} (quartiles){NOTE}", columns, rows)] if len(columns) > 2 else []
 
 
-def _noted(title: str, columns: Iterable[Column]) -> str:
-    """Title that explains the mark where a heading has it."""
-    is_marked = any(column.heading.endswith(MARK) for column in columns)
-    return f"{title}; †: chance or no point at all comes near" if is_marked else title
-
-
-def _marked(heading: str, one: Score, part: pd.DataFrame) -> str:
-    """Heading, marked where chance comes near in a part."""
-    return heading + MARK if one.column in json.loads(part["near_chance"].iloc[0]) else heading
-
-
-def _score_text(one: Score, entry: Mapping[Any, Any]) -> str:
-    """Score of one estimator, a mean with its band."""
-    if one.name in MEDIANS:
-        return charts.number_or_blank(entry[one.column], "{:.2f}")
-    return scores.mean_text(one.name, entry)
-
-
-def _score_and_failures(one: Score, entry: Mapping[Any, Any]) -> str:
-    return charts.with_failures(_score_text(one, entry), int(entry["n_failed"]))
+def _column(name: str) -> str:
+    """Column of a summary with the mean or the median of a number."""
+    return f"{name}_{'median' if name in MEDIANS else 'mean'}"
 
 
 def _ratio_text(entry: Mapping[Any, Any]) -> str:
     """Median ratio and its quartiles."""
-    numbers = (charts.number_or_blank(entry[f"ratio_{end}"], "{:.2f}") for end in ("median", "q25", "q75"))
-    middle, low, high = numbers
-    return f"{middle} ({low}-{high})" if middle else ""
+    return f"{entry['ratio_median']:.2f} ({entry['ratio_q25']:.2f}-{entry['ratio_q75']:.2f})"
 
 
-def near_chance(summary: pd.DataFrame) -> list[str]:
-    """List for each row, as JSON, the numbers in which a baseline comes near the estimators on its scenes."""
-    compared = [one for one in TABLE_SCORES if one.column in summary]
-    columns = [one.column for one in compared]
-    is_baseline = summary["estimator"].isin(BASELINES)
-    of_scenes = [column for _, column in summary[PART].fillna({"snr_db": EVERY_SNR}).items()]
+def near_chance(part: pd.DataFrame) -> list[str]:
+    """List the columns in which a baseline comes near the estimators, in rows of the same scenes.
 
-    def over_rows(is_counted: pd.Series[bool], function: Literal["median", "max", "min"]) -> Floats:
-        values = summary[columns].where(is_counted, axis=0).groupby(of_scenes, sort=False)
-        return values.transform(function).to_numpy()
-
-    typical = over_rows(~is_baseline & ~summary["sees_truth"], "median")
-    higher = np.array([one.is_higher_better for one in compared])
-    guessed = np.where(higher, over_rows(is_baseline, "max"), over_rows(is_baseline, "min"))
-    # Without either number nothing is near.
-    is_near = np.where(higher, guessed >= (1 - NEAR) * typical, guessed <= (1 + NEAR) * typical)
-    names = np.array(columns)
-    return [json.dumps(names[row].tolist()) for row in is_near]
+    The better one of `chance` and `empty` is better than, or within 20 % of, the median of the estimators
+    that do not see the truth. Without either number nothing is near.
+    """
+    compared = {_column(name): OWN_SCORES[name].is_higher_better for name in (*IN_TABLES, "deviation")}
+    is_higher = pd.Series(compared).loc[[column for column in compared if column in part]]
+    columns, is_baseline = list(is_higher.index), part["estimator"].isin(BASELINES)
+    typical = part.loc[~is_baseline & ~part["sees_truth"], columns].median()
+    guesses = part.loc[is_baseline, columns]
+    is_near_high = guesses.max() >= (1 - NEAR) * typical
+    is_near_low = guesses.min() <= (1 + NEAR) * typical
+    return list(is_higher.index[np.where(is_higher, is_near_high, is_near_low)])
 
 
 def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
@@ -481,19 +355,16 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     by = [*PART, *VARIANT]
     means = [*(name for name in scores.averaged_columns(rows) if name not in MEDIANS), *TARGETS]
     groups = scores.grouped_scenarios(cells, by, [*MEDIANS, *means])
-    found = groups[COUNTS].sum()
-    found.insert(0, "n_scenes", groups.size())
+    summary = groups[COUNTS].sum()
+    summary.insert(0, "n_scenes", groups.size())
     for name in MEDIANS:
         for share in (25, 75):
-            found[f"{name}_q{share}"] = groups[name].quantile(share / 100)
+            summary[f"{name}_q{share}"] = groups[name].quantile(share / 100)
         numbers = (values.to_numpy() for _, values in groups[name])
         limits = [statistics.median_interval(each[~np.isnan(each)]) for each in numbers]
-        found[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
-    found = found.join(statistics.means_and_bands(groups, means)).reset_index()
-    # A group of times needs a number where a row is over all SNRs.
-    timed = cells.fillna({"snr_db": EVERY_SNR})
-    times = statistics.median_times(timed, by).reset_index().replace({"snr_db": {EVERY_SNR: np.nan}})
-    return found.merge(times, how="left", on=by)
+        summary[[f"{name}_{end}" for end in ("median", "low", "high")]] = limits
+    summary = summary.join(statistics.means_and_bands(groups, means)).reset_index()
+    return summary.merge(statistics.median_times(cells, by).reset_index(), how="left", on=by)
 
 
 def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:

@@ -25,6 +25,7 @@ N_SITES = 4, 32
 """Sites of a map along range and along Doppler."""
 
 SHAPE = N_SITES[0] * SITE, N_SITES[1] * SITE
+NONE = np.zeros(SHAPE, dtype=np.bool_)
 
 REACH = 8
 """Distance from all echoes in cells beyond which a detector's whole window holds noise only."""
@@ -72,14 +73,8 @@ class PowerMap:
         return power
 
 
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """Mean power of noise and clutter, and three masks, all of the map's shape."""
-
-    background: NDArray[np.float64]
-    targets: Mask
-    interferers: Mask
-    clear: Mask
+Layout = tuple[NDArray[np.float64] | float, Mask, Mask, Mask]
+"""Mean power of noise and clutter, then cells of targets, of interferers, and clear ones."""
 
 
 def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
@@ -91,11 +86,10 @@ def draw_power_map(name: MapName, trial: int, seed: int) -> PowerMap:
     apart. ``interferers``: six of them two to four cells around each target. In both, false alarms are
     counted up to four cells around targets.
     """
-    layout = MAPS[name](random_stream(name, trial, seed, "layout"))
-    shape, echoes = layout.background.shape, layout.targets | layout.interferers
-    noise = white_gaussian(random_stream(name, trial, seed), shape) * np.sqrt(layout.background)
-    echo = np.where(echoes, white_gaussian(random_stream(name, trial, seed, "echo"), shape), 0)
-    return PowerMap(noise, echo, layout.targets, layout.clear)
+    background, targets, interferers, clear = MAPS[name](random_stream(name, trial, seed, "layout"))
+    noise = white_gaussian(random_stream(name, trial, seed), SHAPE) * np.sqrt(background)
+    echo = white_gaussian(random_stream(name, trial, seed, "echo"), SHAPE)
+    return PowerMap(noise, np.where(targets | interferers, echo, 0), targets, clear)
 
 
 def near(mask: Mask, distance: int) -> Mask:
@@ -103,37 +97,31 @@ def near(mask: Mask, distance: int) -> Mask:
     return np.asarray(ndimage.maximum_filter(mask, size=2 * distance + 1, mode="constant"), dtype=np.bool_)
 
 
-def _homogeneous(rng: np.random.Generator) -> _Layout:
+def _homogeneous(rng: np.random.Generator) -> Layout:
     targets = _mask(_centres())
-    return _Layout(np.ones(targets.shape), targets, np.zeros_like(targets), ~near(targets, REACH))
+    return 1.0, targets, NONE, ~near(targets, REACH)
 
 
-def _clutter_edge(rng: np.random.Generator) -> _Layout:
+def _clutter_edge(rng: np.random.Generator) -> Layout:
     rows, columns = _centres()
-    clutter = np.zeros(SHAPE, dtype=np.bool_)
-    for first in range(SITE, clutter.shape[0], 2 * SITE):
-        clutter[first : first + SITE] = True
+    clutter = np.broadcast_to(np.arange(SHAPE[0])[:, None] // SITE % 2 == 1, SHAPE)
     before = rows // SITE % 2 == 0
     targets = _mask(((rows[before] // SITE + 1) * SITE - EDGE_DISTANCE, columns[before]))
     edge = clutter & ~np.roll(clutter, EDGE_CELLS, axis=0)
-    background = np.where(clutter, 10 ** (EDGE_DB / 10), 1.0)
-    return _Layout(background, targets, np.zeros_like(targets), edge & ~near(targets, REACH))
+    return np.where(clutter, 10 ** (EDGE_DB / 10), 1.0), targets, NONE, edge & ~near(targets, REACH)
 
 
-def _close_targets(rng: np.random.Generator) -> _Layout:
-    first = _mask(_centres())
-    targets = first | _around(rng, 1)
-    clear = near(targets, NEIGHBOURS[1]) & ~targets
-    return _Layout(np.ones(first.shape), targets, np.zeros_like(first), clear)
+def _close_targets(rng: np.random.Generator) -> Layout:
+    targets = _mask(_centres()) | _around(rng, 1)
+    return 1.0, targets, NONE, near(targets, NEIGHBOURS[1]) & ~targets
 
 
-def _interferers(rng: np.random.Generator) -> _Layout:
+def _interferers(rng: np.random.Generator) -> Layout:
     targets, interferers = _mask(_centres()), _around(rng, N_INTERFERERS)
-    clear = near(targets, NEIGHBOURS[1]) & ~targets & ~interferers
-    return _Layout(np.ones(targets.shape), targets, interferers, clear)
+    return 1.0, targets, interferers, near(targets, NEIGHBOURS[1]) & ~targets & ~interferers
 
 
-MAPS: dict[MapName, Callable[[np.random.Generator], _Layout]] = {
+MAPS: dict[MapName, Callable[[np.random.Generator], Layout]] = {
     "homogeneous": _homogeneous,
     "clutter-edge": _clutter_edge,
     "close-targets": _close_targets,

@@ -17,7 +17,6 @@ from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from isacbench import charts
@@ -30,6 +29,7 @@ from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
+from isacbench.checked_arrays import Floats
 from isacbench.choices import Dimension
 from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase
@@ -44,7 +44,6 @@ MARGIN_CELLS = 0.5
 
 GROUP = ["template", *VARIANT, "snr_gain_db", "dimension", "separation_cells"]
 PLACE = ["template", "snr_gain_db"]
-ESTIMATORS_A_TABLE = 5
 
 
 class ResolutionSuite(Suite):
@@ -83,19 +82,20 @@ class ResolutionKind(Kind):
         **dict.fromkeys([*SNR_GAIN, "separation_cells", "phase_deg"], "neither"),
     }
 
-    def scenes(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagingTask]:
-        """Plan one scene a scenario, dimension, distance and relative phase."""
-        entries, found = build_estimators(suite), []
+    def tasks(self, suite: ResolutionSuite, scenarios: Scenarios) -> list[ImagingTask]:
+        """Plan one task a scenario, dimension, distance and relative phase."""
+        entries, tasks = build_estimators(suite), []
         pairs = product(suite.dimensions, suite.separations_cells, suite.phases_deg)
         for template, (dimension, cells, phase_deg) in product(scenarios.values(), pairs):
-            name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
             own: dict[str, Any] = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
-            draw = partial(_draw, suite, template, partial(pair, template, name, **own))
+            name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
             with warned_before():
-                renamed = dataclasses.replace(template, name=name)
-            labels, measure = {"template": template.name, **own}, partial(measure_resolution, dimension)
-            found.append(ImagingTask(suite, renamed, entries, draw=draw, measure=measure, labels=labels))
-        return found
+                scenario = dataclasses.replace(template, name=name)
+            make, measure = partial(pair, template, name, **own), partial(measure_resolution, dimension)
+            draw = partial(_draw, suite, template, make)
+            labels = {"template": template.name, **own}
+            tasks.append(ImagingTask(suite, scenario, entries, draw=draw, measure=measure, labels=labels))
+        return tasks
 
     def summary(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Probability of resolution of every estimator over the distance.
@@ -110,10 +110,10 @@ class ResolutionKind(Kind):
 
     def tables(self, rows: pd.DataFrame) -> list[Table]:
         """Share of pairs that were found, estimators over dimension and distance: a table a place and SNR."""
-        labels, found = kind.labels_of(rows), kind.number_tables(rows)
-        times = statistics.median_times(rows, [*PLACE, *VARIANT])[f"{statistics.TIME}_median"]
+        labels, tables = kind.labels_of(rows), kind.number_tables(rows)
+        times_s = statistics.median_times(rows, [*PLACE, *VARIANT])[f"{statistics.TIME}_median"]
         columns = [
-            Column("pairs: differ in", "heading", part=0),
+            Column("pairs: differ in", "dimension", part=0),
             Column("distance: cells", "separation_cells", "{:g}", part=0),
         ]
         for key, part in self.summary(rows).groupby(PLACE, sort=False):
@@ -121,21 +121,16 @@ class ResolutionKind(Kind):
                 f"{key[0]}, {key[1]:.4g} dB after gain: share of pairs found, over all relative phases / "
                 f"at the worst one; {statistics.time_words(rows)}"
             )
-            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT)
-            for line, before in zip(lines, [{}, *lines], strict=False):
-                # A dimension is named where its rows start.
-                line["heading"] = "" if line["dimension"] == before.get("dimension") else line["dimension"]
+            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT, _shares_text)
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
-            times_s = {one: {"time_s": times.get((*key, *one), math.nan)} for one in headings}
-            lines.append({"heading": "time [ms]", **times_s})
-            found += charts.tables_of_columns(
-                title, columns, lines, headings, _shares_text, ESTIMATORS_A_TABLE
-            )
-        return found
+            own_s = ((one, times_s.get((*key, *one))) for one in headings)
+            lines.append({"dimension": "time [ms]"} | {one: f"{1e3 * s:.1f}" for one, s in own_s if s})
+            tables.append(charts.spread_table(title, columns, lines, headings))
+        return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
         """Share of pairs that are found over their distance, a chart a dimension."""
-        summary, lines, in_phase, found = self.summary(rows), kind.lines_of(rows), {}, []
+        summary, lines, in_phase, groups = self.summary(rows), kind.lines_of(rows), {}, []
         for variant, line in lines.items():
             style = dataclasses.replace(line.style, dash="dash", symbol="")
             in_phase[variant] = line._replace(label=f"{line.label}, in phase", style=style)
@@ -151,11 +146,11 @@ class ResolutionKind(Kind):
                     panels.append(Chart(TITLES[str(name)], x, y, series))
                 title = (
                     f"{template}: two equal scatterers, each found within half their distance, "
-                    f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(int(part['n_trials'].max()))}"
+                    f"{snr_db:.4g} dB after gain; {statistics.trials_and_band(part['n_trials'].max())}"
                 )
                 suffix = f"-{snr_db:g}dB" if summary["snr_gain_db"].nunique() > 1 else ""
-                found.append(ChartGroup(f"resolution-{stem}{suffix}", title, panels))
-        return found
+                groups.append(ChartGroup(f"resolution-{stem}{suffix}", title, panels))
+        return groups
 
 
 def _draw(suite: ResolutionSuite, template: Scenario, make: Callable[..., Scenario], trial: int) -> Scenario:
@@ -167,7 +162,7 @@ def _draw(suite: ResolutionSuite, template: Scenario, make: Callable[..., Scenar
 def pair(
     template: Scenario,
     name: str,
-    centre: NDArray[np.float64],
+    centre: Floats,
     dimension: Dimension,
     separation_cells: float,
     phase_deg: float,
@@ -203,9 +198,7 @@ def measure_resolution(dimension: Dimension, image: Image) -> dict[str, Any]:
 
 
 def _shares_text(entry: Mapping[Any, Any]) -> str:
-    """Share of resolved pairs, mean and worst phase, and what failed; or the time of an image."""
-    if "time_s" in entry:
-        return charts.number_or_blank(1e3 * entry["time_s"], "{:.1f}")
+    """Share of resolved pairs, mean and worst phase, and what failed."""
     return charts.with_failures(f"{entry['resolved']:.2f} / {entry['resolved_worst']:.2f}", entry["n_failed"])
 
 
@@ -213,7 +206,7 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     """Counts of one group, and the shares of its pairs that were found."""
     n_trials = part["trial"].nunique()
     phases = part.groupby("phase_deg")["resolved"].mean()
-    found: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "n_cells": len(part),
         "n_trials": n_trials,
         "n_failed": int(failed(part).sum()),
@@ -223,5 +216,5 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     in_phase = part[part["phase_deg"] == 0]
     for name, chosen in (("resolved", part), ("resolved_in_phase", in_phase)):
-        found |= statistics.share_columns(name, int(chosen["resolved"].sum()), len(chosen), n_trials)
-    return found
+        numbers |= statistics.share_columns(name, int(chosen["resolved"].sum()), len(chosen), n_trials)
+    return numbers

@@ -60,6 +60,9 @@ class Entry(Generic[Plugin]):
         return self.name, self.params
 
 
+Entries = Sequence[Entry[Any]]
+
+
 @dataclass(frozen=True, eq=False)
 class Shared:
     """What all entries of a task work on at one SNR in one trial.
@@ -114,15 +117,10 @@ class Task(ABC):
     """
 
     def __init__(
-        self,
-        suite: Suite,
-        name: str,
-        entries: Sequence[Entry[Any]],
-        snr_db: Sequence[float],
-        draw: Callable[[int], Any],
+        self, suite: Suite, name: str, entries: Entries, snr_db: Sequence[float], draw: Callable[[int], Any]
     ) -> None:
         self.name, self.entries, self.snr_db, self._suite = name, entries, snr_db, suite
-        self._drawn_once = lru_cache(maxsize=1)(draw)
+        self._draw_once = lru_cache(maxsize=1)(draw)
 
     @property
     @abstractmethod
@@ -147,7 +145,7 @@ class Task(ABC):
 
     def forget(self) -> None:
         """Let go of what was kept for further observations."""
-        self._drawn_once.cache_clear()
+        self._draw_once.cache_clear()
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Tabulate the scatterers that were drawn, with the columns `DRAW_COLUMNS`; by default none."""
@@ -209,18 +207,18 @@ class ImagingTask(Task):
         self.template, self.measure, self.metrics, self.labels = scenario, measure, metrics, labels or {}
         self.is_drawn = draw is not None
         self._draw = draw
-        first = self.drawn(0)
+        first = self.scenario_of(0)
         if not len(first.scatterers):
             raise InputError(f"scenarios: {scenario.name!r} has no scatterers, so that nothing can be scored")
         snrs_db = element_snrs_db(suite, gain_db(first))
         super().__init__(
-            suite, name or scenario.name, entries, snrs_db, lambda trial: simulator(self.drawn(trial))
+            suite, name or scenario.name, entries, snrs_db, lambda trial: simulator(self.scenario_of(trial))
         )
 
     @cached_property
     def content(self) -> str:
         """Digest of the first scenario drawn, and of what the rows are labelled with."""
-        return digest([scenario_digest(self.drawn(0)), self._suite.kind, dict(self.labels)])
+        return digest([scenario_digest(self.scenario_of(0)), self._suite.kind, dict(self.labels)])
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Observe once, for all estimators."""
@@ -235,20 +233,20 @@ class ImagingTask(Task):
 
     def score(self, shared: Shared, plugin: Any, answer: PointCloud | None) -> Found:
         """Score an image, or the realisations of a reference."""
-        scenario = self._simulator(shared.key["trial"]).scenario
-        start, time_before_s = time.perf_counter(), 0.0
+        scenario, start = self._simulator(shared.key["trial"]).scenario, time.perf_counter()
         if answer is None:
             image = image_reference(plugin, scenario, self.metrics)
-            start, time_before_s, cloud = time.perf_counter(), image.time_score_s, image.cloud
-            n_stored = {N_STORED: float(len(cloud)), "time_estimate_s": image.time_estimate_s}
-            found = {**image.columns(), **n_stored}
+            # Its scores count with the time that they took when they were made.
+            start, cloud = time.perf_counter() - image.time_score_s, image.cloud
+            n_stored, time_s = float(len(cloud)), image.time_estimate_s
+            columns = {**image.columns(), N_STORED: n_stored, "time_estimate_s": time_s}
         else:
-            cloud, found = answer, self.metrics.score(CloudPair.of(scenario, answer))
+            cloud, columns = answer, self.metrics.score(CloudPair.of(scenario, answer))
         if self.measure is not None:
-            measured = self.measure(Image(scenario, shared.data, plugin, shared.key["snr_db"], cloud))
-            found = {**found, **measured}
-        time_score_s = time_before_s + time.perf_counter() - start
-        return {**found, "status": status_of(len(cloud)), "time_score_s": time_score_s}, cloud
+            own = self.measure(Image(scenario, shared.data, plugin, shared.key["snr_db"], cloud))
+            columns = {**columns, **own}
+        time_score_s = time.perf_counter() - start
+        return {**columns, "status": status_of(len(cloud)), "time_score_s": time_score_s}, cloud
 
     def draws(self, n_trials: int) -> pd.DataFrame:
         """Tabulate the scatterers of the first trials, none where every trial has the same."""
@@ -256,17 +254,17 @@ class ImagingTask(Task):
             return super().draws(n_trials)
         tables = []
         for trial in range(n_trials):
-            drawn = self.drawn(trial)
-            truth, phase_rad = drawn.truth.to_dataframe(), drawn.scatterers.phase_rad
+            scenario = self.scenario_of(trial)
+            truth, phase_rad = scenario.truth.to_dataframe(), scenario.scatterers.phase_rad
             tables.append(truth.assign(scenario=self.name, trial=trial, phase_rad=phase_rad))
         return pd.concat(tables, ignore_index=True)[DRAW_COLUMNS]
 
-    def drawn(self, trial: int) -> Scenario:
+    def scenario_of(self, trial: int) -> Scenario:
         """Scenario of a trial."""
         return self.template if self._draw is None else self._draw(trial)
 
     def _simulator(self, trial: int) -> Simulator:
-        simulator: Simulator = self._drawn_once(trial if self.is_drawn else 0)
+        simulator: Simulator = self._draw_once(trial if self.is_drawn else 0)
         return simulator
 
 
@@ -299,13 +297,13 @@ def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) ->
 
     `what` they are: ``"estimator"``, ``"detector"`` or ``"receiver"``.
     """
-    found: dict[Variant, Entry[Plugin]] = {}
+    entries: dict[Variant, Entry[Plugin]] = {}
     for text, entry in written:
-        if entry.key in found:
+        if entry.key in entries:
             article = "an" if what.startswith("e") else "a"
             raise InputError(f"{what}s: {text!r} repeats {article} {what} with equal parameters")
-        found[entry.key] = entry
-    return list(found.values())
+        entries[entry.key] = entry
+    return list(entries.values())
 
 
 def element_snrs_db(suite: Suite, gain: float) -> list[float]:

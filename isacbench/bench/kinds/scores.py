@@ -1,11 +1,11 @@
-"""Scores of images: means over trials and scenarios, ratios to the oracle, and tables of objects."""
+"""Scores of images: how each is shown, means over trials and scenarios, and tables of objects."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 import pandas as pd
 
@@ -13,11 +13,56 @@ from isacbench import charts
 from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS, failed
 from isacbench.bench.kinds.kind import SNR_GAIN
 from isacbench.bench.statistics import means_and_bands, median_times
-from isacbench.charts import VARIANT, Axis, Column, Table, Variant
+from isacbench.charts import VARIANT, Axis, Chart, Column, Line, Table, Variant
 from isacbench.files.escaping import counted
 from isacbench.metrics.object_scores import ERRORS, UNITS
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
+
+
+class Score(NamedTuple):
+    """Number of an image in tables and charts.
+
+    Attributes
+    ----------
+    name : str
+        In headings and at axes, with its unit. Words after a colon stand below in a terminal.
+    scale : {"linear", "share", "log"}
+        Of its axis.
+    form : str
+        Of its mean in a table.
+    optional : int
+        How early a terminal without room leaves it out.
+    is_higher_better : bool
+    """
+
+    name: str
+    scale: Literal["linear", "share", "log"] = "linear"
+    form: str = "{:.2f}"
+    optional: int = 0
+    is_higher_better: bool = False
+
+
+SCORES = {
+    "deviation": Score("imaging deviation"),
+    "hausdorff_sum_m": Score("Hausdorff sum [m]"),
+    "density": Score("density error", optional=4),
+    "velocity_nmse": Score("velocity NMSE", "log", "{:.1e}", 4),
+    "hausdorff_xy_m": Score("Hausdorff distance xy [m]"),
+    "hausdorff_xz_m": Score("Hausdorff distance xz [m]"),
+    "hausdorff_yz_m": Score("Hausdorff distance yz [m]"),
+    "chamfer_m": Score("chamfer distance [m]"),
+    "gospa_m": Score("GOSPA distance [m]"),
+    "gospa_skill": Score("GOSPA skill", optional=1, is_higher_better=True),
+    "velocity_error_mps": Score("velocity error [m/s]", optional=2),
+    "f_score": Score("F-score", "share", is_higher_better=True),
+    "objects_f_score": Score("objects: F-score", "share", optional=1, is_higher_better=True),
+    "objects_detected": Score("objects detected", "share", is_higher_better=True),
+    "n_objects_false": Score("false objects an image"),
+    "precision": Score("precision", "share", optional=4, is_higher_better=True),
+    "recall": Score("recall", "share", optional=3, is_higher_better=True),
+}
+"""Scores of images by their columns; others are shown under the names of theirs."""
 
 GROUP = ["scenario", *VARIANT, "snr_db"]
 COUNTS = ["n_cells", "n_no_detection", "n_failed"]
@@ -38,29 +83,27 @@ SMALLEST_ORACLE_M = 0.3
 POINT_FAMILIES = ("sparse",)
 """Families without ratios: their targets are absolute."""
 
+PRACTICALLY_ZERO = 1e-6
+"""Smaller means do not stretch a logarithmic axis: such velocities are exact for any purpose."""
+
 SNR_AXIS = Axis("SNR [dB]")
-Scale = Literal["share", "linear", "log"]
 
 DETECTED = "detected_"
 PERCENT = "{:.0f} %"
 
 
 def averaged_columns(rows: pd.DataFrame) -> list[str]:
-    """List the columns of rows that are averaged: scores of all metrics, and the number of points."""
+    """List the columns of rows that are averaged: scores, the number of points, and numbers of the kind."""
     others = {*COLUMNS, *TIMING_COLUMNS, *REFERENCE_COLUMNS, *SNR_GAIN, *AVERAGED, *LONE_COUNTS}
-    floats = rows.select_dtypes("float").columns
-    return [*AVERAGED, *(name for name in floats if name not in others)]
+    return [*AVERAGED, *(name for name in map(str, rows.select_dtypes("number")) if name not in others)]
 
 
 def with_counts(rows: pd.DataFrame) -> pd.DataFrame:
-    """Add what is counted of each row, `COUNTS`; failures have no number of points."""
-    broken = failed(rows)
-    return rows.assign(
-        n_estimated=rows["n_estimated"].where(~broken),
-        n_cells=1,
-        n_no_detection=rows["status"] == "no_detection",
-        n_failed=broken,
-    )
+    """Add what is counted of each row, `COUNTS`; failures have nothing that is averaged."""
+    broken, names = failed(rows), averaged_columns(rows)
+    numbers = rows[names].mask(broken, axis=0)
+    table = pd.concat([rows.drop(columns=names), numbers], axis=1)  # in one piece
+    return table.assign(n_cells=1, n_no_detection=rows["status"] == "no_detection", n_failed=broken)
 
 
 def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
@@ -73,11 +116,11 @@ def summarise_scores(rows: pd.DataFrame) -> pd.DataFrame:
     `isacbench.bench.statistics.median_times` has it.
     """
     groups, averaged = with_counts(rows).groupby(GROUP, sort=False), averaged_columns(rows)
-    found = groups[COUNTS].sum().join(means_and_bands(groups, averaged))
+    summary = groups[COUNTS].sum().join(means_and_bands(groups, averaged))
     for name, spread in SPREAD_COLUMNS.items():
         if name in averaged and spread in rows:
-            found[f"{name}_band"] = groups[spread].mean().fillna(found[f"{name}_band"])
-    return found.join(median_times(rows, GROUP)).reset_index()
+            summary[f"{name}_band"] = groups[spread].mean().fillna(summary[f"{name}_band"])
+    return summary.join(median_times(rows, GROUP)).reset_index()
 
 
 def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
@@ -88,9 +131,9 @@ def average_scenarios(rows: pd.DataFrame) -> pd.DataFrame:
     """
     by, names = [*VARIANT, "snr_db"], averaged_columns(rows)
     groups = grouped_scenarios(with_counts(rows), by, names)
-    found = groups[COUNTS].sum().join(means_and_bands(groups, names))
-    found = found.join(median_times(rows, by)).reset_index()
-    return found.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
+    summary = groups[COUNTS].sum().join(means_and_bands(groups, names))
+    summary = summary.join(median_times(rows, by)).reset_index()
+    return summary.assign(scenario=f"{rows['scenario'].nunique()} scenarios")
 
 
 def grouped_scenarios(rows: pd.DataFrame, by: Sequence[str], names: Sequence[str]) -> Any:
@@ -114,26 +157,42 @@ def hausdorff_ratios(rows: pd.DataFrame, without: Collection[str] = ()) -> pd.Se
     return (rows["hausdorff_sum_m"] / denominator_m).where(~rows["scenario"].isin(list(without)))
 
 
-def score_axis(
-    title: str, scale: Scale, table: pd.DataFrame, column: str, score: str, least: float = 0.0
-) -> Axis:
-    """Axis of a column of a score: of shares from 0 to 1, linear from 0, or logarithmic in whole decades."""
-    if scale == "share":
-        return Axis(title, limits=charts.SHARE_LIMITS)
-    if scale == "linear":
-        return Axis(title, limits=charts.linear_limits(table, column, score))
-    return Axis(title, log=True, limits=charts.decades(table[column], least))
+def score_of(column: str) -> Score:
+    """Look up how a column of images is shown; one without an entry has its own name, and all its digits."""
+    return SCORES.get(column, Score(column, form="{:.4g}"))
 
 
-def mean_text(score: str, entry: Mapping[Any, Any]) -> str:
-    """Mean of a score with its band."""
-    mean = charts.number_or_blank(entry[f"{score}_mean"], "{:.2f}")
-    return mean + charts.number_or_blank(entry[f"{score}_band"], " ±{:.2f}")
+def score_chart(
+    title: str,
+    one: Score,
+    column: str,
+    table: pd.DataFrame,
+    lines: Mapping[Variant, Line],
+    scaling: pd.DataFrame,
+) -> Chart:
+    """Mean or median of a score over SNR: of shares from 0 to 1, linear from 0, or in whole decades.
+
+    A linear axis has room for all of `scaling`, the `table` itself or one that it is a part of.
+    """
+    stem = column.removesuffix("_mean").removesuffix("_median")
+    if one.scale == "share":
+        y = Axis(one.name, limits=charts.SHARE_LIMITS)
+    elif one.scale == "linear":
+        y = Axis(one.name, limits=charts.linear_limits(scaling, column, stem))
+    else:
+        y = Axis(one.name, log=True, limits=charts.decades(table[column], PRACTICALLY_ZERO))
+    return Chart(title, SNR_AXIS, y, charts.line_series(table, lines, "snr_db", column, stem))
 
 
-def labelled_rows(table: pd.DataFrame, labels: Mapping[Variant, str]) -> list[dict[Any, Any]]:
+def mean_text(column: str, entry: Mapping[Any, Any]) -> str:
+    """Mean of a score with its band, or a median, which has none."""
+    band = entry.get(f"{column.removesuffix('_mean')}_band", math.nan)
+    return charts.number_or_blank(entry[column], "{:.2f}") + charts.number_or_blank(band, " ±{:.2f}")
+
+
+def labelled_rows(rows: Iterable[Mapping[Any, Any]], labels: Mapping[Variant, str]) -> list[dict[Any, Any]]:
     """Rows of a table, one an estimator, in the order of the labels, each with its ``label``."""
-    entries = {(entry["estimator"], entry["params"]): entry for entry in table.to_dict("records")}
+    entries = {(row["estimator"], row["params"]): row for row in rows}
     return [{**entries[one], "label": label} for one, label in labels.items() if one in entries]
 
 
@@ -142,29 +201,9 @@ def with_references(labels: Mapping[Variant, str], references: Collection[str]) 
     return {one: f"{label} (ref.)" if one[0] in references else label for one, label in labels.items()}
 
 
-def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Table]:
-    """Objects of a run: shares that were detected, and errors, first over all SNRs, then as details at each.
-
-    No tables if no row has scores of objects. Where some scenarios have no objects, the titles say so.
-    """
-    scored = rows[rows["n_objects"].notna()] if "n_objects" in rows else rows[:0]
-    if scored.empty:
-        return []
-    without = [name for name in rows["scenario"].unique() if name not in set(scored["scenario"])]
-    lack = f"; without {', '.join(without)}, whose points belong to no object" if without else ""
-    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, "
-    snrs_db = sorted(scored["snr_db"].unique())
-    found = [_object_table(scored, labels, title + over_snrs(snrs_db) + lack)]
-    for snr_db in snrs_db if len(snrs_db) > 1 else ():
-        part = scored[scored["snr_db"] == snr_db]
-        found.append(replace(_object_table(part, labels, f"{title}{snr_db:g} dB{lack}"), is_detail=True))
-    return found
-
-
-def over_snrs(snrs_db: list[float]) -> str:
+def over_snrs(rows: pd.DataFrame) -> str:
     """Say which SNRs a mean is over."""
-    listed = f"{', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
-    return f"mean over {listed}" if len(snrs_db) > 1 else f"at {listed}"
+    return f"mean over {', '.join(f'{snr_db:g}' for snr_db in sorted(rows['snr_db'].unique()))} dB"
 
 
 def object_means(rows: pd.DataFrame) -> pd.DataFrame:
@@ -176,19 +215,23 @@ def object_means(rows: pd.DataFrame) -> pd.DataFrame:
     return scenes.groupby(VARIANT, sort=False).mean()
 
 
-def _object_table(rows: pd.DataFrame, labels: Mapping[Variant, str], title: str) -> Table:
-    means = object_means(rows)
+def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Table]:
+    """Objects of a run: shares that were detected, and errors, over all SNRs; nothing if no row has any."""
+    scored = rows[rows["n_objects"].notna()] if "n_objects" in rows else rows[:0]
+    if scored.empty:
+        return []
+    means = object_means(scored)
     columns = [
         Column("estimator", "label", part=0),
         Column("F-score", "objects_f_score", "{:.2f}"),
         Column("detected", "objects_detected", PERCENT, scale=100),
         Column("false: an image", "n_objects_false", "{:.2f}"),
     ]
-    for kind in [name for name in map(str, means) if name.startswith(DETECTED)]:
+    for number, kind in enumerate((name for name in map(str, means) if name.startswith(DETECTED)), start=2):
         heading = kind.removeprefix(DETECTED).replace("_", " ")
-        columns.append(Column(heading, kind, PERCENT, scale=100, optional=len(columns) - 2))
-    least = len(columns) - 2
+        columns.append(Column(heading, kind, PERCENT, scale=100, optional=number))
     for error, unit in ERRORS:
         heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
-        columns.append(Column(heading, column, "{:.2f}", optional=least))
-    return Table(title, columns, labelled_rows(means.reset_index(), labels))
+        columns.append(Column(heading, column, "{:.2f}", optional=1))
+    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, {over_snrs(scored)}"
+    return [Table(title, columns, labelled_rows(means.reset_index().to_dict("records"), labels))]

@@ -188,7 +188,7 @@ class Job:
         """
         for plugin in self.plugins:
             register_plugin(plugin)
-        tasks = kind_of(self.suite).scenes(self.suite, self.scenarios)
+        tasks = kind_of(self.suite).tasks(self.suite, self.scenarios)
         for name, n in Counter(task.name for task in tasks).items():
             if n > 1:
                 raise InputError(f"scenarios: two scenes have the name {name!r}; rename a scenario")

@@ -209,7 +209,7 @@ class Run(Displayed):
         """Scenes that were imaged, by name; no synthetic maps and no users of a link."""
         suite = self.scenes.suite
         bare = {key: () for key in PLUGIN_KEYS if key in type(suite).model_fields}
-        scenes = kind_of(suite).scenes(suite.model_copy(update=bare), self.scenarios)
+        scenes = kind_of(suite).tasks(suite.model_copy(update=bare), self.scenarios)
         return {scene.name: scene for scene in scenes if isinstance(scene, ImagingTask)}
 
     def changed(self, **changes: Any) -> Run:
@@ -351,7 +351,7 @@ class Run(Displayed):
                     f"{self.label}: the scatterers of {name}, trial {trial} are not stored, and this "
                     "isacbench would draw others; use the version of isacbench that made the run"
                 )
-            return scene.drawn(trial)
+            return scene.scenario_of(trial)
         points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
         scatterers = Scatterers(
             xyz=points[:, :3],

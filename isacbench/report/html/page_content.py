@@ -17,8 +17,8 @@ from isacbench.bench.compare.comparison import direction
 from isacbench.bench.compare.pairs import code_version
 from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
-from isacbench.bench.kinds.imaging import SCORE_AXES, ScoreAxis
 from isacbench.bench.kinds.scenes import ImagingTask
+from isacbench.bench.kinds.scores import SCORES, Score
 from isacbench.bench.plan.labels import find_limits
 from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
@@ -253,10 +253,8 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
     records = joined.table.rows
     columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
     described = stored_columns(joined.table.manifest)
-    radius_m = {scene.template.radius_m for run in joined.runs for scene in _imaged(run).values()}
-    radius = " or ".join(f"{one:g}" for one in sorted(radius_m))
     found = []
-    for name in dict.fromkeys([*SCORE_AXES, *FURTHER_METRICS, *columns]):
+    for name in dict.fromkeys([*SCORES, *FURTHER_METRICS, *columns]):
         if name not in columns or not records[name].notna().any() or name.endswith("_spread"):
             continue
         try:
@@ -266,14 +264,14 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
                 continue
             better = "neither"
         plain = described[name].title if name in described else FURTHER_METRICS.get(name, name)
-        panel = SCORE_AXES.get(name, ScoreAxis(plain, plain, log=name == TIME))
+        score = SCORES.get(name, Score(plain, "log" if name == TIME else "linear"))
         found.append(
             {
                 "name": name,
-                "title": panel.title.replace("{radius_m:g}", radius),
-                "axis": panel.axis,
+                "title": plain,
+                "axis": score.name,
                 "better": better,
-                "log": panel.log,
+                "log": score.scale == "log",
                 "spread": f"{name}_spread" if f"{name}_spread" in records else "",
                 "is_median": name == TIME,
             }
@@ -348,7 +346,6 @@ def _series(series: Series) -> dict[str, Any]:
         "label": series.label,
         "mark": series.mark,
         **asdict(series.style),
-        "texts": list(series.texts),
         **{name: numbers(np.asarray(getattr(series, name), float)) for name in ("x", "y", "low", "high")},
     }
 

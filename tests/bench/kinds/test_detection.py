@@ -15,7 +15,7 @@ from isacbench.model.echo import observe_echo
 from isacbench.plugins.contracts import Detection, Diagnosis
 from isacbench.plugins.registry import get_detector
 
-BAD = '''
+BAD = """
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,22 +26,18 @@ from isacbench.plugins.contracts import Detection
 
 @dataclass(frozen=True)
 class Bad:
-    """Goes wrong in a chosen way."""
-
     name: ClassVar[str] = "bad"
     pfa: float = 1e-3
-    kind: str = "raise"
+    kind: str = "write"
 
     def detect(self, power, looks=1):
-        if self.kind == "raise":
-            raise ZeroDivisionError("no luck")
         if self.kind == "write":
             power[0] = 0
         if self.kind == "list":
             return [1, 2]
         shape = (3, 3) if self.kind == "shape" else power.shape
         return Detection(np.zeros(shape, dtype=bool), power, power)
-'''
+"""
 
 
 @pytest.fixture
@@ -65,14 +61,11 @@ def test_maps_meet_every_detector_at_every_rate_and_scenarios_the_estimators_beh
     assert set(on_map["detector"]) == set(imaged["detector"]) == {"level", "ca[training=2]"}
     assert set(on_map["pfa"]) == {1e-2, 1e-3}
     assert on_map["deviation"].isna().all()
-    assert (on_map["time_estimate_s"] > 0).all()
     assert set(on_map["n_true"]) == {128}
     assert set(imaged["estimator"]) == {"blob"}
     assert {json.loads(params)["detector"]["name"] for params in imaged["params"]} == {"level", "ca"}
-    assert np.isfinite(imaged["deviation"]).all()
     # An estimator that does not show its map has nothing counted.
-    summary = DetectionKind().summary(records)
-    imaged = summary[summary["scenario"] == "tiny"]
+    imaged = DetectionKind().summary(records).query("scenario == 'tiny'")
     assert (imaged["n_targets"] == 0).all()
     assert imaged["pd"].isna().all()
     assert imaged["deviation_mean"].notna().all()
@@ -97,8 +90,7 @@ def test_without_rates_each_detector_keeps_its_own(suite):
 
 
 FAILURES = {
-    "raise": "ZeroDivisionError: no luck (bad_plugins.py, line 20, in detect)",
-    "write": "ValueError: assignment destination is read-only (bad_plugins.py, line 22, in detect)",
+    "write": "ValueError: assignment destination is read-only (bad_plugins.py, line 18, in detect)",
     "list": "TypeError: detect() must return a Detection, not list",
     "shape": "ValueError: detect() must mark cells of a map of shape (128, 1024), not bool (3, 3)",
 }
@@ -121,22 +113,19 @@ def test_a_detector_that_fails_is_a_row_with_its_reason_and_one_that_sees_nothin
 
 
 class Shower:
-    """Has looked at a map in which three cells exceed the threshold."""
+    """Has looked at a map in which some cells exceed the threshold."""
 
     def __init__(self, cells):
-        self.cells = cells
+        self.cells = np.array(cells)
 
     def estimate(self, observation):
         return PointCloud.empty()
 
     def diagnose(self, observation):
-        gate = observation.gate
-        power = np.ones(gate.shape)
+        gate, power = observation.gate, np.ones(observation.gate.shape)
         mask = np.zeros(gate.shape, dtype=bool)
-        for row, column in self.cells:
-            mask[row - gate.range_bins[0], column - gate.doppler_bins[0]] = True
-        detection = Detection(mask, power, power)
-        return Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, (), None)
+        mask[tuple((self.cells - [gate.range_bins[0], gate.doppler_bins[0]]).T)] = True
+        return Diagnosis(power, Detection(mask, power, power), gate.range_bins, gate.doppler_bins, (), None)
 
 
 def test_cells_of_an_image_are_counted_nearest_to_scatterers_and_far_from_all_of_them(room, put):
@@ -171,17 +160,17 @@ def test_the_summary_pools_the_counts_of_trials(records):
     assert math.isnan(row["deviation_mean"])
 
 
-def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_few_detectors(suite):
+def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_deviations_too(suite):
     detectors = ["level", "ca", "ca[guard=2]", "ca[guard=3]"]
     records = run(suite.replace(detectors=detectors, maps=["homogeneous", "interferers"]))
-    homogeneous, interferers, tiny, more = DetectionKind().tables(records)
+    homogeneous, interferers, tiny = DetectionKind().tables(records)
     assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
     assert homogeneous.headings[1:] == interferers.headings[1:] == detectors
     assert [row[0] for row in homogeneous.texts] == ["10", "20"]
     detected, false = map(float, homogeneous.texts[1][2].split())
     assert 0.9 < detected < 1
     assert 5e-4 < false < 2e-3
-    assert (tiny.headings[2:], more.headings[2:]) == (detectors[:3], detectors[3:])
+    assert tiny.headings[2:] == detectors
     # No map is shown by this estimator, so that there is nothing to count.
     assert tiny.texts[0][2].endswith(" - -")
     assert float(tiny.texts[0][2].split()[0]) > 0
@@ -233,9 +222,9 @@ def test_deviation_detection_and_false_alarms_of_a_scenario_stand_side_by_side(r
     [
         ({"detectors": ["cs"]}, "unknown detector 'cs'"),
         ({"detectors": ["ca", "ca[training=3]"]}, r"detectors: 'ca\[training=3\]' repeats a detector"),
-        ({"estimators": ["seer"]}, "unknown parameter of estimator seer 'detector'"),
+        ({"estimators": ["seer"]}, "estimators: 'seer': allowed are estimators with a parameter detector"),
         ({"pfa": [0.0]}, r"pfa\[0\] = 0.0: input should be greater than 0"),
-        ({"estimators": ["blob[detector=ca]"]}, "sets a detector; list detectors under the key"),
+        ({"estimators": ["blob[detector=ca]"]}, "which is not set; list detectors under the key"),
     ],
 )
 def test_a_mistake_is_found_before_anything_runs(suite, tmp_path, change, message):

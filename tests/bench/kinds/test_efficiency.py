@@ -77,11 +77,6 @@ def test_rows_have_the_snr_per_element_and_after_gain(suite, records):
     gain = 10 * math.log10(255 * 127 * 81)
     assert sorted(records["snr_gain_db"].unique()) == [20, 30]
     np.testing.assert_allclose(records["snr_gain_db"] - records["snr_db"], gain, atol=1e-5)
-    by_element = run(suite, snr_db=[20 - gain], trials=1, estimators=["blob"])
-    same = records[
-        (records["trial"] == 0) & (records["snr_gain_db"] == 20) & (records["estimator"] == "blob")
-    ]
-    assert by_element["deviation"].iloc[0] == pytest.approx(same["deviation"].iloc[0], rel=1e-4)
 
 
 def test_who_sees_the_truth_hits_without_error(records):
@@ -101,40 +96,31 @@ def test_a_failure_is_neither_a_hit_nor_a_miss(suite):
     assert summary.xs('{"kind":"raise"}')["n_misses"].tolist() == [0, 0]
     assert summary.xs('{"kind":"empty"}')["n_misses"].tolist() == [3, 3]
     assert summary.loc[summary["n_failed"] + summary["n_misses"] == 3, "ratio_u"].isna().all()
-    # Every estimator has a table, whose title ends with the median time of cells that did not fail.
+    # Every estimator has a table, with the median times of cells that did not fail.
     records["time_estimate_s"] = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
     seer, failed, empty = EfficiencyKind().tables(records)
-    start = "room, seer: error over Cramér-Rao bound, 3 trials, no confidence interval below 5; "
-    assert seer.title.startswith(start)
-    time_ms = 1e3 * records[records["estimator"] == "seer"]["time_estimate_s"].median()
-    assert seer.title.endswith(f"time (not measured alone) {time_ms:.1f} ms")
+    trials = "3 trials, no confidence band below 5; median processor time (not measured alone)"
+    assert seer.title == f"room, seer: error over Cramér-Rao bound, {trials}"
+    times_ms = 1e3 * records[records["estimator"] == "seer"].groupby("snr_db")["time_estimate_s"].median()
+    assert [row[-1] for row in seer.texts] == [f"{time_ms:.1f}" for time_ms in times_ms]
     assert [row[:3] for row in seer.texts] == [["20", "0.000", "0"], ["25.25", "0.000", "0"]]
-    assert failed.texts[0][1:] == ["0.000 (3 failed)", "0", "", "", "", ""]
+    assert failed.texts[0][1:] == ["0.000 (3 failed)", "0", *5 * [""]]
     assert empty.texts[0][1] == "1.000"
 
 
 def test_the_summary_takes_errors_of_hits_alone():
     rows = {
-        "scenario": "s",
-        "estimator": "e",
-        "params": "{}",
-        "snr_db": -60.0,
-        "snr_gain_db": 20.0,
-        "status": ["ok", "ok", "no_detection", "timeout"],
-        "hit": [True, True, False, False],
-        "n_false": [0, 2, 0, 0],
-        "timing": False,
-        "time_estimate_s": [0.1, 0.2, 0.3, 0.4],
+        **{"scenario": "s", "estimator": "e", "params": "{}", "snr_db": -60.0, "snr_gain_db": 20.0},
+        **{"status": ["ok", "ok", "no_detection", "timeout"], "hit": [True, True, False, False]},
+        **{"n_false": [0, 2, 0, 0], "timing": False, "time_estimate_s": [0.1, 0.2, 0.3, 0.4]},
         **{name: [3.0, -4.0, math.nan, math.nan] for name in ERRORS},
         **{name: [2.0, 2.0, 2.0, math.nan] for name in BOUNDS},
     }
     (row,) = EfficiencyKind().summary(pd.DataFrame(rows)).to_dict("records")
     assert row["ratio_u"] == pytest.approx(math.sqrt(12.5) / 2)
     assert row["rmse_range_m"] == pytest.approx(math.sqrt(12.5))
-    assert row["bound_w"] == 2.0
-    counts = {name: row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")}
-    assert counts == {"n_trials": 4, "n_failed": 1, "n_misses": 1, "n_false": 2}
-    assert row["time_estimate_s_median"] == 0.2
+    counts = [row[name] for name in ("n_trials", "n_failed", "n_misses", "n_false")]
+    assert (row["bound_w"], counts, row["time_estimate_s_median"]) == (2.0, [4, 1, 1, 2], 0.2)
 
 
 SNRS_DB = [0.0, 20.0, 40.0]
@@ -144,13 +130,14 @@ SNRS_DB = [0.0, 20.0, 40.0]
 def made():
     """Summary of two estimators at three SNRs, out of order: a is twice the bound, b is never found."""
     parts = []
-    for name, ratio in (("a", 2.0), ("b", np.nan)):
+    for name, ratio, n_misses in (("a", 2.0, 0), ("b", np.nan, 10)):
         part = pd.DataFrame({"scenario": "room", "estimator": name, "params": "{}", "snr_gain_db": SNRS_DB})
         bound = 10 ** (-part["snr_gain_db"] / 20)
-        columns = {"n_trials": 10, "n_failed": 0, "n_misses": 0 if name == "a" else 10, "n_false": 5}
-        for dimension, unit in (("range", "range_m"), ("velocity", "velocity_mps"), ("u", "u"), ("w", "w")):
-            columns |= {f"rmse_{unit}": ratio * bound, f"bound_{unit}": bound, f"ratio_{dimension}": ratio}
-            columns |= {f"ratio_{dimension}_low": 0.9 * ratio, f"ratio_{dimension}_high": 1.2 * ratio}
+        columns = {"n_trials": 10, "n_failed": 0, "n_misses": n_misses, "n_false": 5}
+        for bound_name, dimension in zip(BOUNDS, ("range", "velocity", "u", "w"), strict=True):
+            columns |= {bound_name: bound, bound_name.replace("bound", "rmse"): ratio * bound}
+            ends = {"": ratio, "_low": 0.9 * ratio, "_high": 1.2 * ratio}
+            columns |= {f"ratio_{dimension}{end}": value for end, value in ends.items()}
         parts.append(part.assign(**columns))
     return pd.concat(parts).iloc[::-1].reset_index(drop=True)
 

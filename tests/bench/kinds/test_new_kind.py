@@ -34,7 +34,7 @@ class CountKind(Kind):
     columns: ClassVar = {"n_counted": 0}
     better: ClassVar = {"n_counted": "higher"}
 
-    def scenes(self, suite, scenarios):
+    def tasks(self, suite, scenarios):
         def measure(image):
             return {"n_counted": len(image.cloud) + suite.offset}
 

@@ -9,10 +9,11 @@ from isacbench.bench.kinds import population
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import (
     ALL,
-    CHART_SCORES,
+    IN_CHARTS,
+    IN_TABLES,
     LARGEST_RATIO,
-    TABLE_SCORES,
-    TARGET_SCORES,
+    OWN_SCORES,
+    TARGETS,
     PopulationKind,
     PopulationSuite,
     near_chance,
@@ -23,8 +24,10 @@ from isacbench.bench.kinds.population import (
 )
 from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
-from isacbench.bench.statistics import mean_band, median_interval
+from isacbench.bench.statistics import deviation_columns, median_interval
 from isacbench.model.scenes.scenario import load_scenario
+
+KIND = PopulationKind()
 
 
 def entry(summary, estimator="a", family=ALL, frame=ALL, phases=ALL, snr_db=None):
@@ -44,7 +47,9 @@ def test_means_and_medians_are_over_scenes_and_not_over_cells(population_rows):
     found = entry(summarise_population(pd.concat([rows, more], ignore_index=True)))
     assert found["n_scenes"] == 8
     assert found["n_cells"] == 18
-    assert (found["gospa_m_mean"], found["gospa_m_band"]) == pytest.approx(mean_band(errors))
+    assert (found["gospa_m_mean"], found["gospa_m_band"]) == pytest.approx(
+        tuple(deviation_columns(pd.DataFrame({"deviation": errors})).values())
+    )
     median = [found[f"ratio_{name}"] for name in ("median", "low", "high")]
     assert median == pytest.approx(median_interval(errors / 2))
     quartiles = [found["ratio_q25"], found["ratio_q75"]]
@@ -101,14 +106,8 @@ def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_
         return dataclasses.replace(load_scenario(tiny), name=name, family="sparse", family_version=1)
 
     monkeypatch.setattr("isacbench.bench.plan.run_plan.load_scenario", load)
-    suite = PopulationSuite(
-        name="p",
-        version=1,
-        scenarios=["sparse[seed=1]"],
-        estimators=["seer", "trouble"],
-        snr_db=[20.0],
-        trials=1,
-    )
+    plan = {"scenarios": ["sparse[seed=1]"], "estimators": ["seer", "trouble"], "snr_db": [20.0]}
+    suite = PopulationSuite(name="p", version=1, trials=1, **plan)
     seen, broken = run_suite(suite, tmp_path / "run").rows.to_dict("records")
     assert [seen[name] for name in ("n_resolvable", "n_resolved", "n_false")] == [3, 3, 0]
     assert [broken[name] for name in ("family", "frame", "coherent_phase")] == ["sparse", "panel", True]
@@ -124,81 +123,71 @@ def records(population_rows):
     return population_rows(["town", "crowd", "sparse"], blob=4.0, nomp4d=3.0, oracle=2.0, chance=9.0)
 
 
-def part(**scores):
-    """Rows of a summary in which all is equal but what is given for blob, nomp4d, esprit2d and chance."""
+@pytest.fixture
+def part():
+    """Rows of a summary for three estimators and chance, which is near in nothing."""
     names = ["blob", "nomp4d", "esprit2d", "chance"]
     table = pd.DataFrame({"estimator": names, "sees_truth": [False, False, False, True]})
-    for one in TABLE_SCORES:
-        table[one.column] = [0.3, 0.5, 0.9, 0.0] if one.is_higher_better else [1.0, 2.0, 3.0, 100.0]
-    return table.assign(family=ALL, frame=ALL, phases=ALL, snr_db=np.nan, **scores)
-
-
-def near(table):
-    """Numbers in which a baseline comes near, the same in all rows."""
-    (names,) = set(near_chance(table))
-    return json.loads(names)
+    for name in (*IN_TABLES, "deviation"):
+        column = f"{name}_{'median' if name == 'ratio' else 'mean'}"
+        is_higher_better = OWN_SCORES[name].is_higher_better
+        table[column] = [0.3, 0.5, 0.9, 0.0] if is_higher_better else [1.0, 2.0, 3.0, 100.0]
+    return table
 
 
 @pytest.mark.parametrize(
     ("column", "chance", "is_near"),
     [
-        ("hausdorff_sum_m_mean", 0.5, True),
         ("hausdorff_sum_m_mean", 2.39, True),
         ("hausdorff_sum_m_mean", 2.41, False),
-        ("precision_mean", 0.95, True),
         ("precision_mean", 0.41, True),
         ("precision_mean", 0.39, False),
     ],
 )
-def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on(column, chance, is_near):
-    table = part()
-    table.loc[3, column] = chance
-    assert near(table) == ([column] if is_near else [])
+def test_chance_is_near_from_a_fifth_worse_than_the_median_estimator_on(part, column, chance, is_near):
+    part.loc[3, column] = chance
+    assert near_chance(part) == ([column] if is_near else [])
 
 
-def test_the_better_one_of_chance_and_no_point_at_all_counts_and_without_both_nothing_is_near():
-    empty = part().iloc[3:].assign(estimator="empty", n_false_mean=0.0)
-    assert near(pd.concat([part(), empty], ignore_index=True)) == ["n_false_mean"]
-    assert near(part()) == near(part(ratio_median=np.nan)) == []
-    assert near(part().query("estimator != 'chance'")) == []
+def test_the_better_one_of_chance_and_no_point_at_all_counts_and_without_both_nothing_is_near(part):
+    empty = part.iloc[3:].assign(estimator="empty", n_false_mean=0.0)
+    assert near_chance(pd.concat([part, empty], ignore_index=True)) == ["n_false_mean"]
+    assert near_chance(part.assign(ratio_median=np.nan)) == near_chance(part.iloc[:3]) == []
 
 
-def test_the_summary_marks_families_where_chance_comes_near(population_rows):
+def test_the_summary_marks_families_where_chance_comes_near_and_so_do_their_tables(population_rows):
     records = population_rows(["town", "crowd"], snrs_db=[10.0], blob=4.0, nomp4d=3.0, oracle=2.0, chance=9.0)
-    in_crowd = (records["estimator"] == "chance") & (records["family"] == "crowd")
-    records.loc[in_crowd, "recall"] = 3.4  # the others: 4 and 3
-    records.loc[(records["estimator"] == "chance") & ~in_crowd, "recall"] = 0.1
-    summary = PopulationKind().summary(records)
-    marked = {
-        family: set(part["near_chance"].map(json.loads).explode().dropna())
-        for family, part in summary.groupby("family")
+    in_crowd = records["family"] == "crowd"
+    # That of the others is 4 and 3.
+    records.loc[records["estimator"] == "chance", "recall"] = np.where(in_crowd, 3.4, 0.1)[3::4]
+    marks = KIND.summary(records).groupby("family")["near_chance"].first()
+    assert {name: "recall_mean" in json.loads(marks[name]) for name in ("crowd", "town")} == {
+        "crowd": True,
+        "town": False,
     }
-    assert "recall_mean" in marked["crowd"]
-    assert "recall_mean" not in marked["town"]
-    titles = {
-        table.title.partition(",")[0]: table for table in PopulationKind().tables(records) if table.is_detail
-    }
-    assert "recall †" in titles["crowd"].headings
-    assert "recall" in titles["town"].headings
-    assert "chance or no point at all comes near" in titles["crowd"].title
+    tables = {one.title.partition(",")[0]: one for one in KIND.tables(records) if one.is_detail}
+    assert "recall †" in tables["crowd"].headings
+    assert "recall" in tables["town"].headings
+    assert "chance or no point at all comes near" in tables["crowd"].title
 
 
 def test_what_is_printed_has_references_below_and_details_are_for_the_file(records):
-    tables = PopulationKind().tables(records)
+    tables = KIND.tables(records)
     printed = [table for table in tables if not table.is_detail]
     assert [table.title.partition(",")[0] for table in printed] == [
         "All scenes",
+        "sparse",
         "Median ratio by family",
         "Median ratio by frame and phases",
-        "Targets of sparse",
     ]
-    # Every family and all together at both SNRs, the families also over both; and the targets at each.
-    assert len(tables) - len(printed) == 4 * 2 + 3 + 2
-    means, ratios, *_ = printed
+    # Every family and all together at both SNRs, the families also over both.
+    assert len(tables) - len(printed) == 4 * 2 + 2
+    means, targets, ratios, _ = printed
     names = [row[0] for row in means.texts]
     assert names[:2] == ["blob", "nomp4d"]
     assert set(names[2:]) >= {"oracle (ref.)"}
     assert means.texts[1][1:3] == ["1.50", "3.00 ±0.00"]
+    assert {one.name for one in TARGETS.values()} <= {one.removesuffix(" †") for one in targets.headings}
     assert ratios.headings == ["estimator", "town", "crowd"]
     assert ratios.texts[0] == ["blob", "2.00 (2.00-2.00)", "2.00 (2.00-2.00)"]
 
@@ -210,27 +199,22 @@ def test_a_title_says_how_many_scenes_there_are_and_whether_they_are_enough_for_
     population_rows, n, band
 ):
     rows = population_rows(["", "town"], n_scenes=n, blob=1.0)
-    assert summarise_population(rows)["family"].unique().tolist() == ["all", "hand-made", "town"]
-    titles = [table.title for table in PopulationKind().tables(rows)]
-    assert f"hand-made, mean over 0, 10 dB: {band}" in titles
+    assert f"hand-made, mean over 0, 10 dB: {band}" in [one.title for one in KIND.tables(rows)]
 
 
 def test_failed_cells_are_counted_and_an_interrupted_population_has_tables_of_what_there_is(records):
     lost = (records["family"] == "crowd") & (records["snr_db"] == records["snr_db"].max())
     records.loc[(records["estimator"] == "blob") & (records["family"] == "town"), "status"] = "timeout"
-    tables = PopulationKind().tables(records[~lost])
+    tables = KIND.tables(records[~lost])
     titles = [table.title.partition(":")[0] for table in tables]
     assert f"crowd, {records['snr_db'].min():g} dB" in titles
     assert f"crowd, {records['snr_db'].max():g} dB" not in titles
-    assert "(16 failed)" in tables[0].texts[0][1]
+    assert (tables[0].headings[-2], tables[0].texts[0][-2]) == ("failed: cells", "16")
     # Where all failed, there are no numbers.
     records[records.select_dtypes("float").columns.difference(["snr_db"])] = np.nan
-    table = PopulationKind().tables(records.assign(status="error"))[0]
-    assert table.headings[:2] == ["estimator", "Hausdorff [m]"]
-    assert all("failed" in row[1] for row in table.texts)
-
-
-KIND = PopulationKind()
+    table = KIND.tables(records.assign(status="error"))[0]
+    assert table.headings[:2] == ["estimator", "failed: cells"]
+    assert all(int(row[1]) for row in table.texts)
 
 
 @pytest.fixture
@@ -244,13 +228,13 @@ def test_every_scene_is_a_dot_in_the_row_of_its_estimator_and_references_are_lin
     places = [f"{family}, {snr} dB" for snr in (0, 10) for family in ("town", "crowd")]
     assert [chart.title for chart in group.charts] == places
     for chart in group.charts:
-        dots = [one for one in chart.series if one.mark == "points" and one.label]
+        dots = [one for one in chart.series if one.style.symbol == "circle"]
         ratio, height = (np.concatenate([getattr(one, name) for one in dots]) for name in "xy")
         assert sorted(ratio[height < 0.5]) == pytest.approx(np.arange(2.0, 10.0) / 2)
         assert ratio[height > 0.5].tolist() == [LARGEST_RATIO] * 8
         (reference,) = [one for one in chart.series if one.mark == "line"]
         assert (reference.x, reference.style.dash) == ([1, 1], "dash")
-        a, b = [one for one in chart.series if one.mark == "points" and not one.label]
+        a, b = [one for one in chart.series if one.style.symbol == "line-ns"]
         assert [*a.x_low, *a.x, *a.x_high] == pytest.approx(
             np.quantile(ratio[height < 0.5], [0.25, 0.5, 0.75])
         )
@@ -259,24 +243,12 @@ def test_every_scene_is_a_dot_in_the_row_of_its_estimator_and_references_are_lin
     assert (chart.x.log, chart.x.title) == (True, "ratio to the oracle")
 
 
-def test_frames_and_phases_have_symbols_that_the_legend_names(drawn):
-    chart = ratio_charts(scene_cells(drawn), lines_of(drawn))[0].charts[0]
-    symbols = {one.label: one.style.symbol for one in chart.series if one.label}
-    assert symbols == {
-        "frame panel, in phase": "circle",
-        "frame panel, carrier phases": "diamond",
-        "frame paper, in phase": "circle-open",
-        "frame paper, carrier phases": "diamond-open",
-        "oracle (truth merged in cells ± spread)": "",
-    }
-
-
 def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
     ratios, scores, targets = KIND.charts(drawn)
     assert (ratios.stem, scores.n_columns) == ("ratios", 4)
     panels = np.reshape(np.array(scores.charts, dtype=object), (-1, 4))
     assert [chart.title for chart in panels[0]] == ["all scenes", "town", "crowd", "sparse"]
-    axes = [one.axis for one in CHART_SCORES]
+    axes = [OWN_SCORES[name].name for name in IN_CHARTS]
     assert [chart.y.title for chart in panels[:, 0]] == axes
     assert list(panels[0, 1].series[0].y) == pytest.approx([2.75, 2.75])
     assert not panels[0, 3].series
@@ -287,15 +259,14 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
 
 
 def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
-    drawn.loc[drawn["family"] == "sparse", "n_false"] = 2
-    targets = KIND.charts(drawn)[-1]
-    assert [chart.y.title for chart in targets.charts] == [one.axis for one in TARGET_SCORES]
+    targets = KIND.charts(drawn.assign(n_false=2))[-1]
+    assert [chart.y.title for chart in targets.charts] == [one.name for one in TARGETS.values()]
     assert list(targets.charts[0].series[0].y) == [2, 2]
-    assert targets.title == "sparse: means over 8 scenes, 95 % confidence bands"
+    assert targets.title == "sparse: means over 8 scenes, 95 % confidence band"
 
 
 def test_without_an_oracle_there_are_no_ratios(population_rows):
     rows = population_rows(["town"], n_scenes=2, a=2.0, b=3.0)
     (scores,) = KIND.charts(rows)
     assert scores.stem == "scores"
-    assert "bands" not in scores.title
+    assert "no confidence band" in scores.title

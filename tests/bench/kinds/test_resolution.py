@@ -53,7 +53,7 @@ def test_scenes_of_a_template_do_not_repeat_its_warnings(suite, room):
     stray = Scatterers(np.array([[-1.0, 0.0, 0.0]]), np.zeros(1), np.ones(1))
     with pytest.warns(InputWarning, match="outside the region"):
         template = dataclasses.replace(room, scatterers=stray)
-    assert len(ResolutionKind().scenes(suite, {"room": template})) == 8
+    assert len(ResolutionKind().tasks(suite, {"room": template})) == 8
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
@@ -102,15 +102,9 @@ def test_there_is_a_scene_for_every_dimension_distance_and_phase_with_a_name_of_
 def test_all_scenes_of_a_trial_have_one_centre(suite, room):
     draws = run_suite(suite.replace(estimators=["blob"])).draws
     assert draws["phase_rad"].abs().max() > 0
-    centres = []
-    for _, part in draws.groupby(["scenario", "trial"]):
-        points = PointCloud.from_array(part[["x", "y", "z", "v"]])
-        centres.append([part["trial"].iloc[0], *radio_places(room, points).mean(axis=0)])
-    centres = np.array(centres)
-    for trial in (0, 1):
-        here = centres[centres[:, 0] == trial, 1:]
-        np.testing.assert_allclose(here, np.broadcast_to(here[0], here.shape), atol=1e-9)
-        np.testing.assert_allclose(here[0], draw_place(room, trial, 0, 1.0), atol=1e-9)
+    for (_, trial), part in draws.groupby(["scenario", "trial"]):
+        places = radio_places(room, PointCloud.from_array(part[["x", "y", "z", "v"]]))
+        np.testing.assert_allclose(places.mean(axis=0), draw_place(room, trial, 0, 1.0), atol=1e-9)
 
 
 def test_who_sees_the_truth_finds_every_pair(records):
@@ -118,44 +112,35 @@ def test_who_sees_the_truth_finds_every_pair(records):
 
 
 def test_the_summary_has_the_mean_over_phases_the_worst_and_the_one_in_phase():
-    rows = [
+    key = {"template": "t", "estimator": "e", "params": "{}", "snr_gain_db": 60.0, "dimension": "u"}
+    rows = pd.DataFrame(
         {
-            "template": "t",
-            "estimator": "e",
-            "params": "{}",
-            "snr_gain_db": 60.0,
-            "dimension": "u",
-            "separation_cells": 0.25,
-            "phase_deg": phase_deg,
-            "resolved": resolved,
-            "n_false": 1,
-            "status": "timeout" if phase_deg == 90 and not resolved else "ok",
-            "trial": trial,
-            "timing": False,
-            "time_estimate_s": 0.1,
+            **{**key, "separation_cells": 0.25, "n_false": 1, "timing": False, "time_estimate_s": 0.1},
+            "phase_deg": [0.0, 0.0, 90.0, 90.0, 180.0, 180.0],
+            "resolved": [True, False, False, False, True, True],
+            "status": ["ok", "ok", "timeout", "timeout", "ok", "ok"],
+            "trial": [0, 1] * 3,
         }
-        for phase_deg, found in ((0.0, [1, 0]), (90.0, [0, 0]), (180.0, [1, 1]))
-        for trial, resolved in enumerate(map(bool, found))
-    ]
-    (row,) = ResolutionKind().summary(pd.DataFrame(rows)).to_dict("records")
+    )
+    (row,) = ResolutionKind().summary(rows).to_dict("records")
     assert row["resolved"] == row["resolved_in_phase"] == 0.5
     assert (row["resolved_worst"], row["worst_phase_deg"]) == (0.0, 90.0)
     assert [row[name] for name in ("n_cells", "n_trials", "n_failed", "n_false")] == [6, 2, 2, 6]
     assert math.isnan(row["resolved_low"])
-    often = pd.concat([pd.DataFrame(rows).assign(trial=trial) for trial in range(5)])
+    often = pd.concat([rows.assign(trial=trial) for trial in range(5)])
     (row,) = ResolutionKind().summary(often).to_dict("records")
     assert row["resolved_low"] < 0.5 < row["resolved_high"]
 
 
-def test_a_table_has_a_row_a_distance_under_the_name_of_its_dimension_and_few_estimators(suite):
+def test_a_table_has_a_row_a_dimension_and_distance_and_a_column_an_estimator(suite):
     estimators = ["seer", "blob", "trouble", *(f"blob[n={n}]" for n in (1, 2, 3))]
     records = run(suite.replace(estimators=estimators, dimensions=["velocity", "w"]))
     records["time_estimate_s"] = np.random.default_rng(0).permutation(len(records)) ** 2 / 1e3
-    first, second = ResolutionKind().tables(records)
-    rows = [["velocity", "0.5"], ["", "1"], ["w", "0.5"], ["", "1"], ["time [ms]", ""]]
+    (first,) = ResolutionKind().tables(records)
+    rows = [["velocity", "0.5"], ["velocity", "1"], ["w", "0.5"], ["w", "1"], ["time [ms]", ""]]
     assert [row[:2] for row in first.texts] == rows
     assert first.texts[0][2:5] == ["1.00 / 1.00", "0.00 / 0.00", "0.00 / 0.00 (4 failed)"]
-    assert (len(first.headings), len(second.headings)) == (2 + 5, 2 + 1)
+    assert len(first.headings) == 2 + 6
     seer_ms = 1e3 * records[records["estimator"] == "seer"]["time_estimate_s"].median()
     assert first.texts[-1][2] == f"{seer_ms:.1f}"
 

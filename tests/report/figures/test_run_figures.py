@@ -53,7 +53,7 @@ def test_every_figure_of_a_run_is_written_where_it_is_said_to_be(run_of):
 
 
 def test_a_run_of_failures_with_one_snr_and_one_trial_is_drawn(run_of, monkeypatch):
-    monkeypatch.setattr(imaging, "SCORE_AXES", {"deviation": imaging.SCORE_AXES["deviation"]})
+    monkeypatch.setattr(imaging, "SCORES", {"deviation": imaging.SCORES["deviation"]})
     assert len(draw_run(run_of("trouble", "trouble[kind=empty]", snr_db=[3]))) == 4
 
 

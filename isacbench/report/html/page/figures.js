@@ -138,12 +138,7 @@ const lineWithBand = (series, look, isLog = false) => {
     x: series.x,
     y: series.y.map((one) => (has(one) ? one : null)),
     type: "scatter",
-    mode: [look.dash ? "lines" : "", look.symbol || series.x.length === 1 ? "markers" : "", series.texts?.length ? "text" : ""]
-      .filter(Boolean)
-      .join("+"),
-    text: series.texts?.length ? series.texts : undefined,
-    textposition: "top center",
-    textfont: { size: 9, color: colour },
+    mode: [look.dash ? "lines" : "", look.symbol || series.x.length === 1 ? "markers" : ""].filter(Boolean).join("+"),
     name: plain(series.label),
     legendgroup: series.label,
     line: { color: colour, dash: look.dash, width: 1.8 },
