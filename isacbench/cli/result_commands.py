@@ -36,7 +36,7 @@ def report_command(
     """Make tables, figures and page of a run again, figures for a paper, or one page of several runs."""
     from isacbench.bench.store.run import Run
     from isacbench.report.html import written_pages
-    from isacbench.report.run_report import FigureChoice, draw_chosen
+    from isacbench.report.run_report import FigureChoice, draw_run
 
     opt.register(plugin)
     choice = FigureChoice(scenario, snr, trial, metric)
@@ -54,7 +54,7 @@ def report_command(
     elif html:
         say(str(written_pages.write_run_page(Run.open(folders[0]))))
     elif is_choice:
-        _say_figures(draw_chosen(Run.open(folders[0]), choice, extension or "png"))
+        _say_figures(draw_run(Run.open(folders[0]), choice, extension or "png"))
     else:
         report_run(Run.open(folders[0]), html is None)
 

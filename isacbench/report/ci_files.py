@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from itertools import chain
 
 from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.compare.verdicts import Tolerance
@@ -64,8 +65,26 @@ def comparison_junit(comparison: Comparison) -> str:
     are missing.
     """
     report, root = ComparisonReport(comparison), ET.Element("testsuites", name="isacbench compare")
-    _add_rows(root, report)
-    _add_lost(root, report)
+    worse = report.verdict("regression")
+    for tolerance in comparison.tolerances:
+        curves, changed = report.compared_rows(tolerance)
+        for scenario in dict.fromkeys(curves["scenario"]):
+            for row in chain.from_iterable(
+                table[table["scenario"] == scenario].to_dict("records") for table in (curves, changed)
+            ):
+                place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
+                name = f"{report.name(row, after=', ')}{place}"
+                problem = "failure" if row["verdict"] == "regression" else ""
+                text = _outcome(row, tolerance, report)
+                _add_case(root, f"{tolerance}: {scenario}", name, text, problem, worse)
+    lost = [
+        (f"cells {what}", report.cell_line(cells, what) if len(cells) else "") for cells, what in report.lost
+    ]
+    what = f"missing in {report.sides[1]}"
+    n_lost = comparison.n_lost_scores
+    lost.append((f"scores {what}", f"{counted(n_lost, 'score')} {what}" if n_lost else ""))
+    for name, text in lost:
+        _add_case(root, "cells", f"no {name}", text, "failure" if text else "", worse)
     return _xml(root, [*report.heading, *report.lines(), *report.scene_lines()])
 
 
@@ -77,41 +96,12 @@ def incomparable_junit(base: str, new: str, reasons: Sequence[str]) -> str:
     return _xml(root, [f"base {base}", f"new {new}"])
 
 
-def _add_rows(root: ET.Element, report: ComparisonReport) -> None:
-    """Add cases of curves and points, of each score scenario by scenario."""
-    for tolerance in report.comparison.tolerances:
-        curves, changed = report.compared_rows(tolerance)
-        for scenario in dict.fromkeys(curves["scenario"]):
-            for table in (curves, changed):
-                for row in table[table["scenario"] == scenario].to_dict("records"):
-                    place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
-                    name = f"{report.name(row, after=', ')}{place}"
-                    problem = "failure" if row["verdict"] == "regression" else ""
-                    text, kind = _outcome(row, tolerance, report), report.verdict("regression")
-                    _add_case(root, f"{tolerance}: {scenario}", name, text, problem, kind)
-
-
 def _outcome(row: Row, tolerance: Tolerance, report: ComparisonReport) -> str:
     """Verdict and numbers of a curve or point in a sentence."""
-    base, new, change, interval, p_value, *win, verdict = report.row_texts(row, tolerance).values()
-    unit = " %" if tolerance.is_relative else ""
-    numbers = [f"{report.heads[0]} {base}", f"{report.heads[1]} {new}", f"change {change}{unit}"]
-    numbers += [f"95 % interval {interval}{unit}"] if interval else []
-    numbers += [f"p {p_value}", counted(row["n_pairs"], report.unit)]
-    numbers += [f"probability that {report.heads[1]} is better {text}" for text in win]
-    return f"{verdict}; {', '.join(numbers)}"
-
-
-def _add_lost(root: ET.Element, report: ComparisonReport) -> None:
-    """Add cases of what one side alone delivered."""
-    lost = [
-        (f"no cells {what}", report.cell_line(cells, what) if len(cells) else "")
-        for cells, what in report.lost
-    ]
-    n_lost, what = report.comparison.n_lost_scores, f"missing in {report.sides[1]}"
-    lost.append((f"no scores {what}", f"{counted(n_lost, 'score')} {what}" if n_lost else ""))
-    for name, text in lost:
-        _add_case(root, "cells", name, text, "failure" if text else "", report.verdict("regression"))
+    texts = {column.heading: column.text(row) for column in report.number_columns(tolerance)}
+    verdict = texts.pop("verdict")
+    parts = [f"{heading} {text}" for heading, text in texts.items() if text]
+    return f"{verdict}; {', '.join([*parts, counted(row['n_pairs'], report.unit)])}"
 
 
 def _add_case(root: ET.Element, suite: str, name: str, text: str, problem: str, kind: str) -> None:

@@ -25,19 +25,11 @@ from isacbench.report import figures
 
 Axes3D = Any  # mpl_toolkits has no types
 
-PANEL_IN = 3.2, 2.7
-LONE_PANEL_IN = 5.6, 4.6
-COMPARISON_IN, PERSPECTIVE_IN = 11.0, 4.0
-"""Width of a comparison, and height of its panels in perspective."""
-
-MARGIN_IN, LABELS_IN, MOST_HEIGHT_IN = 1.4, 0.6, 3.4
-"""Room beside and below a projection, and its largest height."""
-
+PANEL_IN, LONE_PANEL_IN = (3.2, 2.7), (5.6, 4.6)
 MAX_COLUMNS = 4
 ELEVATION_DEG, AZIMUTH_DEG = 27.0, -50.0
-ZOOM, COMPARISON_ZOOM = 0.85, 1.1
 
-TICKS, TICKS_IN_PROJECTION = 4, 6
+TICKS = 5
 """About so many ticks along the longest edge of a box."""
 
 SMALLEST_BOX_M = 2.0
@@ -48,6 +40,9 @@ AXES = "xyz"
 
 MOST_CLOUDS = 16
 """Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
+
+SHOWN_SNR_DB = 10.0
+"""SNR at which a page opens and of pictures of worst scenes, or the nearest one that the run has."""
 
 
 class Image(NamedTuple):
@@ -78,70 +73,59 @@ def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Var
     return [variant for variant in candidates if variant in best]
 
 
+def image_of_truth(truth: PointCloud) -> Image:
+    """Make the image of the truth that stands beside estimates."""
+    return Image(truth, counted(len(truth), "scatterer"))
+
+
 def draw_clouds(
     title: str,
     truth: PointCloud,
     region: Region,
-    columns: Sequence[str],
-    rows: Mapping[float, Sequence[Image]],
     radius_m: float,
+    images: Sequence[tuple[str, Image]],
+    n_columns: int = MAX_COLUMNS,
 ) -> Figure:
-    """Draw images of one scenario beside the truth, a column an estimator, a row an SNR.
+    """Draw images of one scenario by their headings, in rows, the truth faintly behind each.
 
-    The truth, at least one scatterer, stands faintly behind every estimate. The speeds of the region span the
-    colours, `columns` are labels of the estimators, `rows` has for each SNR in dB one image an estimator, and
-    a point farther than the radius from the truth is marked as false.
+    The speeds of the region span the colours, and a point farther than the radius from the truth is marked
+    as false. Without truth no point is marked.
     """
-    images = [image for row in rows.values() for image in (_image_of_truth(truth), *row)]
-    headings = ["truth", *columns, *[""] * (len(images) - len(columns) - 1)]
-    scene = _scene(truth, images, region, radius_m)
-    figure, panels = _perspectives(title, scene, headings, images, 1 + len(columns), PANEL_IN)
-    for snr_db, axes in zip(rows, panels[:: 1 + len(columns)], strict=True):
-        style: dict[str, Any] = {"rotation": 90, "va": "center", "weight": "bold"}
-        axes.text2D(0.0, 0.5, f"SNR {snr_db:g} dB", transform=axes.transAxes, **style)
+    scene = _scene(truth, [image for _, image in images], region, radius_m)
+    n_columns = min(len(images), n_columns)
+    n_rows = -(-len(images) // n_columns)
+    width_in, height_in = PANEL_IN if len(images) > 1 else LONE_PANEL_IN
+    # Panels in perspective have their own margins; to measure their labels takes longer than to draw them.
+    size_in = n_columns * width_in + 1.0, n_rows * height_in + 0.5
+    figure = figures.new_figure(*size_in, legend=_legend(scene), title=title, layout=None)
+    margin = 0.4 / figure.get_figheight()
+    figure.subplots_adjust(0.01, margin, 1.0, 1 - margin, wspace=0, hspace=0)
+    panels: list[Axes3D] = []
+    for number, (heading, image) in enumerate(images, start=1):
+        panels.append(figure.add_subplot(n_rows, n_columns, number, projection="3d"))
+        _draw_perspective(panels[-1], scene, heading, image)
+    if scene.has_velocities:
+        figures.velocity_bar(figure, scene.colours, panels)
     return figure
-
-
-def draw_images(
-    title: str, truth: PointCloud, images: Mapping[str, Image], region: Region, radius_m: float
-) -> Figure:
-    """Draw images of one scene, by their headings, side by side, after the truth if there is any.
-
-    Without truth no point is marked, and nothing is compared.
-    """
-    headings, shown = [figures.drawable(heading) for heading in images], list(images.values())
-    if len(truth):
-        headings, shown = ["truth", *headings], [_image_of_truth(truth), *shown]
-    scene = _scene(truth, shown, region, radius_m)
-    panel_in = PANEL_IN if len(shown) > 1 else LONE_PANEL_IN
-    return _perspectives(title, scene, headings, shown, min(len(shown), MAX_COLUMNS), panel_in)[0]
 
 
 def draw_comparison(
     title: str, truth: PointCloud, heading: str, image: Image, region: Region, radius_m: float
 ) -> Figure:
     """Draw one image beside the truth, at least one scatterer, and both over each other in projections."""
-    scene = _scene(truth, [_image_of_truth(truth), image], region, radius_m)
-    x_m, y_m, z_m = scene.upper_m - scene.lower_m
-    # The highest projection fills its width.
-    projection_in = (COMPARISON_IN / 3 - MARGIN_IN) * max(y_m / x_m, z_m / x_m, z_m / y_m)
-    heights_in = [PERSPECTIVE_IN, min(projection_in, MOST_HEIGHT_IN) + LABELS_IN]
-    figure = figures.new_figure(COMPARISON_IN, sum(heights_in), legend=_legend(scene), title=title)
+    scene = _scene(truth, [image_of_truth(truth), image], region, radius_m)
+    figure = figures.new_figure(11.0, 7.0, legend=_legend(scene), title=title)
     places: list[Any] = [["truth"] * 3 + ["estimate"] * 3, ["xy"] * 2 + ["xz"] * 2 + ["yz"] * 2]
     panels = figure.subplot_mosaic(
-        places, per_subplot_kw={("truth", "estimate"): {"projection": "3d"}}, height_ratios=heights_in
+        places, per_subplot_kw={("truth", "estimate"): {"projection": "3d"}}, height_ratios=(4, 3)
     )
-    _draw_perspective(panels["truth"], scene, "truth", _image_of_truth(truth), COMPARISON_ZOOM)
-    _draw_perspective(panels["estimate"], scene, figures.drawable(heading), image, COMPARISON_ZOOM)
+    _draw_perspective(panels["truth"], scene, "truth", image_of_truth(truth))
+    _draw_perspective(panels["estimate"], scene, heading, image)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
     if scene.has_velocities:
         figures.velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]])
     return figure
-
-
-def _image_of_truth(truth: PointCloud) -> Image:
-    return Image(truth, counted(len(truth), "scatterer"))
 
 
 def _scene(truth: PointCloud, images: Sequence[Image], region: Region, radius_m: float) -> _Scene:
@@ -158,49 +142,21 @@ def _scene(truth: PointCloud, images: Sequence[Image], region: Region, radius_m:
     return _Scene(truth, lower_m, upper_m, colours, has_velocities, radius_m)
 
 
-def _perspectives(
-    title: str,
-    scene: _Scene,
-    headings: Sequence[str],
-    images: Sequence[Image],
-    n_columns: int,
-    panel_in: tuple[float, float],
-) -> tuple[Figure, list[Axes3D]]:
-    """Draw images in perspective, row by row, with one colour bar and, where there is truth, a legend."""
-    n_rows = -(-len(images) // n_columns)
-    legend = _legend(scene) if len(scene.truth) else ()
-    size_in = n_columns * panel_in[0] + 1.0, n_rows * panel_in[1] + 0.5
-    # Panels in perspective have their own margins; to measure their labels takes longer than to draw them.
-    figure = figures.new_figure(*size_in, legend=legend, title=title, layout=None)
-    height_in = figure.get_figheight()
-    bottom_in = height_in - size_in[1]
-    figure.subplots_adjust(0.01, bottom_in / height_in, 1.0, 1 - 0.4 / height_in, wspace=0, hspace=0)
-    panels: list[Axes3D] = []
-    for number, (heading, image) in enumerate(zip(headings, images, strict=True), start=1):
-        panels.append(figure.add_subplot(n_rows, n_columns, number, projection="3d"))
-        _draw_perspective(panels[-1], scene, heading, image, ZOOM)
-    if scene.has_velocities:
-        figures.velocity_bar(figure, scene.colours, panels)
-    return figure, panels
-
-
-def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image, zoom: float) -> None:
+def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -> None:
     """Draw an image in perspective, the truth faintly behind it, false points marked."""
     axes.computed_zorder = False
-    axes.set_facecolor("none")
     axes.view_init(ELEVATION_DEG, AZIMUTH_DEG)
-    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=zoom)
+    axes.set_box_aspect(scene.upper_m - scene.lower_m, zoom=0.85)
     x_m, y_m, z_m = zip(scene.lower_m, scene.upper_m, strict=True)
     axes.set(xlim=x_m, ylim=y_m, zlim=z_m)
     for name, axis in zip(AXES, (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
-        axis.set_major_locator(_ticks(scene, name, TICKS))
-        axis.set_pane_color("0.95", alpha=1.0 if name == "z" else 0.0)
+        axis.set_major_locator(_ticks(scene, name))
         axis.set_label_text(f"{name} [m]")
-        axis.set_tick_params(pad=1 if name == "z" else -2, labelsize=7)
-        axis.labelpad = -6 if name == "z" else -4
+        axis.set_tick_params(pad=-2, labelsize=7)
+        axis.labelpad = -5
     centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "top"}
-    axes.text2D(0.5, 1.0, heading, weight="bold", **centred)
-    axes.text2D(0.5, 0.94, image.note, size=8, color="0.25", **centred)
+    axes.text2D(0.5, 1.0, figures.drawable(heading), weight="bold", **centred)
+    axes.text2D(0.5, 0.94, image.note, size=8, **centred)
     style: dict[str, Any] = {"depthshade": False, "clip_on": False}
     axes.scatter(*scene.truth.xyz.T, color=figures.CONTEXT, s=2, linewidths=0, **style)
     for points, marks in _marked(scene, image.cloud):
@@ -211,23 +167,23 @@ def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -
     """Draw truth and estimate over each other, projected on a plane."""
     shown = [AXES.index(name) for name in plane]
     across, up = scene.truth.xyz[:, shown].T
-    axes.scatter(across, up, s=22, facecolors="none", edgecolors=figures.CONTEXT, linewidths=0.8)
+    axes.scatter(across, up, s=22, facecolors="none", edgecolors=figures.CONTEXT)
     for points, marks in _marked(scene, cloud):
         across, up = points.xyz[:, shown].T
         axes.scatter(across, up, c=scene.colours.to_rgba(points.velocity), **marks)
     margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
     x_m, y_m = zip(scene.lower_m[shown] - margin_m, scene.upper_m[shown] + margin_m, strict=True)
     axes.set(xlim=x_m, ylim=y_m, xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
-    axes.set_aspect("equal", anchor="S")
-    for name, axis in zip(plane, (axes.xaxis, axes.yaxis), strict=True):
-        axis.set_major_locator(_ticks(scene, name, TICKS_IN_PROJECTION))
+    axes.set_aspect("equal")
+    axes.xaxis.set_major_locator(_ticks(scene, plane[0]))
+    axes.yaxis.set_major_locator(_ticks(scene, plane[1]))
     axes.grid(True)
 
 
-def _ticks(scene: _Scene, name: str, n_ticks: int) -> MaxNLocator:
+def _ticks(scene: _Scene, name: str) -> MaxNLocator:
     """Ticks along an edge, on a short one in proportion fewer, but three."""
     size_m = scene.upper_m - scene.lower_m
-    n_own = round(n_ticks * size_m[AXES.index(name)] / size_m.max())
+    n_own = round(TICKS * size_m[AXES.index(name)] / size_m.max())
     return MaxNLocator(max(n_own, 2), steps=[1, 2, 5, 10])
 
 
@@ -243,12 +199,12 @@ def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str
 
 
 def _legend(scene: _Scene) -> list[Line2D]:
-    """Make the entries that explain the marks."""
+    """Make the entries that explain the marks; none where there is no truth."""
     false = f"false point: farther than {scene.radius_m:g} m from the truth"
-    entries = ("o", figures.CONTEXT, 3, "truth"), ("o", "0.2", 4, "estimate"), ("x", "0.2", 5, false)
+    entries = ("o", figures.CONTEXT, "truth"), ("o", "0.2", "estimate"), ("x", "0.2", false)
     return [
-        Line2D([], [], marker=marker, linestyle="", color=colour, markersize=size, label=label)
-        for marker, colour, size, label in entries
+        Line2D([], [], marker=marker, linestyle="", color=colour, label=label)
+        for marker, colour, label in (entries if len(scene.truth) else ())
     ]
 
 
@@ -317,32 +273,31 @@ def plot_clouds(
     clouds = estimate if isinstance(estimate, Mapping) else {"estimate": estimate}
     if not clouds:
         raise InputError("estimate: a mapping without clouds; allowed is at least one")
-    named = {f"estimate {name!r}": cloud for name, cloud in clouds.items()}
-    for name, value in {"truth": truth, **(named if clouds is estimate else clouds)}.items():
-        if not isinstance(value, PointCloud):
+    for name, cloud in [("truth", truth), *((f"estimate {key!r}", one) for key, one in clouds.items())]:
+        if not isinstance(cloud, PointCloud):
             raise InputError(
-                f"{name}: allowed is a PointCloud, not {type(value).__name__}; "
+                f"{name}: allowed is a PointCloud, not {type(cloud).__name__}; "
                 "PointCloud.from_array makes one of columns x, y, z, v"
             )
     require(0 < radius_m < math.inf, "radius_m", radius_m, "a positive, finite number of m")
-    path = None if out is None else Path(out)
-    if path is not None:
-        require_picture(path)
+    if out is not None:
+        require_picture(Path(out))
     region = _region_of([truth, *clouds.values()]) if region is None else region
-    images = {
-        str(name): Image(cloud, counted(len(cloud), "point") if len(cloud) else "no points")
+    images = [
+        (str(name), Image(cloud, counted(len(cloud), "point") if len(cloud) else "no points"))
         for name, cloud in clouds.items()
-    }
+    ]
+    title = figures.drawable(title)
     with figures.styled():
         if len(truth) and len(images) == 1:
-            ((heading, image),) = images.items()
-            figure = draw_comparison(figures.drawable(title), truth, heading, image, region, radius_m)
+            figure = draw_comparison(title, truth, *images[0], region, radius_m)
         else:
-            figure = draw_images(figures.drawable(title), truth, images, region, radius_m)
+            panels = [("truth", image_of_truth(truth))] if len(truth) else []
+            figure = draw_clouds(title, truth, region, radius_m, panels + images)
         # Matplotlib makes ticks at their first layout, in the style of that moment.
         figure.draw_without_rendering()
-        if path is not None:
-            figures.save(figure, path)
+        if out is not None:
+            figures.save(figure, Path(out))
     return figure
 
 

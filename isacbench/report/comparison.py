@@ -1,7 +1,5 @@
 """A comparison in words, tables, charts and terms of JSON."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Hashable, Mapping
@@ -18,7 +16,7 @@ from isacbench.bench.compare.verdicts import VERDICTS, Tolerance, verdict_counts
 from isacbench.bench.kinds.scores import score_of
 from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.statistics import trials_and_band
-from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, text_table
+from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import counted, file_stems, shortened
 from isacbench.report.figures import FOLDER, draw_charts, save, styled
@@ -38,7 +36,7 @@ SCENE_LINE = (
 )
 
 MOST_CHARTS = 12
-LONGEST_LINE = 36
+LONGEST_TITLE = 80
 BASE, NEW = LineStyle("#595959", "dash", "square"), LineStyle("#0072B2", "solid", "circle")
 RINGS = {
     "regression": LineStyle("#D55E00", "", "circle-open"),
@@ -103,20 +101,15 @@ class ComparisonReport:
         """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
         return self._verdicts.get(verdict, verdict)
 
-    def estimators(self, row: Row) -> list[str]:
-        """Name the estimator of a curve, point or cell, or both of a pair.
+    def name(self, row: Row, before: str = "", after: str = "") -> str:
+        """Name the estimator of a curve, point or cell, or both of a pair, with text around.
 
-        None if two estimators are compared, because the heading names them.
+        Empty if two estimators are compared, because the heading names them.
         """
         if self._between:
-            return []
+            return ""
         sides = (row["estimator"], row["params"]), (row["new_estimator"], row["new_params"])
-        return list(dict.fromkeys(self.labels[variant] for variant in sides))
-
-    def name(self, row: Row, before: str = "", after: str = "") -> str:
-        """Name the estimators of a row in a sentence, with text around; empty where there are none."""
-        estimators = self.estimators(row)
-        return f"{before}{' → '.join(estimators)}{after}" if estimators else ""
+        return f"{before}{' → '.join(dict.fromkeys(self.labels[variant] for variant in sides))}{after}"
 
     def changed_points(self) -> pd.DataFrame:
         """Points that got worse or better, without the point of a curve of one SNR, which is the curve."""
@@ -141,34 +134,41 @@ class ComparisonReport:
     def _grid(self, title: str, table: pd.DataFrame, tolerance: Tolerance) -> Table:
         """One row a curve or point, the worst verdicts first where they are too many for a screen."""
         if len(table) > MAX_ROWS:
-            worst_first = table["verdict"].map(VERDICTS.index).argsort(kind="stable")
-            left_out = verdict_counts(table.iloc[worst_first[MAX_ROWS:]], self.verdict)
-            table, title = table.iloc[worst_first[:MAX_ROWS]], f"{title} ({left_out} more not shown)"
-        texts = []
-        for row in table.to_dict("records"):
-            own = {"curve": f"{row['scenario']}{self.name(row, before=', ')}"}
-            if "snr_db" in row:
-                own["SNR [dB]"] = f"{row['snr_db']:g}"
-            own |= {f"{self.unit}s": str(row["n_pairs"]), **self.row_texts(row, tolerance)}
-            texts.append(own)
-        return text_table(title, list(texts[0]), [list(own.values()) for own in texts])
+            table = _worst_first(table)
+            title += f" ({verdict_counts(table.iloc[MAX_ROWS:], self.verdict)} more not shown)"
+        columns = [Column("curve", form=self._place, part=0), Column("SNR [dB]", "snr_db", "{:g}")]
+        columns += [Column(f"{self.unit}s", "n_pairs"), *self.number_columns(tolerance)]
+        return Table(title, [one for one in columns if one.key in (None, *table)], table.iloc[:MAX_ROWS])
 
-    def row_texts(self, row: Row, tolerance: Tolerance) -> dict[str, str]:
-        """Write the numbers of a curve or point, and its verdict last, by the headings of their columns."""
+    def _place(self, row: Row) -> str:
+        return f"{row['scenario']}{self.name(row, before=', ')}"
+
+    def number_columns(self, tolerance: Tolerance) -> list[Column]:
+        """Columns of the numbers of a curve or point, and of its verdict last."""
         name, scale, unit = ("relative", 100.0, " [%]") if tolerance.is_relative else ("change", 1.0, "")
-        change, low, high = (scale * row[f"{name}{end}"] for end in ("", "_low", "_high"))
-        p_value = min(row["p_worse"], row["p_better"])
-        found = {
-            self.heads[0]: f"{row['base_mean']:.4g}",
-            self.heads[1]: f"{row['new_mean']:.4g}",
-            f"change{unit}": signed(change),
-            "95 % interval": "" if math.isnan(low) else f"{signed(low)} to {signed(high)}",
-            "p": "<0.0001" if p_value < 1e-4 else f"{p_value:.2g}",
-        }
-        if self.unit == "scene":
-            win = f"{row['win_probability']:.2f} ({row['win_low']:.2f} to {row['win_high']:.2f})"
-            found[f"P({self.heads[1]} better)"] = "" if math.isnan(row["win_probability"]) else win
-        return {**found, "verdict": self._verdict_text(row, tolerance)}
+
+        def interval(row: Row) -> str:
+            low, high = row[f"{name}_low"], row[f"{name}_high"]
+            return "" if math.isnan(low) else f"{signed(scale * low)} to {signed(scale * high)}"
+
+        def win(row: Row) -> str:
+            share = row["win_probability"]
+            return "" if math.isnan(share) else f"{share:.2f} ({row['win_low']:.2f} to {row['win_high']:.2f})"
+
+        def p_value(row: Row) -> str:
+            least = min(row["p_worse"], row["p_better"])
+            return "<0.0001" if least < 1e-4 else f"{least:.2g}"
+
+        columns = [
+            Column(self.heads[0], "base_mean", "{:.4g}"),
+            Column(self.heads[1], "new_mean", "{:.4g}"),
+            Column(f"change{unit}", name, lambda change: signed(scale * change)),
+            Column("95 % interval", form=interval),
+            Column("p", form=p_value),
+            Column(f"P({self.heads[1]} better)", form=win),
+            Column("verdict", form=lambda row: self._verdict_text(row, tolerance)),
+        ]
+        return columns if self.unit == "scene" else [one for one in columns if one.form is not win]
 
     def _verdict_text(self, row: Row, tolerance: Tolerance) -> str:
         """Write the verdict of a curve or point, if inconclusive with the effect that it could have shown."""
@@ -186,7 +186,7 @@ class ComparisonReport:
     def _scene_grid(self) -> Table:
         """One row each scene that changed most."""
         columns = [
-            Column("scene", form=lambda row: f"{row['scenario']}{self.name(row, before=', ')}", part=0),
+            Column("scene", form=self._place, part=0),
             Column("score", "metric"),
             Column(self.heads[0], "base", "{:.4g}"),
             Column(self.heads[1], "new", "{:.4g}"),
@@ -308,13 +308,11 @@ class ComparisonReport:
 
     def draw(self, folder: Path, plot: Path | None = None) -> list[Path]:
         """Draw every score of a comparison into the files that `paths` names."""
-        found = []
-        for metric, path in self.paths(folder, plot).items():
-            # A folder that the user has named may be a link, that of a run may not.
-            make_own_folder(path.parent if plot is None else path.parent.resolve())
-            with styled():
-                found.append(save(draw_charts(self.charts(metric)), path))
-        return found
+        if plot is None:
+            make_own_folder(folder / FOLDER)
+        with styled():
+            paths = self.paths(folder, plot)
+            return [save(draw_charts(self.charts(metric)), path) for metric, path in paths.items()]
 
     def charts(self, metric: str) -> ChartGroup:
         """One score of both sides over the SNR, a chart a curve, points that changed marked.
@@ -325,7 +323,7 @@ class ComparisonReport:
             table[(table["metric"] == metric) & (table["n_pairs"] > 0)]
             for table in (self.comparison.points, self.comparison.curves)
         )
-        shown = _worst_first(curves, points) if len(curves) > MOST_CHARTS else curves
+        shown = _worst_first(curves)[:MOST_CHARTS] if len(curves) > MOST_CHARTS else curves
         part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
         n_pairs = int(curves["n_pairs"].max())
         of_scenes = f"mean of {n_pairs} scenes, 95 % confidence band"
@@ -351,17 +349,11 @@ class ComparisonReport:
         return found
 
     def _title(self, curve: Row) -> str:
-        """Name a curve, on two lines at most, and what became of it as a whole."""
-        estimators = self.estimators(curve)
-        lines = [curve["scenario"], *estimators]
-        if len(estimators) == 2:
-            lines = [f"{curve['scenario']}, {estimators[0]}", f"→ {estimators[1]}"]
-        elif len(", ".join(lines)) <= LONGEST_LINE:
-            lines = [", ".join(lines)]
+        """Name a curve, and what became of it as a whole."""
         relative = curve["relative"]
         change = f" ({100 * relative:+.3g} %)" if relative and np.isfinite(relative) else ""
-        outcome = f"whole curve: {self.verdict(curve['verdict'])}{change}"
-        return "\n".join([*(shortened(line, LONGEST_LINE) for line in lines), outcome])
+        place = shortened(self._place(curve), LONGEST_TITLE)
+        return f"{place}\nwhole curve: {self.verdict(curve['verdict'])}{change}"
 
 
 def _fine(comparison: Comparison, first: str, second: str) -> str:
@@ -374,13 +366,9 @@ def _fine(comparison: Comparison, first: str, second: str) -> str:
     return f"no test shows {second} to be worse than {first}"
 
 
-def _worst_first(curves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
-    """The curves that a reader wants to see, worst verdict of the curve or any of its points first."""
-    rank = points["verdict"].map(VERDICTS.index)
-    worst_point = points.assign(rank=rank).groupby(CURVE)["rank"].min().rename("worst_point")
-    ranks = curves.join(worst_point, on=CURVE)["worst_point"]
-    order = np.minimum(ranks, curves["verdict"].map(VERDICTS.index)).argsort(kind="stable")
-    return curves.iloc[order[:MOST_CHARTS]]
+def _worst_first(table: pd.DataFrame) -> pd.DataFrame:
+    """Sort curves or points by their verdicts."""
+    return table.sort_values("verdict", key=lambda verdicts: verdicts.map(VERDICTS.index), kind="stable")
 
 
 def _limits(points: pd.DataFrame) -> tuple[float, float]:

@@ -4,7 +4,6 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from isacbench.bench.store.run_folder import replacing
@@ -56,18 +55,12 @@ TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 10
 RC = {
     "font.family": FONT,
     "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.labelsize": 9.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "figure.titlesize": 11.0,
-    "figure.constrained_layout.w_pad": 0.1,
-    "figure.constrained_layout.h_pad": 0.08,
+    "axes.titlesize": "medium",
+    "xtick.labelsize": "small",
+    "ytick.labelsize": "small",
+    "legend.fontsize": "small",
     "grid.color": "0.88",
-    "grid.linewidth": 0.6,
     "axes.axisbelow": True,
-    "lines.linewidth": 1.4,
     "lines.markersize": 4.0,
 }
 
@@ -89,23 +82,17 @@ def new_figure(
 
     A layout of None leaves the margins to the caller.
     """
+    column_in = 0.55 + 0.06 * max((len(str(entry.get_label())) for entry in legend), default=0)
+    n_rows = math.ceil(len(legend) / max(1, int(width_in / column_in)))
+    height_in += ROW_IN * (n_rows + 1) if legend else 0.0
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(title, wrap=True)
     if legend:
-        _add_legend(figure, legend)
+        n_columns = math.ceil(len(legend) / n_rows)
+        figure.legend(handles=list(legend), loc="outside lower center", ncols=n_columns, frameon=False)
     return figure
-
-
-def _add_legend(figure: Figure, entries: Sequence[Artist]) -> None:
-    """Add a legend at the bottom of a figure, and increase the figure's height by it."""
-    width_in, height_in = figure.get_size_inches()
-    column_in = 0.55 + 0.06 * max(len(str(entry.get_label())) for entry in entries)
-    n_rows = math.ceil(len(entries) / max(1, int(width_in / column_in)))
-    figure.set_size_inches(width_in, height_in + ROW_IN * (n_rows + 1))
-    n_columns = math.ceil(len(entries) / n_rows)
-    figure.legend(handles=list(entries), loc="outside lower center", ncols=n_columns, frameon=False)
 
 
 def save(figure: Figure, path: Path) -> Path:
@@ -140,12 +127,9 @@ def velocity_colours(fastest_mps: float) -> ScalarMappable:
 
 def velocity_bar(figure: Figure, colours: ScalarMappable, panels: Iterable[Axes]) -> None:
     """Draw the colour bar of `velocity_colours` to the right of some panels."""
-    fastest_mps = colours.norm.vmax or 0.0
-    width_in = figure.get_figwidth()
-    place: dict[str, Any] = {"fraction": 0.8 / width_in, "pad": 0.5 / width_in, "shrink": 0.7, "aspect": 25}
-    ticks = TICKS_MPS[np.abs(TICKS_MPS) <= fastest_mps]
-    bar = figure.colorbar(colours, ax=list(panels), label=VELOCITY, ticks=ticks, format="%g", **place)
-    bar.minorticks_off()
+    ticks = TICKS_MPS[np.abs(TICKS_MPS) <= (colours.norm.vmax or 0.0)]
+    place: dict[str, Any] = {"fraction": 0.8 / figure.get_figwidth(), "shrink": 0.7}
+    figure.colorbar(colours, ax=list(panels), label=VELOCITY, ticks=ticks, format="%g", **place)
 
 
 MARKERS = {
@@ -164,13 +148,9 @@ TEXT_COLOUR = "0.15"
 MIXED_COLOUR = "0.4"
 """Of a legend entry whose series have several colours."""
 
-MOST_TICKS = 5
 LEAST_WIDTH_IN = 6.0
 TITLE_LETTERS_AN_INCH = 14
 LONGEST_LEGEND = 80
-FEW_POINTS = 40
-TICK = {"markersize": 10.0, "markeredgewidth": 2.0}
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def save_figures(figures: Iterable[tuple[str, Figure]], folder: Path, extension: str = "png") -> list[Path]:
@@ -216,16 +196,15 @@ def _legend(group: ChartGroup) -> list[Artist]:
     for label, found in by_label.items():
         if label.endswith(NO_SCORE) and label.removesuffix(NO_SCORE) in by_label:
             continue  # what has a score in one of the charts has it
-        first, text = found[0], drawable(shortened(label, LONGEST_LEGEND))
+        # A closed symbol stands for all, where some points have an open one.
+        first = min(found, key=lambda one: one.style.symbol.endswith("-open"))
+        text = drawable(shortened(label, LONGEST_LEGEND))
         colour = _colour(first.style) if len({one.style.colour for one in found}) == 1 else MIXED_COLOUR
         if first.mark == "bar":
             entries.append(Patch(color=colour, label=text))
-            continue
-        symbols = [one.style.symbol for one in found]
-        full = min(symbols, key=lambda symbol: 2 * (symbol == "x") + symbol.endswith("-open"))
-        marker = _marker(replace(first.style, symbol=full), colour)
-        line: Any = "" if first.mark == "points" else LINES[first.style.dash]
-        entries.append(Line2D([], [], color=colour, linestyle=line, label=text, **marker))
+        else:
+            line: Any = "" if first.mark == "points" else LINES[first.style.dash]
+            entries.append(Line2D([], [], linestyle=line, label=text, **_marker(first.style, colour)))
     return entries
 
 
@@ -233,9 +212,6 @@ def _draw_chart(axes: Axes, chart: Chart, letters: int) -> None:
     """Draw a chart, its title broken to so many letters a line."""
     axes.set_title("\n".join(textwrap.fill(drawable(line), letters) for line in chart.title.split("\n")))
     axes.set(xlabel=chart.x.title, ylabel=drawable(chart.y.title))
-    alpha = min(0.22, 0.6 / max(len(chart.series), 1))  # bands of many lines lie over each other
-    n_points = sum(np.size(series.x) for series in chart.series if series.mark == "points")
-    size = 6.0 if n_points <= FEW_POINTS else 3.0
     left: Floats | float = 0.0
     for series in chart.series:
         x, y = (np.asarray(values, dtype=np.float64) for values in (series.x, series.y))
@@ -243,40 +219,32 @@ def _draw_chart(axes: Axes, chart: Chart, letters: int) -> None:
             axes.barh(y, x, left=left, height=0.7, color=_colour(series.style))
             left = left + x
         elif x.size:
-            _draw_series(axes, series, _inside(x, chart.x), _inside(y, chart.y), chart.y, alpha, size)
+            _draw_series(axes, series, _inside(x, chart.x), _inside(y, chart.y), chart.y)
     for value in chart.lines:
         axes.axhline(value, color=TEXT_COLOUR, linestyle="--", linewidth=1.0)
     _scale(axes, "x", chart.x)
     _scale(axes, "y", chart.y)
-    _tick_places(axes, chart)
+    if ticks := {one.tick for one in chart.series if one.tick is not None}:
+        axes.set_xticks(sorted(ticks))
     axes.grid(True, axis="x" if chart.y.categories else "both")
 
 
-def _draw_series(
-    axes: Axes, series: Series, x: Floats, y: Floats, y_axis: Axis, alpha: float, size: float
-) -> None:
-    """Draw a line in its band, points with bars, or steps."""
-    colour, style = _colour(series.style), series.style
-    if series.mark == "step":
-        axes.step(x, y, where="post", color=colour, linestyle=LINES[style.dash], zorder=1.5)
-        return
+def _draw_series(axes: Axes, series: Series, x: Floats, y: Floats, y_axis: Axis) -> None:
+    """Draw a line in its band, points with bars, or steps; a line of a single place is a point."""
+    marker, dash = _marker(series.style, _colour(series.style)), LINES[series.style.dash]
     low, high = (_inside(np.asarray(end, dtype=np.float64), y_axis, y) for end in (series.low, series.high))
-    marker = _marker(style, colour)
-    if series.mark == "points":
+    if series.mark == "step":
+        axes.step(x, y, where="post", color=marker["color"], linestyle=dash)
+    elif series.mark == "points" or np.isfinite(x).sum() == 1:
         x_low, x_high = (np.asarray(end, dtype=np.float64) for end in (series.x_low, series.x_high))
         x_bars = [x - x_low, x_high - x] if x_low.size else None
         y_bars = [y - low, high - y] if low.size else None
-        marker |= TICK if style.symbol == "line-ns" else {"markersize": size}
-        axes.errorbar(x, y, y_bars, x_bars, color=colour, linestyle="", elinewidth=1.2, **marker)
-    elif np.isfinite(x).sum() == 1:
         marker["marker"] = marker["marker"] or "_"
-        axes.plot(x, y, color=colour, linestyle="", **marker)
-        if low.size:
-            axes.vlines(x, low, high, color=colour, alpha=0.4, linewidth=3)
+        axes.errorbar(x, y, y_bars, x_bars, linestyle="", **marker)
     else:
-        axes.plot(x, y, color=colour, linestyle=LINES[style.dash], **marker)
+        axes.plot(x, y, linestyle=dash, **marker)
         if low.size:
-            axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0.0)
+            axes.fill_between(x, low, high, color=marker["color"], alpha=0.15, linewidth=0.0)
 
 
 def _inside(values: Floats, axis: Axis, instead: Floats | None = None) -> Floats:
@@ -302,41 +270,11 @@ def _scale(axes: Axes, name: str, axis: Axis) -> None:
         low, high = sorted(own.get_view_interval())
         if high < 300 * low:
             own.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        own.set_major_formatter(FuncFormatter(_plain_number))
+        own.set_major_formatter("{x:g}")  # faster than mathematical text
         own.set_minor_formatter(NullFormatter())
     if axis.categories:
         own.set_ticks(range(len(axis.categories)), [drawable(text) for text in axis.categories])
         axes.set(**{f"{name}lim": (len(axis.categories) - 0.4, -0.6)})
-
-
-def _tick_places(axes: Axes, chart: Chart) -> None:
-    """Put ticks at the places of the points, where these are few."""
-    ticks = {one.tick for one in chart.series if one.tick is not None}
-    if ticks:
-        axes.set_xticks(sorted(ticks))
-        return
-    places = np.unique([x for one in chart.series if one.mark == "line" for x in np.asarray(one.x).tolist()])
-    is_even = places.size and np.array_equal(places, np.round(places, 6))
-    if 1 < places.size <= MOST_TICKS and is_even:
-        axes.set_xticks(places, minor=False)
-        if chart.x.log:
-            axes.xaxis.set_major_formatter(FuncFormatter(_plain_number))
-
-
-def _plain_number(value: float, _: int | None = None) -> str:
-    """Write a number; far from 1 a power of ten with Unicode superscripts, faster than mathematical text.
-
-    Examples
-    --------
-    >>> _plain_number(0.02), _plain_number(1e-5)
-    ('0.02', '10⁻⁵')
-    """
-    if 1e-3 <= abs(value) < 1e5 or value <= 0:
-        return f"{value:g}"
-    exponent = round(float(np.log10(value)))
-    factor = value / 10.0**exponent
-    power = "10" + f"{exponent}".translate(SUPERSCRIPTS)
-    return power if abs(factor - 1) < 1e-6 else f"{factor:.2g}·{power}"
 
 
 def _colour(style: LineStyle) -> str:
@@ -346,4 +284,4 @@ def _colour(style: LineStyle) -> str:
 def _marker(style: LineStyle, colour: str) -> dict[str, Any]:
     symbol = style.symbol.removesuffix("-open")
     face = "white" if style.symbol.endswith("-open") else colour
-    return {"marker": MARKERS[symbol], "markerfacecolor": face, "markeredgewidth": 0.8}
+    return {"color": colour, "marker": MARKERS[symbol], "markerfacecolor": face}

@@ -1,8 +1,5 @@
 """A ranking in tables, charts and terms of JSON."""
 
-from __future__ import annotations
-
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +11,8 @@ from isacbench import charts
 from isacbench.bench.compare.pairs import VARIANT
 from isacbench.bench.compare.ranking import Ranking, rank_text
 from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
-from isacbench.charts import Axis, Chart, ChartGroup, Column, Series, Table, variants_in
-from isacbench.files.escaping import counted, file_stems, shortened
+from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant, variants_in
+from isacbench.files.escaping import counted, file_stems
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed
 
@@ -26,10 +23,6 @@ HEADINGS = {
 }
 """Headings of the columns `isacbench.bench.compare.ranking.BESIDE`."""
 
-FAR = 2.0
-"""Largest distance of a reference that is drawn, in widths of all intervals together: to scale, farther ones
-would leave no room for the differences."""
-
 
 def ranking_grids(ranking: Ranking) -> list[Table]:
     """Lay out the ranks and the win probabilities of every group, and the worst scenes."""
@@ -39,7 +32,13 @@ def ranking_grids(ranking: Ranking) -> list[Table]:
         found.append(_rank_grid(ranking, str(group), ranks))
         if not ranking.is_descriptive:
             found.append(_win_grid(ranking, str(group), ranks))
-    return [*found, _worst_grid(ranking)]
+    columns = [
+        _estimator_column(ranking),
+        Column("scene", "scenario"),
+        Column(ranking.metric, "score", "{:.4g}"),
+        Column("worst image", form=_worst_image),
+    ]
+    return [*found, Table(f"worst scenes by {ranking.metric}", columns, ranking.worst)]
 
 
 def ranking_lines(ranking: Ranking) -> list[str]:
@@ -119,17 +118,6 @@ def _win_text(row: Mapping[str, Any]) -> str:
     return f"{row['probability']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
 
 
-def _worst_grid(ranking: Ranking) -> Table:
-    """One row each scene in which an estimator is worst."""
-    columns = [
-        _estimator_column(ranking),
-        Column("scene", "scenario"),
-        Column(ranking.metric, "score", "{:.4g}"),
-        Column("worst image", form=_worst_image),
-    ]
-    return Table(f"worst scenes by {ranking.metric}", columns, ranking.worst)
-
-
 def _worst_image(row: Mapping[str, Any]) -> str:
     return f"{row['cell_score']:.4g}{'' if row['status'] == 'ok' else ' (' + row['status'] + ')'}"
 
@@ -143,42 +131,27 @@ def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
 def ranking_charts(ranking: Ranking) -> ChartGroup:
     """For each group of scenes, rank sets, and mean differences from the best estimator."""
     panels, most = [], 1
-    references = ranking.ranks.loc[ranking.ranks["is_reference"], "estimator"]
-    lines = charts.assign_lines(ranking.labels, references)
+    lines = charts.assign_lines(ranking.labels)
     for group, part in ranking.ranks.groupby("group", sort=False):
         own = part[~part["is_reference"]]
+        own = own.assign(rank=range(1, len(own) + 1))
         most = max(most, len(own))
-        names = [lines[variant].label for variant in variants_in(own)]
-        y, low, high = Axis("", categories=names), min(own["change_low"].min(), 0.0), own["change_high"].max()
+        y = Axis("", categories=[lines[variant].label for variant in variants_in(own)])
         sets = Axis("rank", limits=(0.5, len(own) + 0.5))
+        differences = Axis(f"mean {ranking.metric} less that of the best")
         title = f"{group}: {part['n_scenes'].iloc[0]} scenes"
-        panels.append(Chart(title, sets, y, _series(lines, own, ("rank", "rank_low", "rank_high"))))
-        differences = _series(lines, own, ("change", "change_low", "change_high"))
-        reach = FAR * (max(high, 0.0) - low)
-        for row in part[part["is_reference"]].to_dict("records"):
-            place = row["mean"] - own["mean"].iloc[0]
-            if math.isnan(place):
-                continue
-            variant = row["estimator"], row["params"]
-            label = f"{shortened(ranking.labels[variant], charts.LONGEST_LABEL)} (ref.)"
-            ends = [-0.5, len(own) - 0.5]
-            if not low - reach <= place <= max(high, 0.0) + reach:
-                label, ends = f"{label} at {place:+.3g}", []
-            differences.append(Series(label, [place] * len(ends), ends, style=lines[variant].style))
-        x = Axis(f"mean {ranking.metric} less that of the best")
-        panels.append(Chart("mean difference, 95 % interval", x, y, differences))
+        panels.append(Chart(title, sets, y, _points(lines, own, "rank")))
+        panels.append(Chart("95 % interval", differences, y, _points(lines, own, "change")))
     stem = f"ranks-{file_stems([ranking.metric])[ranking.metric]}"
     title = f"Ranks by {ranking.metric}, {ranking.better} is better: ranks of means in their 95 % sets"
     return ChartGroup(stem, title, panels, n_columns=2, panel_in=(4.0, 0.7 + 0.27 * most))
 
 
-def _series(
-    lines: Mapping[charts.Variant, charts.Line], own: pd.DataFrame, columns: tuple[str, str, str]
-) -> list[Series]:
+def _points(lines: Mapping[Variant, Line], own: pd.DataFrame, column: str) -> list[Series]:
     """A point with its interval for every estimator."""
     found = []
-    for place, row in enumerate(own.assign(rank=range(1, len(own) + 1)).to_dict("records")):
-        x, low, high = ([row[name]] for name in columns)
+    for place, row in enumerate(own.to_dict("records")):
+        x, low, high = ([row[name]] for name in (column, f"{column}_low", f"{column}_high"))
         style = replace(lines[row["estimator"], row["params"]].style, dash="")
         found.append(Series("", x, [place], x_low=low, x_high=high, mark="points", style=style))
     return found

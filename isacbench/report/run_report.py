@@ -1,7 +1,5 @@
 """The report of a run: its tables, its figures, chosen figures for papers, and its page."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,7 +20,7 @@ from isacbench.bench.plan.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.store.manifest import command_to_show
 from isacbench.bench.store.run import CellKey, Run
-from isacbench.bench.store.run_folder import cannot_be_written, replacing
+from isacbench.bench.store.run_folder import replacing
 from isacbench.bench.store.tables import without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant
@@ -32,9 +30,14 @@ from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
-from isacbench.model.radio_coordinates import median_gain_db
-from isacbench.model.scene import warned_before
-from isacbench.report.clouds import Image, best_variants, draw_clouds, draw_comparison
+from isacbench.report.clouds import (
+    SHOWN_SNR_DB,
+    Image,
+    best_variants,
+    draw_clouds,
+    draw_comparison,
+    image_of_truth,
+)
 from isacbench.report.diagnoses import diagnosis_figures
 from isacbench.report.figures import FOLDER, drawable, drawn_charts, save_figures
 from isacbench.report.html.written_pages import write_run_page
@@ -43,19 +46,33 @@ from isacbench.report.tables import markdown
 NamedFigure = tuple[str, Figure]
 
 MOST_FAILURES = 20
-NOTHING: Mapping[str, Any] = {}
-
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 CLOUDS_A_FIGURE = 4
 CELL = ["estimator", "params", "snr_db"]
 MOST_WORST = 6
 """Most estimators whose worst scene is drawn."""
 
-WORST_SNR_DB = 10.0
-"""SNR of the pictures of worst scenes, if it was run, otherwise the nearest one."""
-
 NOT_RUN = Image(PointCloud.empty(), "not run")
 """Cell of which an interrupted run has no row."""
+
+
+class FigureChoice(NamedTuple):
+    """Choice of figures of a run; None leaves it open.
+
+    Attributes
+    ----------
+    metric : str or None
+        Score over SNR. Without it scores are drawn only if neither SNR nor trial is chosen.
+    """
+
+    scenario: str | None = None
+    snr_db: float | None = None
+    trial: int | None = None
+    metric: str | None = None
+
+
+EVERYTHING = FigureChoice()
+RUN_REPORTS = "summary.csv", "summary.md", "stages.csv", "stages.md", "pareto.csv"
 
 
 def write_report(run: Run, with_page: bool = True) -> tuple[list[Path], list[Table]]:
@@ -80,61 +97,37 @@ def write_run_tables(run: Run) -> tuple[list[Path], list[Table]]:
 
     ``summary.md`` ends with the reasons of failed cells, if there are any, and commands that repeat them.
     Of timed rows also ``stages.csv``, ``stages.md``, and of images ``pareto.csv``. Tables of these names are
-    replaced; those of times are removed where no row is timed any more. Returned are the files, and the
-    tables but that of failures.
+    replaced; those that are empty now are removed. Returned are the files, and the tables but that of
+    failures.
     """
-    rows, kind, folder = run.rows, KINDS[run.kind], run.folder
-    is_empty, has_times = rows.empty, not rows.empty and is_timed(rows)
-    tables, stages = [] if is_empty else kind.tables(rows), stage_tables(rows) if has_times else []
-    written = _write(folder / "summary.csv", None if is_empty else kind.summary(rows))
-    further = _gain_tables(run) + failure_tables(rows, run.manifest)
-    written += _write(folder / "summary.md", tables + further)
-    written += _write(folder / "stages.csv", summarise_stages(rows) if has_times else None)
-    written += _write(folder / "stages.md", stages)
-    if kind.has_images:
-        written += _write(folder / "pareto.csv", summarise_points(timed_rows(rows)) if has_times else None)
-    return written, tables + stages
-
-
-def _write(path: Path, content: pd.DataFrame | list[Table] | None) -> list[Path]:
-    """Replace a file, or remove an earlier one where there is nothing to write; return what was written."""
-    if content is None or not len(content):
-        try:
+    rows, kind = run.rows, KINDS[run.kind]
+    tables: list[Table] = []
+    stages: list[Table] = []
+    files: dict[str, pd.DataFrame | list[Table]] = dict.fromkeys(RUN_REPORTS, tables)
+    if not rows.empty:
+        tables = kind.tables(rows)
+        files["summary.csv"] = kind.summary(rows)
+        files["summary.md"] = tables + failure_tables(rows, run.manifest)
+        if is_timed(rows):
+            stages = stage_tables(rows)
+            files |= {"stages.csv": summarise_stages(rows), "stages.md": stages}
+            if kind.has_images:
+                files["pareto.csv"] = summarise_points(timed_rows(rows))
+    for name, content in files.items():
+        path = run.folder / name
+        if not len(content):
             path.unlink(missing_ok=True)
-        except OSError as error:
-            raise cannot_be_written(path, error) from error
-        return []
-    with replacing(path) as temporary:
-        if isinstance(content, list):
-            text = "\n".join(map(markdown, content))
-        else:
-            text = without_formulas(content).to_csv(index=False)
-        temporary.write_text(text, encoding="utf-8", newline="")
-    return [path]
+            continue
+        with replacing(path) as temporary:
+            if isinstance(content, list):
+                text = "\n".join(map(markdown, content))
+            else:
+                text = without_formulas(content).to_csv(index=False)
+            temporary.write_text(text, encoding="utf-8", newline="")
+    return [run.folder / name for name, content in files.items() if len(content)], tables + stages
 
 
-def _gain_tables(run: Run) -> list[Table]:
-    """SNR of a median scatterer after all gains.
-
-    Nothing where no scenario is stored, trials draw, or some images sense with a part of the frame.
-    """
-    try:
-        with warned_before():
-            scenarios, draws = run.scenarios, run.draws
-    except InputError:
-        return []
-    if not draws.empty or run.manifest["suite"].get("sensing", ["all"]) != ["all"]:
-        return []
-    gains_db = {name: median_gain_db(scenario) for name, scenario in scenarios.items()}
-    rows = [[name, f"{gain_db:+.1f}"] for name, gain_db in gains_db.items()]
-    if len(rows) > MANY_SCENARIOS:
-        extent = f"{min(gains_db.values()):+.1f} to {max(gains_db.values()):+.1f}"
-        rows = [[f"{len(gains_db)} scenarios", extent]]
-    title = "SNR of a median scatterer after all gains, over the SNR of a resource element"
-    return [charts.text_table(title, ["scenario", "dB"], rows, is_detail=True)]
-
-
-def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) -> list[Table]:
+def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] | None = None) -> list[Table]:
     """Count the failed cells of a run by reason, estimator and scenario, the most frequent first.
 
     With its manifest the table has a command for a cell of each row. Of more than twenty rows the last one
@@ -144,17 +137,18 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) ->
     if broken.empty:
         return []
     labels = estimator_labels(charts.variants_in(rows))
-    keys = ["reason", "status", "estimator", "params", "place"]
     place = broken["scenario"]
     if "template" in broken:  # scenes that are made from templates count together
         place = broken["template"].where(broken["template"] != "", place)
+    keys = ["reason", "status", "estimator", "params", "place"]
     groups = broken.assign(place=place).groupby(keys, sort=False)
     first = {name: (name, "first") for name in ("scenario", "snr_db", "trial")}
     table = groups.agg(n_cells=("trial", "size"), **first).reset_index()
     counts = table.sort_values("n_cells", ascending=False, kind="stable").to_dict("records")
     for row in counts:
         row["label"] = label = labels[row["estimator"], row["params"]]
-        row["command"] = command_to_show(manifest, row["scenario"], label, row["snr_db"], row["trial"])
+        cell = row["scenario"], label, row["snr_db"], row["trial"]
+        row["command"] = command_to_show(manifest or {}, *cell)
     shown, rest = counts[:MOST_FAILURES], counts[MOST_FAILURES:]
     if rest:
         n_cells = sum(row["n_cells"] for row in rest)
@@ -171,35 +165,80 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] = NOTHING) ->
     return [Table(f"{len(broken)} of {len(rows)} cells failed", columns, shown)]
 
 
-def draw_run(run: Run, extension: str = "png") -> list[Path]:
-    """Draw a run into ``figures`` of its folder: the charts of its kind, and images where it has them.
+def draw_run(run: Run, choice: FigureChoice = EVERYTHING, extension: str = "png") -> list[Path]:
+    """Draw a run, or chosen figures of it, into ``figures`` of its folder.
 
-    Of images ``radii.png``, and for each scenario ``clouds-*.png``, more than one where the estimators are
-    many, and of the 16 best alone where they are more; of a population ``worst-*.png``. Of more than 12
-    scenarios no clouds. Nothing where the run holds no cells.
+    All figures are the charts of its kind, and of images ``radii.png``, and for each scenario
+    ``clouds-*.png``, more than one where the estimators are many, and of the 16 best alone where they are
+    more; of a population ``worst-*.png``. Of more than 12 scenarios no clouds. Chosen ones are
+    ``<metric>-*`` or ``curves-*`` of scores; ``clouds-*``, ``rdm-*`` and ``spectrum-*`` of images, with SNR
+    and trial in their names. Nothing where the run holds no cells.
     """
-    return [] if run.rows.empty else save_figures(run_figures(run), run.folder / FOLDER, extension)
+    rows = run.rows if choice == EVERYTHING else _chosen_rows(run, choice)
+    return [] if rows.empty else save_figures(_figures(run, rows, choice), run.folder / FOLDER, extension)
 
 
-def run_figures(run: Run) -> Iterator[NamedFigure]:
+def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[NamedFigure]:
     """Figures of a run by the stems of their files."""
-    kind = KINDS[run.kind]
-    yield from drawn_charts(kind.charts(run.rows, run.scenarios))
-    if not kind.has_images:
-        return
-    lines = lines_of(run.rows)
-    yield from drawn_charts(radius_charts(run, lines))
-    if kind.name == "population":
-        yield from _worst_images(run, lines)
-    elif run.rows["scenario"].nunique() > MANY_SCENARIOS:
-        told = f"of more than {MANY_SCENARIOS} scenarios only means are drawn"
-        one = "isacbench image -s SCENARIO -e ESTIMATOR --plot draws one"
-        warnings.warn(f"{told}; {one}", InputWarning, stacklevel=2)
-    else:
-        for scenario, stem, rows in title_stems(run.rows, "scenario"):
-            snrs_db = charts.nearest_values(sorted(rows["snr_db"].unique()), CLOUD_SNRS_DB)
-            trial = int(rows["trial"].min())
-            yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, trial)
+    kind, lines, is_all = KINDS[run.kind], lines_of(rows), choice == EVERYTHING
+    if is_all:
+        yield from drawn_charts(kind.charts(rows, run.scenarios))
+        if not kind.has_images:
+            return
+        yield from drawn_charts(radius_charts(run, lines))
+        if kind.name == "population":
+            yield from _worst_images(run, lines)
+            return
+        if rows["scenario"].nunique() > MANY_SCENARIOS:
+            message = f"of more than {MANY_SCENARIOS} scenarios only means are drawn; "
+            message += "isacbench image -s SCENARIO -e ESTIMATOR --plot draws one"
+            warnings.warn(message, InputWarning, stacklevel=2)
+            return
+    is_of_images = choice.snr_db is not None or choice.trial is not None
+    summary = summarise_scores(rows)
+    for scenario, stem, own in title_stems(rows, "scenario"):
+        if not is_all and (choice.metric is not None or not is_of_images):
+            part = summary[summary["scenario"] == scenario]
+            all_scores = [score for score in SCORES if f"{score}_mean" in part]
+            scores = all_scores if choice.metric is None else [choice.metric]
+            own_stem = f"{choice.metric or 'curves'}-{stem}"
+            yield from drawn_charts([score_charts(part, scores, own_stem, lines, run.scenarios[scenario])])
+        if choice.metric is not None and not is_of_images:
+            continue
+        trial = int(own["trial"].min()) if choice.trial is None else choice.trial
+        wanted_db = CLOUD_SNRS_DB if choice.snr_db is None else [choice.snr_db]
+        snrs_db = charts.nearest_values(sorted(own["snr_db"].unique()), wanted_db)
+        at = f"clouds-{stem}{'' if choice.snr_db is None else f'-{snrs_db[0]:g}dB'}"
+        at += "" if is_all else f"-trial{trial}"
+        yield from cloud_figures(run, lines, scenario, at, snrs_db, trial)
+        if is_of_images:
+            yield from diagnosis_figures(run, scenario, snrs_db[-1], trial)
+
+
+def _chosen_rows(run: Run, choice: FigureChoice) -> pd.DataFrame:
+    """Rows of the chosen scenario; whatever else is chosen must be among them."""
+    if not KINDS[run.kind].has_images:
+        kinds = ", ".join(name for name, kind in KINDS.items() if kind.has_images)
+        raise InputError(f"{run.label}: kind {run.kind}: allowed for a choice of figures are {kinds}")
+    rows, names = run.rows, list(run.rows["scenario"].unique())
+    if choice.scenario is not None:
+        rows = rows[rows["scenario"] == choice.scenario]
+    elif len(names) > MANY_SCENARIOS:
+        raise InputError(
+            f"{run.label}: {len(names)} scenarios are too many for figures of each; give --scenario"
+        )
+    choices: list[tuple[str, Any, list[Any]]] = [
+        ("scenario", choice.scenario, names),
+        ("SNR in dB", choice.snr_db, sorted(rows["snr_db"].unique())),
+        ("trial", choice.trial, sorted(rows["trial"].unique())),
+        ("score", choice.metric, averaged_columns(rows)),
+    ]
+    for noun, wanted, allowed in choices:
+        if wanted is not None and wanted not in allowed:
+            form = "{}" if isinstance(wanted, str) else "{:g}"
+            error = unknown_name(noun, form.format(wanted), map(form.format, allowed))
+            raise InputError(f"{run.label}: {error}")
+    return rows
 
 
 def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
@@ -232,7 +271,7 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
 def cloud_figures(
     run: Run, lines: Mapping[Variant, Line], scenario: str, stem: str, snrs_db: Sequence[float], trial: int
 ) -> Iterator[NamedFigure]:
-    """Draw clouds of one scenario and trial, a row an SNR, a few estimators a figure."""
+    """Draw clouds of one scenario and trial beside the truth, a row an SNR, a few estimators a figure."""
     # A run of references alone still has clouds to show.
     candidates = [variant for variant, line in lines.items() if not line.is_reference] or list(lines)
     shown = best_variants(run.rows[run.rows["scenario"] == scenario], candidates)
@@ -242,11 +281,12 @@ def cloud_figures(
     images, scene = _images(run, scenario, trial), run.scenarios[scenario]
     pages = charts.batched(shown, CLOUDS_A_FIGURE)
     for number, page in enumerate(pages, start=1):
-        rows = {snr_db: [images.get((*variant, snr_db), NOT_RUN) for variant in page] for snr_db in snrs_db}
-        columns = [drawable(lines[variant].label) for variant in page]
-        suffix = f"-{number}" if len(pages) > 1 else ""
-        heading = f"{title}, trial {trial}"
-        figure = draw_clouds(heading, scene.truth, scene.region, columns, rows, scene.radius_m)
+        panels: list[tuple[str, Image]] = []
+        for snr_db in snrs_db:
+            panels.append((f"SNR {snr_db:g} dB: truth", image_of_truth(scene.truth)))
+            panels += [(lines[one].label, images.get((*one, snr_db), NOT_RUN)) for one in page]
+        heading, suffix = f"{title}, trial {trial}", f"-{number}" if len(pages) > 1 else ""
+        figure = draw_clouds(heading, scene.truth, scene.region, scene.radius_m, panels, 1 + len(page))
         yield f"{stem}{suffix}", figure
 
 
@@ -269,7 +309,7 @@ def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
 def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
     """Draw the scene in which each estimator has its largest ratio, beside the truth."""
     cells = scene_cells(run.rows)
-    (snr_db,) = charts.nearest_values(sorted(cells["snr_db"].unique()), [WORST_SNR_DB])
+    (snr_db,) = charts.nearest_values(sorted(cells["snr_db"].unique()), [SHOWN_SNR_DB])
     rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
     chosen = [variant for variant, line in lines.items() if not line.is_reference][:MOST_WORST]
     stems = file_stems(lines[variant].label for variant in chosen)
@@ -282,84 +322,5 @@ def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigu
         scene = run.scenarios[worst["scenario"]]
         title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {counted(len(scenes), 'scene')}"
         note = f"{counted(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
-        label = drawable(lines[variant].label)
-        figure = draw_comparison(title, scene.truth, label, Image(cloud, note), scene.region, scene.radius_m)
-        yield f"worst-{stem}", figure
-
-
-class FigureChoice(NamedTuple):
-    """Choice of figures of a run; None leaves it open.
-
-    Attributes
-    ----------
-    metric : str or None
-        Score over SNR. Without it scores are drawn only if neither SNR nor trial is chosen.
-    """
-
-    scenario: str | None = None
-    snr_db: float | None = None
-    trial: int | None = None
-    metric: str | None = None
-
-
-def draw_chosen(run: Run, choice: FigureChoice, extension: str = "png") -> list[Path]:
-    """Draw chosen figures of a run; an empty choice is all figures, in the format.
-
-    Files in ``figures`` of the run: ``<metric>-*`` or ``curves-*`` of scores; ``clouds-*``, ``rdm-*`` and
-    ``spectrum-*`` of images, with SNR and trial in their names. An `InputError` if the run is not of images,
-    or has not what is chosen.
-    """
-    if choice == FigureChoice():
-        return draw_run(run, extension)
-    if not KINDS[run.kind].has_images:
-        allowed = ", ".join(name for name, kind in KINDS.items() if kind.has_images)
-        raise InputError(
-            f"{run.label}: figures can be chosen of runs of the kinds {allowed}; this one is of the kind "
-            f"{run.kind}"
-        )
-    return save_figures(_figures(run, _chosen_rows(run, choice), choice), run.folder / FOLDER, extension)
-
-
-def _chosen_rows(run: Run, choice: FigureChoice) -> pd.DataFrame:
-    """Rows of the chosen scenario; whatever else is chosen must be among them."""
-    rows, names, folder = run.rows, list(run.rows["scenario"].unique()), run.label
-    if choice.scenario is not None:
-        rows = rows[rows["scenario"] == choice.scenario]
-        if rows.empty:
-            raise InputError(f"{folder}: {unknown_name('scenario', choice.scenario, names)}")
-    elif len(names) > MANY_SCENARIOS:
-        raise InputError(
-            f"{folder}: {len(names)} scenarios are too many for figures of each; give --scenario"
-        )
-    for what, column, wanted in (("SNR in dB", "snr_db", choice.snr_db), ("trial", "trial", choice.trial)):
-        values = sorted(rows[column].unique())
-        if wanted is not None and wanted not in values:
-            listed = ", ".join(f"{value:g}" for value in values)
-            raise InputError(f"{folder}: no {what} of {wanted:g}; allowed are {listed}")
-    metrics = averaged_columns(rows)
-    if choice.metric is not None and choice.metric not in metrics:
-        raise InputError(f"{folder}: {unknown_name('score', choice.metric, metrics)}")
-    return rows
-
-
-def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[NamedFigure]:
-    lines = lines_of(rows)
-    is_of_images = choice.snr_db is not None or choice.trial is not None
-    summary = summarise_scores(rows)
-    for scenario, stem, own in title_stems(rows, "scenario"):
-        scene = run.scenarios[scenario]
-        part = summary[summary["scenario"] == scenario]
-        if choice.metric is not None or not is_of_images:
-            all_scores = [score for score in SCORES if f"{score}_mean" in part]
-            scores = all_scores if choice.metric is None else [choice.metric]
-            own_stem = f"{choice.metric or 'curves'}-{stem}"
-            yield from drawn_charts([score_charts(part, scores, own_stem, lines, scene)])
-        if choice.metric is not None and not is_of_images:
-            continue
-        trial = int(own["trial"].min()) if choice.trial is None else choice.trial
-        wanted_db = CLOUD_SNRS_DB if choice.snr_db is None else [choice.snr_db]
-        snrs_db = charts.nearest_values(sorted(own["snr_db"].unique()), wanted_db)
-        at = f"{stem}-{snrs_db[0]:g}dB" if choice.snr_db is not None else stem
-        yield from cloud_figures(run, lines, scenario, f"clouds-{at}-trial{trial}", snrs_db, trial)
-        if is_of_images:
-            yield from diagnosis_figures(run, scenario, snrs_db[-1], trial)
+        image = lines[variant].label, Image(cloud, note)
+        yield f"worst-{stem}", draw_comparison(title, scene.truth, *image, scene.region, scene.radius_m)

@@ -158,7 +158,7 @@ def test_a_folder_that_cannot_be_written_is_compared_and_not_drawn_into(cli, fol
     (tmp_path / "plain").touch()
     refused = cli("base", "worse", "--plot", "plain/x.png")
     assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
-    assert "plain: cannot be written" in refused.stderr
+    assert "plain/x.png: cannot be written" in refused.stderr
     before = everything(tmp_path)
     monkeypatch.setattr(Path, "mkdir", refuse)
     result = cli("base", "worse", "--no-html")

@@ -80,7 +80,7 @@ CALLS = [
     ("report base --html --snr 10", "--html cannot be combined with"),
     ("report base same --html -o board.txt", "give -o FILE.html"),
     ("report base base --html", "given twice"),
-    ("report base --snr 7", "no SNR in dB of 7; allowed are -20, -5, 10"),
+    ("report base --snr 7", "unknown SNR in dB '7': allowed are -20, -5, 10"),
     ("report none --html", "none"),
     ("compare base nowhere", "nowhere: not the folder of a run"),
     ("compare base same --tolerance deviation", "tolerance 'deviation': allowed is"),

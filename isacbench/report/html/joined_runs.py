@@ -1,8 +1,8 @@
 """Runs of the same scenes as one table: estimators of several runs side by side."""
 
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,10 +10,10 @@ import pandas as pd
 from isacbench.bench.compare.pairs import incomparable
 from isacbench.bench.compare.scenes import with_ratios
 from isacbench.bench.plan.labels import estimator_labels, find_limits
-from isacbench.bench.store.run import MOST_NAMED, Run
+from isacbench.bench.store.run import Run
 from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import counted, shortened
 
 RUN = "run"
 """Column of joined rows with the number of their run."""
@@ -29,7 +29,7 @@ class JoinedRuns:
 
     Attributes
     ----------
-    runs : tuple of Run
+    runs : sequence of Run
         Labelled by their names in the page.
     table : Run
         Rows of all runs with the column ``run``, the ratios to the oracle and the sums of Hausdorff
@@ -38,15 +38,15 @@ class JoinedRuns:
         Readable names of the estimators of the table.
     specs : mapping of (str, str) to str
         The same without the names of runs: specifications.
-    notes : tuple of str
+    notes : sequence of str
         Estimators and rows that were left out.
     """
 
-    runs: tuple[Run, ...]
+    runs: Sequence[Run]
     table: Run
     labels: Mapping[Variant, str]
     specs: Mapping[Variant, str]
-    notes: tuple[str, ...]
+    notes: Sequence[str]
 
 
 def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool = False) -> JoinedRuns:
@@ -88,15 +88,11 @@ def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool =
                 label = f"{label}{ending}"
             labels[name, params], specs[name, params] = label, spec
         kept.append(run.changed(rows=rows).take(is_kept))
-    scenarios: dict[str, Any] = {}
-    for run in reversed(runs):
-        scenarios |= run.manifest["scenarios"]
-    manifest = {**runs[0].manifest, "scenarios": scenarios}
-    joined = Run.joined(kept).changed(manifest=manifest)
+    scenarios = dict(ChainMap(*(run.manifest["scenarios"] for run in runs)))
+    joined = Run.joined(kept).changed(manifest={**runs[0].manifest, "scenarios": scenarios})
     if joined.rows.empty:
         raise InputError("the runs have no common page: no SNR and trial is in all of them")
-    table = joined.changed(rows=with_ratios(joined))
-    return JoinedRuns(tuple(runs), table, labels, specs, tuple(notes))
+    return JoinedRuns(runs, joined.changed(rows=with_ratios(joined)), labels, specs, notes)
 
 
 def _require_comparable(runs: Sequence[Run], only_common: bool) -> None:
@@ -105,19 +101,17 @@ def _require_comparable(runs: Sequence[Run], only_common: bool) -> None:
         reasons = incomparable(runs[0], run)
         apart = sorted(set(runs[0].rows["scenario"]) ^ set(run.rows["scenario"]))
         if only_common and not reasons and apart:
-            more = f" and {len(apart) - MOST_NAMED} more" if len(apart) > MOST_NAMED else ""
-            reasons = (f"only one of them has the scenes {', '.join(apart[:MOST_NAMED])}{more}",)
+            reasons = (f"only one of them has the scenes {shortened(', '.join(apart))}",)
         if reasons:
             raise InputError(f"{runs[0].label} and {run.label} have no common page: {'; '.join(reasons)}")
 
 
 def _common(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """Take the rows of scenes, SNRs and trials that all runs have, and say what is left out."""
-    cells = [list(zip(*(run.rows[name] for name in KEY), strict=True)) for run in runs]
-    common = set(cells[0]).intersection(*cells[1:])
+    cells = [pd.MultiIndex.from_frame(run.rows[KEY].astype({"scenario": object})) for run in runs]
     found, notes = [], []
     for run, own in zip(runs, cells, strict=True):
-        is_common = np.array([cell in common for cell in own], dtype=np.bool_)
+        is_common = np.all([own.isin(other) for other in cells], axis=0)
         if not is_common.all():
             n_other = counted(int((~is_common).sum()), "row")
             notes.append(f"{n_other} of {run.label} left out: not all runs have their SNR and trial")

@@ -1,8 +1,6 @@
 """Content of a page in terms of JSON: what was run, rows, scenes, ranks, times, and which clouds it holds."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -13,14 +11,15 @@ from scipy.special import stdtrit
 
 from isacbench import charts
 from isacbench.bench.cells.record import SCORED
-from isacbench.bench.compare.comparison import direction
-from isacbench.bench.compare.pairs import code_version
-from isacbench.bench.compare.ranking import Ranking, default_metric, rank_table
+from isacbench.bench.compare.comparison import Comparison, direction
+from isacbench.bench.compare.pairs import CURVE, code_version
+from isacbench.bench.compare.ranking import default_metric, rank_table
+from isacbench.bench.compare.scenes import compared_scenes
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
-from isacbench.bench.kinds.scenes import ImagingTask
+from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.bench.kinds.scores import SCORES, Score
 from isacbench.bench.plan.labels import find_limits
-from isacbench.bench.run_times import is_timed, summarise_points, summarise_stages, timed_rows
+from isacbench.bench.run_times import STAGE_STYLES, is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
 from isacbench.bench.store.run import Run
@@ -31,8 +30,10 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import median_gain_db
+from isacbench.report.clouds import SHOWN_SNR_DB
+from isacbench.report.comparison import ComparisonReport, Row
 from isacbench.report.figures import VELOCITY_COLOURS
-from isacbench.report.html.joined_runs import RUN, JoinedRuns
+from isacbench.report.html.joined_runs import KEY, RUN, JoinedRuns
 from isacbench.report.tables import json_rows
 
 DEFAULT_METRIC = "deviation"
@@ -50,6 +51,12 @@ FURTHER_METRICS = {
 HIDDEN = ("seed", "suite", "environment", "scenario_content", "timing", "n_stored", RUN)
 """Columns of rows that a page leaves out."""
 
+PLAIN_FACTS = (
+    *("started", "wall_time_s", "seed", "processor", "cores", "platform"),
+    *("python", "blas", "blas_threads"),
+)
+"""Keys of a manifest that a page shows as they are."""
+
 DIGITS = 6
 """Significant digits of numbers in a page."""
 
@@ -59,12 +66,8 @@ MOST_FREEDOM = 200
 MOST_ROWS = 200_000
 """Most rows of a page. A million rows make one of 107 MB, which takes 95 s."""
 
-
 MOST_POINTS = 1_500_000
 """Points of estimated clouds in a page: 7 MB in it, at 3.6 bytes a point before base64."""
-
-SHOWN_SNR_DB = 10.0
-"""SNR at which a page opens, or the nearest one that the run has."""
 
 LEVELS = 65_535
 """Steps between the smallest and the largest coordinate of a cloud: 1.5 mm of 100 m."""
@@ -92,18 +95,19 @@ def page_content(
             "tables and figures show them"
         )
     kind = KINDS[joined.table.kind]
-    imaged = {name for run in joined.runs for name in _imaged(run)}
+    # A run that was published as rows alone has no truth in its folder; that of the other run is the same.
+    imaged = {name: run for run in reversed(joined.runs) if run.has_scenarios for name in run.imaged_scenes}
     is_imaged = records["deviation"].notna() & records["scenario"].isin(imaged)
     has_image = is_imaged.to_numpy() & joined.table.is_whole()
     n_points = sizes(joined.table.points)
     chosen = has_image & choose_clouds(records, n_points, first)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     clouds = [joined.table.points[place] for place in np.flatnonzero(chosen)]
-    scenes, truths = _scenes(joined, len(clouds))
+    scenes, truths = _scenes(records, imaged, len(clouds))
     clouds += [truth.to_array() for truth in truths]
     counts, points = sizes(clouds), np.concatenate([NO_POINTS, *clouds])
     lines = charts.assign_lines(joined.labels, find_limits(records))
-    metrics = _metrics(joined)
+    metrics = _metrics(joined, imaged)
     is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records
     metric = metric or (default_metric(records) if is_many else DEFAULT_METRIC)
     content = {
@@ -115,7 +119,7 @@ def page_content(
         "suite_kind": joined.table.kind,
         "scored": list(SCORED),
         "velocity_colours": list(VELOCITY_COLOURS),
-        "runs": [_run(joined, index) for index in range(len(joined.runs))],
+        "runs": [{"name": run.label, "facts": _facts(run.manifest)} for run in joined.runs],
         "estimators": [_estimator(joined, variant, line) for variant, line in lines.items()],
         "scenes": scenes,
         "metrics": metrics,
@@ -161,35 +165,28 @@ def _numbers_of(joined: JoinedRuns, names: Iterable[str], params: Iterable[str])
     return [places[variant] for variant in zip(names, params, strict=True)]
 
 
-def _imaged(run: Run) -> Mapping[str, ImagingTask]:
-    """Scenes that were imaged; none of a reference that was published as rows alone."""
-    return run.imaged_scenes if run.has_scenarios else {}
-
-
-def _scenes(joined: JoinedRuns, n_clouds: int) -> tuple[list[dict[str, Any]], list[PointCloud]]:
+def _scenes(
+    records: pd.DataFrame, imaged: Mapping[str, Run], n_clouds: int
+) -> tuple[list[dict[str, Any]], list[PointCloud]]:
     """Scenes of the rows, and the truths of those that were imaged: one, or one a trial where trials draw.
 
     Truths are numbered from the number of clouds in the page on.
     """
     found: list[dict[str, Any]] = []
     truths: list[PointCloud] = []
-    records = joined.table.rows
-    # A reference run has no truth in its folder; that of the other run is the same.
-    imaged = {name: run for run in reversed(joined.runs) for name in _imaged(run)}
     for name in dict.fromkeys(records["scenario"].astype(object)):
         if name not in imaged:
             found.append({"name": name, "family": "", "truth": []})
             continue
         run = imaged[name]
         scene = run.imaged_scenes[name]
-        template = scene.template
+        template, region = scene.template, scene.template.region
         trials: list[int | None] = [None]
         if scene.is_drawn:
             trials = sorted(set(records.loc[records["scenario"] == name, "trial"].tolist()))
         drawn = [template if trial is None else run.observed(name, trial) for trial in trials]
         objects = drawn[0].scatterers.objects if len(drawn) == 1 else ()
         codes, levels = pd.factorize(np.array(objects, dtype=object))
-        region = template.region
         found.append(
             {
                 "name": name,
@@ -199,7 +196,6 @@ def _scenes(joined: JoinedRuns, n_clouds: int) -> tuple[list[dict[str, Any]], li
                 "coherent_phase": template.system.coherent_phase,
                 "radius_m": template.radius_m,
                 "gain_db": numbers([median_gain_db(drawn[0])])[0],
-                "station_m": numbers(template.base_station_m),
                 "region_m": [list(region.x_m), list(region.y_m), list(region.z_m)],
                 "speed_mps": max(map(abs, region.speed_mps)),
                 "objects": {"codes": codes.tolist(), "levels": list(levels)},
@@ -224,31 +220,20 @@ def _estimator(joined: JoinedRuns, variant: Variant, line: Line) -> dict[str, An
     }
 
 
-def _run(joined: JoinedRuns, index: int) -> dict[str, Any]:
-    """Facts of a run: what was run, where, by which versions."""
-    run = joined.runs[index]
-    manifest, suite = run.manifest, run.manifest["suite"]
-    hours, rest = divmod(float(manifest.get("wall_time_s") or 0.0), 3600)
-    took = f"{rest // 60:.0f} min {rest % 60:.0f} s"
-    packages = manifest.get("packages") or {}
-    facts = {
+def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """What was run, where, by which versions."""
+    suite, packages = manifest["suite"], manifest.get("packages") or {}
+    return {
         "suite": str(suite.get("name")) + (f", version {suite['version']}" if "version" in suite else ""),
-        "kind": str(suite.get("kind", "imaging")),
         "command": " ".join(map(str, manifest.get("argv") or [])) or "from Python",
-        "started": str(manifest.get("started")),
-        "took": f"{hours:.0f} h {took}" if hours else took,
-        "seed": str(manifest.get("seed")),
         "isacbench": code_version(manifest),
-        "machine": f"{manifest.get('processor')}, {manifest.get('cores')} cores, {manifest.get('platform')}",
-        "Python": str(manifest.get("python")),
-        "BLAS": f"{manifest.get('blas')}, {manifest.get('blas_threads')} threads",
+        **{name.replace("_", " "): str(manifest.get(name)) for name in PLAIN_FACTS},
         "packages": ", ".join(f"{name} {version}" for name, version in packages.items()),
         "interrupted": "yes: cells are missing" if manifest.get("interrupted") else "",
     }
-    return {"name": run.label, "facts": facts}
 
 
-def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
+def _metrics(joined: JoinedRuns, imaged: Mapping[str, Run]) -> list[dict[str, Any]]:
     """Columns that have a better direction and any value."""
     records = joined.table.rows
     columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
@@ -279,32 +264,29 @@ def _metrics(joined: JoinedRuns) -> list[dict[str, Any]]:
     return found
 
 
-def _ranks(joined: JoinedRuns, metrics: Iterable[str], metric: str) -> dict[str, Any]:
+def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[str, Any]:
     """Rank sets by metric; or the reason why there are none."""
     found: dict[str, Any] = {}
-    available = set(metrics)
     for name in dict.fromkeys([metric, *RANKED]):
-        if name not in available:
+        if name not in metrics:
             continue
         try:
             ranking = rank_table(joined.table, name)
         except InputError as error:
             found[name] = {"reason": str(error)}
             continue
-        too_few = f"{counted(len(ranking.scores), 'scene')}: six or more have ranks"
-        found[name] = {"reason": too_few} if ranking.is_descriptive else _ranking(joined, ranking)
-    return found
-
-
-def _ranking(joined: JoinedRuns, ranking: Ranking) -> dict[str, Any]:
-    found: dict[str, Any] = {"better": ranking.better, "notes": list(ranking.notes)}
-    for part in ("ranks", "wins", "worst"):
-        table = getattr(ranking, part)
-        for name, params in (("estimator", "params"), ("other", "other_params")):
-            if name in table:
-                own = _numbers_of(joined, table[name], table[params])
-                table = table.assign(**{name: own}).drop(columns=params)
-        found[part] = json_rows(table)
+        if ranking.is_descriptive:
+            n_scenes = counted(len(ranking.scores), "scene")
+            found[name] = {"reason": f"{n_scenes}: six or more have ranks"}
+            continue
+        found[name] = {"better": ranking.better, "notes": list(ranking.notes)}
+        for part in ("ranks", "wins", "worst"):
+            table = getattr(ranking, part)
+            for one, params in (("estimator", "params"), ("other", "other_params")):
+                if one in table:
+                    own = _numbers_of(joined, table[one], table[params])
+                    table = table.assign(**{one: own}).drop(columns=params)
+            found[name][part] = json_rows(table)
     return found
 
 
@@ -317,7 +299,9 @@ def _times(joined: JoinedRuns) -> dict[str, Any]:
     points = summarise_points(rows)
     labels = list(joined.labels.values())
     points["label"] = [labels[one] for one in _numbers_of(joined, points["estimator"], points["params"])]
-    return {"points": json_rows(points), "stages": json_rows(summarise_stages(rows))}
+    colours = {f"time_{stage}_s_median": style.colour for stage, style in STAGE_STYLES.items()}
+    stages = json_rows(summarise_stages(rows))
+    return {"points": json_rows(points), "stages": stages, "stage_colours": colours}
 
 
 def chart_rows(groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
@@ -337,14 +321,12 @@ def chart_rows(groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
-    limits = None if axis.limits is None else [float(end) for end in axis.limits]
-    return {"title": axis.title, "log": axis.log, "range": limits}
+    return {"title": axis.title, "log": axis.log, "range": axis.limits and list(map(float, axis.limits))}
 
 
 def _series(series: Series) -> dict[str, Any]:
     return {
         "label": series.label,
-        "mark": series.mark,
         **asdict(series.style),
         **{name: numbers(np.asarray(getattr(series, name), float)) for name in ("x", "y", "low", "high")},
     }
@@ -408,16 +390,81 @@ def choose_clouds(
     trial_number = np.searchsorted(np.unique(records["trial"]), records["trial"])
     (shown_db,) = charts.nearest_values(sorted(records["snr_db"].unique()), [SHOWN_SNR_DB])
     order = 2 + trial_number
-    order[(trial_number == 0) & (records["snr_db"] == shown_db).to_numpy()] = 0
-    by_deviation = np.argsort(-records["deviation"].fillna(-np.inf).to_numpy(), kind="stable")
-    is_repeated = records.iloc[by_deviation].duplicated(["scenario", "estimator", "params"]).to_numpy()
-    worst = by_deviation[~is_repeated]
+    deviations = records.reset_index(drop=True).fillna({"deviation": -np.inf})
+    worst = deviations.groupby(CURVE, observed=True)["deviation"].idxmax()
     order[worst] = np.minimum(order[worst], 1)
+    order[(trial_number == 0) & (records["snr_db"] == shown_db).to_numpy()] = 0
     if first is not None:
         order[first] = -1
-    # One cloud that is too large by itself must not keep the others out.
-    n_wanted = np.where(n_points > most_points // 2, most_points + 1, n_points)
-    sequence = np.argsort(np.where(n_wanted > most_points, len(records) + order.max(), order), kind="stable")
+    sequence = np.argsort(order, kind="stable")
     chosen = np.zeros(len(records), dtype=np.bool_)
-    chosen[sequence] = np.cumsum(n_wanted[sequence]) <= most_points
+    chosen[sequence] = np.cumsum(n_points[sequence]) <= most_points
     return chosen
+
+
+def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[str, Any], NDArray[np.bool_]]:
+    """Describe a comparison in terms of JSON, and tell which rows of the joined runs it shows.
+
+    `joined` are the compared runs with all estimators named after their run, or the only run. The content
+    has ``rows``: curves and changed points, the worst verdict first, each with the numbers of both estimators
+    in the page and the cell that got worse most. Rows of the joined runs that are such cells are shown.
+    """
+    report = ComparisonReport(comparison)
+    tables = [comparison.curves.assign(what="curve"), report.changed_points().assign(what="point")]
+    rows = pd.concat(tables, ignore_index=True)
+    order = np.lexsort((-rows["relative"].abs().fillna(0), rows["verdict"].map(VERDICTS.index)))
+    groups = compared_scenes(joined.table.manifest, joined.table.rows["scenario"].astype(object))
+    is_shown = np.zeros(len(joined.table.rows), dtype=np.bool_)
+    names = list(joined.labels)
+    found = []
+    for row in json_rows(rows.iloc[order]):
+        pair = comparison.between or (
+            (row["estimator"], row["params"]),
+            (row["new_estimator"], row["new_params"]),
+        )
+        sides = []
+        for (name, params), run in zip(pair, (joined.runs[0], joined.runs[-1]), strict=True):
+            own = [(f"{name} ({run.label})", params), (name, params)]  # under its own name, or with its run
+            sides.append(next((one for one in own if one in joined.labels), None))
+        base, new = (None if side is None else names.index(side) for side in sides)
+        worst = None
+        if base is not None and new is not None:
+            scenes = groups.get(row["scenario"], [row["scenario"]])
+            worst = _worst_cell(joined, row, scenes, names[base], names[new], is_shown)
+        found.append({**row, "base": base, "new": new, "worst": worst})
+    lost = [
+        {"what": what, "n": len(cells), "cells": json_rows(cells.head(50))}
+        for cells, what in report.lost + report.gained
+        if len(cells)
+    ]
+    content = {
+        "summary": report.summary(),
+        "heading": [*report.heading, *report.effect_lines()],
+        "lines": report.lines(),
+        "sides": list(report.sides),
+        "unit": comparison.unit,
+        "tolerances": list(map(str, comparison.tolerances)),
+        "rows": found,
+        "lost": lost,
+        "is_regression": bool(comparison.is_regression),
+    }
+    return content, is_shown
+
+
+def _worst_cell(
+    joined: JoinedRuns, row: Row, scenes: list[str], base: Variant, new: Variant, is_shown: NDArray[np.bool_]
+) -> dict[str, Any] | None:
+    """Cell in which a score got worse most; its two rows are marked as shown."""
+    records, metric = joined.table.rows, row["metric"]
+    wanted = records[records["scenario"].isin(scenes)]
+    if row.get("snr_db") is not None:
+        wanted = wanted[wanted["snr_db"] == row["snr_db"]]
+    sides = [charts.rows_of(wanted, variant)[[*KEY, metric]].reset_index() for variant in (base, new)]
+    pairs = sides[0].merge(sides[1], on=KEY, suffixes=("_base", "_new"))
+    change = pairs[f"{metric}_new"].astype(float) - pairs[f"{metric}_base"].astype(float)
+    if change.isna().all():
+        return None
+    better = direction(metric, stored_columns(joined.table.manifest), records.columns)
+    worst = pairs.iloc[change.argmax() if better == "lower" else change.argmin()]
+    is_shown[[worst["index_base"], worst["index_new"]]] = True
+    return {"scene": worst["scenario"], "snr_db": float(worst["snr_db"]), "trial": int(worst["trial"])}

@@ -1,11 +1,11 @@
 """Pages of runs, rankings, comparisons and leaderboards: one HTML file each, with no way out of the page."""
 
 import base64
+import gzip
 import hashlib
 import html
 import json
 import re
-import zlib
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
@@ -18,8 +18,7 @@ from isacbench.bench.store.run_folder import replacing
 from isacbench.errors import InputError
 from isacbench.report.diagnoses import diagnosed_maps
 from isacbench.report.html.joined_runs import join_runs
-from isacbench.report.html.page_comparison import compared_content
-from isacbench.report.html.page_content import DEFAULT_METRIC, page_content
+from isacbench.report.html.page_content import DEFAULT_METRIC, compared_content, page_content
 
 RUN_PAGE = "report.html"
 RANK_PAGE = "rank.html"
@@ -33,9 +32,6 @@ SCRIPTS = (
     *("views", "start"),
 )
 """Parts of the page's script, in the order in which they are joined."""
-
-GZIP = 16 + zlib.MAX_WBITS
-"""Window of zlib that stands for the format gzip, which browsers read."""
 
 
 def write_run_page(run: Run) -> Path:
@@ -145,5 +141,4 @@ def _digest(script: str) -> str:
 
 def _packed(content: bytes) -> str:
     """Compress bytes with gzip and write them as text."""
-    packer = zlib.compressobj(level=6, wbits=GZIP)
-    return base64.b64encode(packer.compress(content) + packer.flush()).decode()
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()

@@ -135,7 +135,7 @@ def test_a_chart_of_a_pair_is_headed_by_both_and_of_two_estimators_the_legend_na
     records, manifest = made_run(trials=12, estimators=("blob", "nomp4d"))
     run, partners = Run("run", records, manifest), {("blob", "{}"): ("nomp4d", "{}")}
     _, (chart,) = charts_of(compare_tables(run, run, partners=partners))
-    assert chart.title.startswith("street, blob\n→ nomp4d\nwhole curve: regression (+")
+    assert chart.title.startswith("street, blob → nomp4d\nwhole curve: regression (+")
     _, (chart,) = charts_of(compared(trials=12, is_between=True))
     assert chart.title.startswith("street\nwhole curve: worse (+")
     assert [one.label for one in chart.series] == ["A: blob", "B: nomp4d", "worse"]
@@ -168,8 +168,8 @@ def test_of_many_curves_those_with_a_regression_are_drawn_first_and_long_names_a
 
     title, charts = charts_of(compared(change, estimators=names, trials=12))
     assert len(charts) == 6
-    scenario, name, outcome = charts[0].title.split("\n")
-    assert (scenario, name[:14], name[-7:]) == ("street", names[-1][:14], "name_07")
+    name, outcome = charts[0].title.split("\n")
+    assert (name[:20], name[-7:]) == (f"street, {names[-1][:12]}", "name_07")
     assert outcome.startswith("whole curve: ")
     assert title.endswith(", 6 of 8 curves")
 

@@ -35,7 +35,7 @@ def test_a_case_is_a_curve_a_changed_point_or_lost_cells_and_fails_where_it_is_w
     suite = "deviation=5%: street"
     point = found.pop(f"{suite}: nomp4d, at 10 dB")
     assert point[0] == "failure"
-    assert point[1].startswith("regression; base 8.403, new 12.6, change +50 %, 95 % interval +50 to +50 %")
+    assert point[1].startswith("regression; base 8.403, new 12.6, change [%] +50, 95 % interval +50 to +50")
     assert found.pop(f"{suite}: nomp4d, whole curve")[0] == "failure"
     tag, message = found.pop("cells: no cells failed in the new run alone")
     assert tag == "failure"

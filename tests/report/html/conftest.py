@@ -50,14 +50,14 @@ from typing import ClassVar
 import numpy as np
 
 from isacbench.model.cloud import PointCloud
-from isacbench.plugins.contracts import Detection, Diagnosis
+from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
 
 
 @dataclass(frozen=True)
-class Trouble:
+class Markup:
     """Goes wrong with a message that is markup."""
 
-    name: ClassVar[str] = "trouble"
+    name: ClassVar[str] = "markup"
     text: str = ""
 
     def estimate(self, observation):
@@ -86,7 +86,10 @@ class Showing:
         threshold = np.full_like(power, np.inf)
         threshold[0, 0] = np.nan
         detection = Detection(power > 1e9, threshold, np.ones_like(power))
-        return Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, (), None)
+        cosine = np.linspace(-1, 1, 11)
+        spectra = tuple(Spectrum(cosine, -(cosine**2), -0.5, np.zeros(1), label) for label in "uw")
+        shown = (spectra, (int(gate.range_bins[5]), 0)) if self.deed == "spectra" else ((), None)
+        return Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, *shown)
 '''
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -110,7 +113,7 @@ def yard(tmp_path_factory):
 
 @contextmanager
 def known():
-    """Know the estimators trouble and showing."""
+    """Know the estimators markup and showing."""
     with isolated_plugins():
         register_plugin(PluginFile("showing.py", SHOWING))
         yield
@@ -128,37 +131,25 @@ def runs(yard, tmp_path_factory):
     """Folders of stored runs by name, each made at first use."""
     root = tmp_path_factory.mktemp("runs")
     common = {"name": "test", "scenarios": [yard("yard")], "estimators": ["fft4d", "oracle"]}
-    hostile = ["trouble[text=x]", "trouble[text='<b>%{x}</b>\"']", "trouble[text=empty]"]
+    hostile = ["markup[text=x]", "markup[text='<b>%{x}</b>\"']", "markup[text=empty]"]
     three = ["fft4d", "music2d", "oracle"]
+    one = common | {"estimators": ["fft4d"]}
     suites = {
         "images": Suite(**common | {"estimators": three}, snr_db=[-10, 10], trials=10),
         "other": Suite(**common | {"estimators": ["esprit2d", "oracle"]}, snr_db=[-10, 10], trials=10),
         "hostile": Suite(
-            **common | {"scenarios": [yard(HOSTILE)], "estimators": ["fft4d", *hostile]},
-            snr_db=[10],
-            trials=1,
+            **one | {"scenarios": [yard(HOSTILE)], "estimators": ["fft4d", *hostile]}, snr_db=[10], trials=1
         ),
         "scenes": Suite(
-            **common | {"scenarios": [yard(f"yard{n}", n) for n in range(6)], "estimators": three},
+            **one | {"scenarios": [yard(f"yard{n}", n) for n in range(6)], "estimators": three},
             snr_db=[10],
             trials=1,
         ),
         "timed": Suite(**common, snr_db=[10], trials=6),
         "timed-once": Suite(**common, snr_db=[10], trials=1),
-        "link": LinkSuite(
-            **common | {"estimators": ["fft4d"]},
-            modulations=["qpsk", "16qam"],
-            trials=1,
-            channels=["awgn"],
-            snr_db=[0, 10],
-        ),
+        "link": LinkSuite(**one, modulations=["qpsk", "16qam"], trials=1, channels=["awgn"], snr_db=[0, 10]),
         "detection": DetectionSuite(
-            **common | {"estimators": ["fft4d"]},
-            detectors=["ca", "os"],
-            maps=["homogeneous"],
-            pfa=[1e-3, 1e-2],
-            snr_gain_db=[20],
-            trials=5,
+            **one, detectors=["ca", "os"], maps=["homogeneous"], pfa=[1e-3, 1e-2], snr_gain_db=[20], trials=5
         ),
     }
 

@@ -15,7 +15,6 @@ from isacbench.bench.compare.comparison import compare
 from isacbench.bench.compare.ranking import rank
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
-from isacbench.report.html.joined_runs import join_runs
 from isacbench.report.html.written_pages import (
     write_comparison_page,
     write_leaderboard,
@@ -74,11 +73,8 @@ def test_a_page_forbids_every_request_and_every_script_but_its_two(page):
     assert set(rules) == {"default-src", "script-src", "style-src", "img-src", "base-uri", "form-action"}
     own = re.search(r"<script>(.*?)</script>", text, re.DOTALL)[1]
     plotly = zlib.decompress(base64.b64decode(re.search(r'id="plotly">([^<]*)<', text)[1]), 31)
-    digests = [
-        f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}'"
-        for script in (own.encode(), plotly)
-    ]
-    assert rules["script-src"].split() == digests
+    digests = [base64.b64encode(hashlib.sha256(one).digest()).decode() for one in (own.encode(), plotly)]
+    assert rules["script-src"].split() == [f"'sha256-{digest}'" for digest in digests]
     assert not re.search(r"https?://", text.replace("http://www.w3.org", ""))
 
 
@@ -152,12 +148,11 @@ def test_a_leaderboard_is_over_the_cells_that_all_runs_have(runs, tmp_path):
 
 def test_an_estimator_without_common_cells_is_no_part_of_a_leaderboard(runs, tmp_path):
     early, late = (shutil.copytree(runs("images"), tmp_path / name) for name in ("early", "late"))
-    rewrite(
-        early / "results.parquet", lambda table: table[(table["estimator"] != "fft4d") | (table["trial"] < 2)]
-    )
-    rewrite(
-        late / "results.parquet", lambda table: table[(table["estimator"] != "fft4d") & (table["trial"] > 4)]
-    )
+    for run, condition in (
+        (early, "estimator != 'fft4d' or trial < 2"),
+        (late, "estimator != 'fft4d' and trial > 4"),
+    ):
+        rewrite(run / "results.parquet", lambda table, condition=condition: table.query(condition))
     content = content_of(board([early, late], tmp_path / "board.html"))
     assert [one["label"] for one in content["estimators"]] == ["music2d", "oracle"]
     rewrite(early / "results.parquet", lambda table: table[table["trial"] < 2])
@@ -216,11 +211,8 @@ def test_every_kind_of_run_has_a_page_with_its_own_charts(runs):
     )
     assert rates["lines"] == [1e-3]
     assert [series["label"] for series in rates["series"]] == ["ca", "os"]
-    assert all(
-        low <= y <= high
-        for s in rates["series"]
-        for y, low, high in zip(s["y"], s["low"], s["high"], strict=True)
-    )
+    for one in rates["series"]:
+        assert all(np.diff([one["low"], one["y"], one["high"]], axis=0).ravel() >= 0)
     timed = content_of(write_run_page(Run.open(runs("timed-once"))))
     assert {point["label"] for point in timed["times"]["points"]} == {"fft4d", "oracle"}
     assert timed["times"]["stages"]
@@ -231,10 +223,3 @@ def test_names_of_a_run_do_not_reach_the_markup_of_its_page(runs, showing):
     assert "alert" not in text.split("<script>")[0]
     content = content_of(runs("hostile") / "report.html")
     assert content["scenes"][0]["name"].startswith("<script>alert")
-
-
-def test_joined_rows_keep_their_clouds(runs):
-    one = Run.open(runs("images"))
-    joined = join_runs([one])
-    np.testing.assert_array_equal(np.concatenate(joined.table.points), np.concatenate(one.points))
-    assert (joined.table.rows["ratio"] > 0).all()

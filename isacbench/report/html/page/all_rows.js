@@ -9,7 +9,7 @@ const buildRows = (root) => {
       sceneControl(),
       snrControl(),
       selectControl("status", "Status", statuses),
-      checksControl("est", "Estimators", estimatorOptions, () => (state.est.length ? state.est : data.estimators.map((own) => own.label))),
+      estimatorsControl(),
     ),
     box,
   );
@@ -18,22 +18,8 @@ const buildRows = (root) => {
     const rest = Object.keys(data.rows).filter(
       (name) => !["estimator", "scene", "snr_db", "trial", "status", "cloud", "has_image"].includes(name) && !name.endsWith("_spread"),
     );
-    const columns = [
-      ...cellColumns(),
-      ...rest.map((name) => ({
-        title: name,
-        isText: !Array.isArray(data.rows[name]),
-        get: (row) => value(name, row),
-      })),
-    ];
-    box.replaceChildren(
-      dataTable({
-        caption: `${rows.length} of ${data.n} rows`,
-        name: "rows",
-        columns,
-        rows,
-        sortKey: "sort",
-      }),
-    );
+    const further = rest.map((name) => ({ title: name, isText: !Array.isArray(data.rows[name]), get: (row) => value(name, row) }));
+    const columns = [...cellColumns(), ...further];
+    box.replaceChildren(dataTable({ caption: `${rows.length} of ${data.n} rows`, name: "rows", columns, rows, sortKey: "sort" }));
   };
 };

@@ -176,17 +176,10 @@ const panelTraces = (image, scale, isLast) => {
     showscale: isLast,
     ...more,
   });
-  if (!cloud)
-    return [
-      trace3d(
-        image,
-        truth,
-        trueAt,
-        colour === "velocity" ? bySpeed(truth, trueAt, { size: 3 }) : { size: 3, color: css("fg") },
-        "truth",
-        true,
-      ),
-    ];
+  if (!cloud) {
+    const marker = colour === "velocity" ? bySpeed(truth, trueAt, { size: 3 }) : { size: 3, color: css("fg") };
+    return [trace3d(image, truth, trueAt, marker, "truth", true)];
+  }
   const shownAt = [...Array(cloud.n).keys()].filter((i) => !truth.n || isTrueShown(pair.ofCloud.index[i]));
   const isFalse = (i) => pair.ofCloud.distance[i] > radius;
   const foundAt = shownAt.filter((i) => !isFalse(i)),
@@ -246,14 +239,8 @@ class CloudPanels {
         const { camera: own, from: turned } = this.wanted;
         this.wanted = null;
         const others = this.figures.filter((figure) => figure.plot !== turned && figure.listens && drawn.has(figure.plot));
-        await Promise.all(
-          others.map((figure) =>
-            window.Plotly.relayout(figure.plot, {
-              "scene.camera.eye": own.eye,
-              "scene.camera.center": own.center,
-            }),
-          ),
-        );
+        const camera = { "scene.camera.eye": own.eye, "scene.camera.center": own.center };
+        await Promise.all(others.map((figure) => window.Plotly.relayout(figure.plot, camera)));
       }
       this.turning = false;
     });
@@ -261,7 +248,7 @@ class CloudPanels {
 
   store(camera) {
     state.camera = cameraText(camera);
-    history.replaceState(null, "", addressOf({}));
+    history.replaceState(null, "", addressOf(state));
     onStateStored();
   }
 
@@ -284,17 +271,8 @@ class CloudPanels {
     if (!steps[event.key]) return;
     steps[event.key]();
     rise = Math.max(-1.5, Math.min(1.5, rise));
-    this.look(
-      {
-        eye: {
-          x: far * Math.cos(rise) * Math.cos(turn),
-          y: far * Math.cos(rise) * Math.sin(turn),
-          z: far * Math.sin(rise),
-        },
-        center,
-      },
-      event,
-    );
+    const level = far * Math.cos(rise);
+    this.look({ eye: { x: level * Math.cos(turn), y: level * Math.sin(turn), z: far * Math.sin(rise) }, center }, event);
   }
 
   look(camera, event) {
@@ -307,14 +285,7 @@ class CloudPanels {
   draw(images) {
     const [{ scene, truth, snr, trial }] = images,
       name = data.scenes[scene].name;
-    const first = {
-      scene,
-      truth,
-      cloud: null,
-      pair: null,
-      note: counted(truth.n, "scatterer"),
-      isTruth: true,
-    };
+    const first = { scene, truth, cloud: null, pair: null, note: counted(truth.n, "scatterer"), isTruth: true };
     const shown = [first, ...images],
       key = images.map((image) => image.estimator).join("|");
     if (key !== this.key) {
@@ -340,7 +311,7 @@ class CloudPanels {
     const range = (axisName) => {
       const all = points.flatMap((one) => [...one[axisName]]);
       if (!all.length) return undefined;
-      const [low, high] = all.reduce(([least, most], one) => [Math.min(least, one), Math.max(most, one)], [Infinity, -Infinity]);
+      const [low, high] = extent(all);
       const margin = Math.max(0.5, 0.02 * (high - low));
       return [low - margin, high + margin];
     };
@@ -404,18 +375,10 @@ const pointTable = (image, caption) => {
   if (!image.isTruth && image.truth.n)
     columns.push(
       { title: "to the truth [m]", get: (i) => Number(image.pair.ofCloud.distance[i].toFixed(3)) },
-      {
-        title: "is",
-        isText: true,
-        get: (i) => (image.pair.ofCloud.distance[i] > radius ? "false" : "found"),
-      },
+      { title: "is", isText: true, get: (i) => (image.pair.ofCloud.distance[i] > radius ? "false" : "found") },
     );
   if (levels.length)
-    columns.push({
-      title: "object",
-      isText: true,
-      get: (i) => levels[codes[image.isTruth ? i : image.pair.ofCloud.index[i]]],
-    });
+    columns.push({ title: "object", isText: true, get: (i) => levels[codes[image.isTruth ? i : image.pair.ofCloud.index[i]]] });
   return dataTable({ caption, name: caption, columns, rows });
 };
 
@@ -423,11 +386,8 @@ const pointTable = (image, caption) => {
 class Projections {
   constructor() {
     this.figures = PLANES.map(([plane]) => new Figure({ title: plane, label: `Projection ${plane} of truth and estimate`, height: 300 }));
-    this.element = h(
-      "div",
-      { class: "grid three" },
-      this.figures.map((figure) => figure.element),
-    );
+    const elements = this.figures.map((figure) => figure.element);
+    this.element = h("div", { class: "grid three" }, elements);
   }
 
   draw(image) {
@@ -474,13 +434,9 @@ class Projections {
       if (cloud && pair) {
         const at = [...Array(cloud.n).keys()].filter((k) => isTrueShown(pair.ofCloud.index[k])),
           isFalse = (k) => pair.ofCloud.distance[k] > radius;
+        const right = at.filter((k) => !isFalse(k));
         traces.push(
-          flat(
-            cloud,
-            at.filter((k) => !isFalse(k)),
-            { size: 5, color: css("found") },
-            "found",
-          ),
+          flat(cloud, right, { size: 5, color: css("found") }, "found"),
           flat(cloud, at.filter(isFalse), { size: 8, symbol: "diamond", color: css("false") }, "false"),
         );
       }

@@ -5,8 +5,8 @@ const buildComparison = (root) => {
     panels = new CloudPanels(),
     said = h("h2", { tabindex: -1 });
   const table = h("div"),
-    note = h("p", { class: "note" });
-  root.append(h("p", { class: own.is_regression ? "bad" : null }, own.summary), h("p", { class: "note" }, own.heading.join("; ")));
+    text = note();
+  root.append(h("p", { class: own.is_regression ? "bad" : null }, own.summary), note(own.heading.join("; ")));
   root.append(
     controls(
       selectControl("what", "Show", [
@@ -18,10 +18,10 @@ const buildComparison = (root) => {
     ),
     table,
     said,
-    note,
+    text,
     panels.element,
   );
-  for (const line of own.lines) root.append(h("p", { class: "note" }, line));
+  root.append(...own.lines.map(note));
   for (const { what, cells, n } of own.lost)
     root.append(
       heading(`${counted(n, "cell")} ${what}`),
@@ -46,12 +46,7 @@ const buildComparison = (root) => {
       .map((row, i) => ({ ...row, i }))
       .filter((row) => !state.what || row.what === state.what || row.verdict === state.what);
     const columns = [
-      {
-        title: "verdict",
-        isText: true,
-        get: (row) => row.verdict,
-        show: (row) => h("span", { class: row.verdict }, row.verdict),
-      },
+      { title: "verdict", isText: true, get: (row) => row.verdict, show: (row) => h("span", { class: row.verdict }, row.verdict) },
       { title: "score", isText: true, get: (row) => row.metric },
       { title: "estimators", isText: true, get: names },
       { title: "scene", isText: true, get: (row) => row.scenario },
@@ -69,28 +64,16 @@ const buildComparison = (root) => {
         title: "worst cell",
         isText: true,
         get: (row) => (row.worst ? `${row.worst.scene}, ${row.worst.snr_db} dB, trial ${row.worst.trial}` : ""),
-        show: (row) =>
-          row.worst
-            ? h(
-                "button",
-                {
-                  type: "button",
-                  "data-key": `row ${row.i}`,
-                  onclick: () => (setState({ row: String(row.i) }, true), said.focus()),
-                },
-                `Images: ${short(row.worst.scene, 30)}, ${row.worst.snr_db} dB, trial ${row.worst.trial}`,
-              )
-            : "",
+        show: (row) => {
+          if (!row.worst) return "";
+          const open = () => (setState({ row: String(row.i) }, true), said.focus());
+          const cell = `Images: ${short(row.worst.scene, 30)}, ${row.worst.snr_db} dB, trial ${row.worst.trial}`;
+          return h("button", { type: "button", "data-key": `row ${row.i}`, onclick: open }, cell);
+        },
       },
     ];
-    table.replaceChildren(
-      dataTable({
-        caption: `${own.tolerances.map((one) => one.text).join(", ")}; the ${own.unit} is the unit`,
-        name: "comparison",
-        columns,
-        rows,
-      }),
-    );
+    const caption = `${own.tolerances.join(", ")}; the ${own.unit} is the unit`;
+    table.replaceChildren(dataTable({ caption, name: "comparison", columns, rows }));
     const row = rows.find((one) => String(one.i) === state.row) ?? rows.find((one) => one.worst);
     panels.element.hidden = !row?.worst;
     if (!row?.worst) return said.replaceChildren("No images to compare");
@@ -98,22 +81,9 @@ const buildComparison = (root) => {
     said.replaceChildren(
       `${row.verdict}: ${row.metric}, ${short(names(row))} on ${short(row.worst.scene)}, ${row.worst.snr_db} dB, trial ${row.worst.trial}`,
     );
-    note.replaceChildren(
-      "The cell in which the score got worse most. ",
-      h(
-        "a",
-        {
-          href: linkTo("images", {
-            scene: row.worst.scene,
-            snr: row.worst.snr_db,
-            trial: row.worst.trial,
-            est: unique([row.base, row.new]).map(labelOf),
-          }),
-        },
-        "Open it among the images",
-      ),
-      ".",
-    );
+    const { scene: name, snr_db: snr, trial } = row.worst;
+    const link = imageLink(name, snr, trial, unique([row.base, row.new]).map(labelOf), "Open it among the images");
+    text.replaceChildren("The cell in which the score got worse most. ", link, ".");
     if (!data.scenes[scene]?.truth.length) return panels.element.replaceChildren("The truth of this scene is not stored.");
     panels.draw([row.base, row.new].map((one) => imageOf(scene, one, row.worst.snr_db, row.worst.trial)));
   };

@@ -1,12 +1,10 @@
 /* Curves over SNR; a point opens its trials. */
 
+/* Whether a row is of a scene, or without one of the chosen family. */
+const isOf = (scene, row) =>
+  scene === "" ? !state.family || data.scenes[data.rows.scene[row]].family === state.family : sceneName(row) === scene;
 const curveOf = (scene, estimator, metric) => {
-  const rows = rowsWhere(
-    (row) =>
-      data.rows.estimator[row] === estimator &&
-      (scene === "" ? !state.family || data.scenes[data.rows.scene[row]].family === state.family : sceneName(row) === scene) &&
-      isScored(row),
-  );
+  const rows = rowsWhere((row) => data.rows.estimator[row] === estimator && isOf(scene, row) && isScored(row));
   const isMany = scene === "" && unique(rows.map((row) => data.rows.scene[row])).length > 1;
   const points = [...grouped(rows, (row) => value("snr_db", row))]
     .sort(([a], [b]) => a - b)
@@ -43,7 +41,7 @@ const buildCurves = (root) => {
         () => ({ family: state.family ?? "" }),
       ),
       selectControl("metric", "Metric", () => [["every", "every metric"], ...metricOptions()], data.metric),
-      checksControl("est", "Estimators", estimatorOptions, () => (state.est.length ? state.est : data.estimators.map((own) => own.label))),
+      estimatorsControl(),
     ),
     charts,
     chosen,
@@ -54,9 +52,9 @@ const buildCurves = (root) => {
     const scene = first(),
       isEvery = state.metric === "every",
       metrics = isEvery ? data.metrics : [metricOf(ranked())];
-    const names = state.est.length ? state.est : data.estimators.map((own) => own.label);
-    const shown = estimatorNumbers().filter((one) => names.includes(labelOf(one)));
-    if (key !== metrics.map((metric) => metric.name).join()) {
+    const shown = estimatorNumbers().filter((one) => chosenEstimators().includes(labelOf(one)));
+    const wanted = metrics.map((metric) => metric.name).join();
+    if (key !== wanted) {
       figures = metrics.map(
         (metric) =>
           new Figure({
@@ -67,7 +65,7 @@ const buildCurves = (root) => {
           }),
       );
       charts.replaceChildren(...figures.map((figure) => figure.element));
-      key = metrics.map((metric) => metric.name).join();
+      key = wanted;
     }
     metrics.forEach((metric, i) => {
       const series = shown.map((one) => curveOf(scene, one, metric)),
@@ -92,7 +90,7 @@ const buildCurves = (root) => {
       (row) =>
         (at === null || (value("snr_db", row) === at && data.rows.estimator[row] === numbers[0])) &&
         shown.includes(data.rows.estimator[row]) &&
-        (scene === "" ? !state.family || data.scenes[data.rows.scene[row]].family === state.family : sceneName(row) === scene),
+        isOf(scene, row),
     );
     const shownMetrics = metrics.slice(0, 6);
     const snrSelect = h(
@@ -112,11 +110,7 @@ const buildCurves = (root) => {
         name: "trials",
         columns: [
           ...cellColumns(),
-          ...shownMetrics.map((metric) => ({
-            title: metric.name,
-            about: metric.title,
-            get: (row) => value(metric.name, row),
-          })),
+          ...shownMetrics.map(({ name, title }) => ({ title: name, about: title, get: (row) => value(name, row) })),
         ],
         rows,
         page: 20,

@@ -42,6 +42,9 @@ const value = (name, row) => {
   if (!column) return null;
   return Array.isArray(column) ? column[row] : column.levels[column.codes[row]];
 };
+const mean = (values) => (values.length ? values.reduce((sum, one) => sum + one, 0) / values.length : null);
+const nearTo = (values, wanted) => values.reduce((best, one) => (Math.abs(one - wanted) < Math.abs(best - wanted) ? one : best));
+const extent = (values) => values.reduce(([least, most], one) => [Math.min(least, one), Math.max(most, one)], [Infinity, -Infinity]);
 const labelOf = (estimator) => data.estimators[estimator].label;
 const sceneName = (row) => data.scenes[data.rows.scene[row]].name;
 const isScored = (row) => data.scored.includes(value("status", row));
@@ -63,13 +66,12 @@ const rowAt = (scene, estimator, snr, trial) => data.byCell.get(`${scene}|${esti
 
 /* Mean and half width of its 95 % interval (Student's t); no width of fewer values than the tables take. */
 const meanBand = (values) => {
-  const n = values.length;
-  if (!n) return { mean: null, band: null, n };
-  const mean = values.reduce((sum, one) => sum + one, 0) / n;
-  if (n < data.min_trials) return { mean, band: null, n };
-  const variance = values.reduce((sum, one) => sum + (one - mean) ** 2, 0) / (n - 1);
+  const n = values.length,
+    middle = mean(values);
+  if (n < data.min_trials) return { mean: middle, band: null };
+  const variance = values.reduce((sum, one) => sum + (one - middle) ** 2, 0) / (n - 1);
   const student = data.student[n - 2] ?? 1.959964 + 2.3724 / (n - 1);
-  return { mean, band: student * Math.sqrt(variance / n), n };
+  return { mean: middle, band: student * Math.sqrt(variance / n) };
 };
 
 const valuesOf = (rows, name) => rows.map((row) => value(name, row)).filter((one) => one !== null && one !== undefined);
@@ -95,14 +97,14 @@ const median = (values) => {
    reference has the mean spread over its realisations as its band. */
 const summary = (given, metric, overScenes) => {
   const rows = given.filter(isScored);
-  if (metric.is_median) return { mean: median(valuesOf(rows, metric.name)), band: null, n: rows.length };
+  if (metric.is_median) return { mean: median(valuesOf(rows, metric.name)), band: null };
   const spreads = metric.spread ? valuesOf(rows, metric.spread) : [];
   const units = [...grouped(rows, overScenes ? (row) => data.rows.scene[row] : (row) => data.rows.trial[row]).values()]
     .map((part) => valuesOf(part, metric.name))
     .filter((part) => part.length)
-    .map((part) => part.reduce((sum, one) => sum + one, 0) / part.length);
+    .map(mean);
   const found = meanBand(units);
-  if (spreads.length && !overScenes) found.band = spreads.reduce((sum, one) => sum + one, 0) / spreads.length;
+  if (spreads.length && !overScenes) found.band = mean(spreads);
   return found;
 };
 
@@ -132,35 +134,29 @@ const normalise = () => {
   state.est = state.est.filter((own) => data.estimators.some((one) => one.label === own));
 };
 
-const addressOf = (changes) => {
+const addressOf = (wanted) => {
   const parameters = new URLSearchParams();
-  for (const [key, own] of Object.entries({ ...state, ...changes })) {
-    if (LISTS.includes(key)) own.forEach((one) => parameters.append(key, one));
-    else if (own !== "" && own !== null && own !== undefined) parameters.set(key, own);
-  }
-  return `#${parameters}`;
-};
-
-const setState = (changes, isStep = false) => {
-  state = { ...state, ...changes };
-  normalise();
-  const address = addressOf({});
-  if (isStep) history.pushState(null, "", address);
-  else history.replaceState(null, "", address);
-  onStateStored();
-  render();
-};
-let onStateStored = () => {};
-
-/* A link to another view keeps scene, SNR, trial and estimators. */
-const linkTo = (view, changes = {}) => {
-  const kept = Object.fromEntries(["scene", "snr", "trial", "est", "metric", "family"].map((key) => [key, state[key]]));
-  const parameters = new URLSearchParams();
-  for (const [key, own] of Object.entries({ view, ...kept, ...changes })) {
+  for (const [key, own] of Object.entries(wanted)) {
     if (Array.isArray(own)) own.forEach((one) => parameters.append(key, one));
     else if (own !== "" && own !== null && own !== undefined) parameters.set(key, own);
   }
   return `#${parameters}`;
+};
+
+let onStateStored = () => {};
+const setState = (changes, isStep = false) => {
+  state = { ...state, ...changes };
+  normalise();
+  if (isStep) history.pushState(null, "", addressOf(state));
+  else history.replaceState(null, "", addressOf(state));
+  onStateStored();
+  render();
+};
+
+/* A link to another view keeps scene, SNR, trial and estimators. */
+const linkTo = (view, changes = {}) => {
+  const kept = Object.fromEntries(["scene", "snr", "trial", "est", "metric", "family"].map((key) => [key, state[key]]));
+  return addressOf({ view, ...kept, ...changes });
 };
 
 /* Shell command that takes and draws an image again. */

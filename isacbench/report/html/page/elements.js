@@ -28,12 +28,10 @@ const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
 
 let syncs = [];
 let lastId = 0;
-const newId = () => `e${++lastId}`;
 
 const labelled = (label, control) => {
-  const id = newId();
-  control.id = id;
-  return h("div", {}, h("label", { for: id }, label), control);
+  control.id = `e${++lastId}`;
+  return h("div", {}, h("label", { for: control.id }, label), control);
 };
 
 /* A choice of one; options are [value, text]. The key is that of the state. */
@@ -58,16 +56,16 @@ const sliderControl = (key, label, values, unit, current) => {
   control.addEventListener("input", () => setState({ [key]: String(values()[Number(control.value)]) }));
   syncs.push(() => {
     const own = values(),
-      place = own.indexOf(current());
+      text = `${told(current(), 6)}${unit}`;
     control.max = Math.max(own.length - 1, 0);
     control.disabled = own.length < 2;
-    control.value = place;
-    output.textContent = ` ${told(current(), 6)}${unit}`;
-    control.setAttribute("aria-valuetext", `${told(current(), 6)}${unit}`);
+    control.value = own.indexOf(current());
+    output.textContent = ` ${text}`;
+    control.setAttribute("aria-valuetext", text);
   });
-  const labelledControl = labelled(label, control);
-  labelledControl.append(output);
-  return labelledControl;
+  const box = labelled(label, control);
+  box.append(output);
+  return box;
 };
 
 /* Several of a list; options are [value, text, colour]. */
@@ -115,7 +113,6 @@ const keepFocus = (work) => {
 
 const say = (text) => (document.getElementById("status").textContent = text);
 
-const saveText = (name, text, type) => saveFile(name, URL.createObjectURL(new Blob([text], { type })));
 const saveFile = (name, address) => {
   const link = h("a", { href: address, download: name });
   document.body.append(link);

@@ -48,12 +48,7 @@ const forget = () => {
 /* A figure; draw() takes traces and layout. */
 class Figure {
   constructor({ title, label, height = 340, table = null, name = null, onClick = null, keys = null, note = null }) {
-    this.plot = h("div", {
-      class: "plot",
-      role: "img",
-      "aria-label": label ?? title,
-      style: { height: `${height}px` },
-    });
+    this.plot = h("div", { class: "plot", role: "img", "aria-label": label ?? title, style: { height: `${height}px` } });
     this.heading = h("h3", {}, title);
     this.note = h("p", { class: "note" }, note);
     this.onClick = onClick;
@@ -100,12 +95,7 @@ class Figure {
   async save(format) {
     const Plotly = await plotly();
     const { width, height } = this.plot.getBoundingClientRect();
-    const address = await Plotly.toImage(this.plot, {
-      format,
-      width,
-      height,
-      scale: format === "png" ? 2 : 1,
-    });
+    const address = await Plotly.toImage(this.plot, { format, width, height, scale: format === "png" ? 2 : 1 });
     saveFile(fileName(this.name(), format), address);
   }
 }
@@ -170,12 +160,6 @@ const seriesTable = (caption, xTitle, yTitle, series) => () =>
       { title: "to", get: (row) => row.high },
     ],
     rows: series.flatMap((one) =>
-      one.x.map((x, i) => ({
-        label: one.label,
-        x,
-        y: one.y[i],
-        low: one.low?.[i] ?? null,
-        high: one.high?.[i] ?? null,
-      })),
+      one.x.map((x, i) => ({ label: one.label, x, y: one.y[i], low: one.low?.[i] ?? null, high: one.high?.[i] ?? null })),
     ),
   });

@@ -1,6 +1,7 @@
 /* What several views share: rows that the filters let through, options and controls. */
 
 const heading = (text) => h("h2", {}, text);
+const note = (text) => h("p", { class: "note" }, text);
 const numbersOf = (name, rows) => unique(rows.map((row) => value(name, row))).sort((a, b) => a - b);
 const sceneOptions = () => data.scenes.map((scene) => [scene.name, scene.name]);
 const imagedScenes = () => data.scenes.filter((scene) => scene.truth.length).map((scene) => [scene.name, scene.name]);
@@ -10,7 +11,6 @@ const estimatorOptions = () => data.estimators.map((own) => [own.label, own.labe
 const estimatorNumbers = () => data.estimators.map((_, i) => i);
 const ranked = () => state.metric ?? data.metric;
 const chosenScene = () => (state.scene === EVERY ? "" : state.scene);
-const hasTrials = () => data.rows.estimator.length > 0;
 
 /* Rows that the filters of the state let through. */
 const filteredRows = (names = ["family", "scene", "snr"]) =>
@@ -40,6 +40,8 @@ const sceneControl = () =>
         ...sceneOptions().filter(([name]) => !state.family || data.scenes[data.sceneNumber.get(name)].family === state.family),
       ])
     : null;
+const chosenEstimators = () => (state.est.length ? state.est : data.estimators.map((own) => own.label));
+const estimatorsControl = () => checksControl("est", "Estimators", estimatorOptions, chosenEstimators);
 const snrControl = () => selectControl("snr", "SNR", () => [["", "all SNRs"], ...data.snrs.map((snr) => [snr, `${told(snr, 6)} dB`])]);
 const metricControl = () => selectControl("metric", "Metric", metricOptions, data.metric);
 const controls = (...own) => h("div", { class: "controls", role: "group", "aria-label": "Choices" }, own);

@@ -6,18 +6,12 @@ const imageState = () => {
   const rows = rowsWhere((row) => data.rows.scene[row] === scene);
   const snrs = numbersOf("snr_db", rows),
     trials = numbersOf("trial", rows);
-  const near = (values, wanted) => values.reduce((best, one) => (Math.abs(one - wanted) < Math.abs(best - wanted) ? one : best), values[0]);
-  const snr = near(snrs, state.snr ? Number(state.snr) : data.shown_snr_db),
-    trial = near(trials, Number(state.trial ?? trials[0]));
+  const snr = nearTo(snrs, state.snr ? Number(state.snr) : data.shown_snr_db),
+    trial = nearTo(trials, Number(state.trial ?? trials[0]));
   const own = unique(rows.map((row) => data.rows.estimator[row]));
   const wanted = own.filter((one) => state.est.includes(labelOf(one)));
-  const score = (one) => {
-    const scores = valuesOf(
-      rows.filter((row) => data.rows.estimator[row] === one),
-      "deviation",
-    );
-    return scores.length ? scores.reduce((sum, each) => sum + each, 0) / scores.length : Infinity;
-  };
+  const ofEstimator = (one) => rows.filter((row) => data.rows.estimator[row] === one);
+  const score = (one) => mean(valuesOf(ofEstimator(one), "deviation")) ?? Infinity;
   const best = own.filter((one) => !data.estimators[one].is_reference).sort((a, b) => score(a) - score(b));
   const estimators = (wanted.length ? wanted : (best.length ? best : own).slice(0, 2)).slice(0, MOST_SHOWN);
   return { scene, snrs, trials, snr, trial, own, estimators };
@@ -30,7 +24,17 @@ const imageLegend = () => [
   ["missed", "missed: a scatterer without a point"],
 ];
 
+const COLOURINGS = [
+  ["velocity", "velocity"],
+  ["error", "error"],
+  ["found", "found, missed, false"],
+];
+
 const buildImages = (root) => {
+  const slider = (key, label, values, unit) => {
+    const valuesOfState = () => imageState()[values];
+    return sliderControl(key, label, valuesOfState, unit, () => imageState()[key]);
+  };
   const panels = new CloudPanels(),
     projections = new Projections();
   const objects = h("details", {}, h("summary", {}, "Objects")),
@@ -41,30 +45,9 @@ const buildImages = (root) => {
   root.append(
     controls(
       selectControl("scene", "Scene", imagedScenes, imagedScenes()[0]?.[0], () => ({ family: "", hide: [] })),
-      sliderControl(
-        "snr",
-        "SNR",
-        () => imageState().snrs,
-        " dB",
-        () => imageState().snr,
-      ),
-      sliderControl(
-        "trial",
-        "Trial",
-        () => imageState().trials,
-        "",
-        () => imageState().trial,
-      ),
-      buttonsControl(
-        "colour",
-        "Colour",
-        [
-          ["velocity", "velocity"],
-          ["error", "error"],
-          ["found", "found, missed, false"],
-        ],
-        () => state.colour ?? "velocity",
-      ),
+      slider("snr", "SNR", "snrs", " dB"),
+      slider("trial", "Trial", "trials", ""),
+      buttonsControl("colour", "Colour", COLOURINGS, () => state.colour ?? "velocity"),
       checksControl(
         "est",
         `Estimators, at most ${MOST_SHOWN}`,
@@ -83,9 +66,7 @@ const buildImages = (root) => {
   );
   if (data.n_clouds_left_out)
     root.append(
-      h(
-        "p",
-        { class: "note" },
+      note(
         `${data.n_clouds_left_out} clouds are left out of this page to keep it small. It holds first what comparisons need, then the first trial of every scene and estimator at the SNR nearest ${data.shown_snr_db} dB, the image of largest deviation, the first trial at other SNRs, and further trials as they fit.`,
       ),
     );

@@ -5,9 +5,7 @@ const buildMaps = (root) => {
     names = own.map((one) => [`${one.scene}|${one.estimator}`, `${one.scene}, ${one.estimator}`]);
   root.append(controls(selectControl("map", "Map of", names)));
   root.append(
-    h(
-      "p",
-      { class: "note" },
+    note(
       `Computed anew when this page was made, at ${own[0].snr_db} dB, trial ${own[0].trial}.${data.maps.left_out ? ` It leaves out ${counted(data.maps.left_out, "further image")}; isacbench report DIR --scenario SCENARIO --snr DB draws one.` : ""}`,
     ),
   );
@@ -15,12 +13,9 @@ const buildMaps = (root) => {
     (title) => new Figure({ title, label: `${title} of the range-Doppler map`, height: 420 }),
   );
   const spectra = h("div", { class: "grid" });
+  const grid = figures.map((figure) => figure.element);
   root.append(
-    h(
-      "div",
-      { class: "grid" },
-      figures.map((figure) => figure.element),
-    ),
+    h("div", { class: "grid" }, grid),
     heading("Angular spectra of the strongest cell"),
     spectra,
   );
@@ -28,9 +23,7 @@ const buildMaps = (root) => {
     const map = own.find((one) => `${one.scene}|${one.estimator}` === state.map) ?? own[0];
     const detected = map.power_db.map((row, i) => row.map((one, j) => (map.mask[i][j] ? one : null)));
     const all = map.power_db.flat();
-    const [low, high] = [...all, ...map.threshold_db.flat()]
-      .filter((one) => one !== null)
-      .reduce(([least, most], one) => [Math.min(least, one), Math.max(most, one)], [Infinity, -Infinity]);
+    const [low, high] = extent([...all, ...map.threshold_db.flat()].filter((one) => one !== null));
     [map.power_db, map.threshold_db, detected].forEach((z, i) => {
       const columns = [
         { title: "range [m]", get: (row) => row[0] },
@@ -40,14 +33,8 @@ const buildMaps = (root) => {
       const cells = map.range_m
         .flatMap((range, a) => map.velocity_mps.map((speed, b) => [range, speed, z[a][b]]))
         .filter((row) => row[2] !== null);
-      figures[i].table = () =>
-        dataTable({
-          caption: figures[i].heading.textContent,
-          name: "map",
-          columns,
-          rows: cells,
-          first: "dB over noise|down",
-        });
+      const caption = figures[i].heading.textContent;
+      figures[i].table = () => dataTable({ caption, name: "map", columns, rows: cells, first: "dB over noise|down" });
       figures[i].note.textContent =
         `${short(map.scene)}, ${short(map.estimator)}${i === 2 ? `: ${counted(cells.length, "cell")} of ${all.length}` : ""}`;
       figures[i].draw(
@@ -64,10 +51,7 @@ const buildMaps = (root) => {
             hovertemplate: "%{y} m, %{x} m/s: %{z} dB<extra></extra>",
           },
         ],
-        {
-          xaxis: axis({ title: { text: "radial velocity [m/s]" } }),
-          yaxis: axis({ title: { text: "range [m]" } }),
-        },
+        { xaxis: axis({ title: { text: "radial velocity [m/s]" } }), yaxis: axis({ title: { text: "range [m]" } }) },
       );
     });
     const lines = map.spectra.map((one) => [
@@ -81,35 +65,14 @@ const buildMaps = (root) => {
     ]);
     spectra.replaceChildren(...(lines.length ? lines.map(([, figure]) => figure.element) : ["Nothing was detected."]));
     for (const [one, figure] of lines) {
+      const level = (cosine) => one.level_db[one.cosine.indexOf(nearTo(one.cosine, cosine))];
       const traces = [
-        {
-          type: "scatter",
-          mode: "lines",
-          x: one.cosine,
-          y: one.level_db,
-          name: "spectrum",
-          line: { color: css("found") },
-        },
+        ...lineWithBand({ label: "spectrum", x: one.cosine, y: one.level_db }, { colour: css("found"), dash: "solid" }),
+        ...(one.threshold_db
+          ? lineWithBand({ label: "threshold", x: one.cosine, y: one.threshold_db }, { colour: css("false"), dash: "dash" })
+          : []),
+        ...lineWithBand({ label: "peaks", x: one.peaks, y: one.peaks.map(level) }, { colour: css("fg"), symbol: "triangle-down" }),
       ];
-      if (one.threshold_db)
-        traces.push({
-          type: "scatter",
-          mode: "lines",
-          x: one.cosine,
-          y: one.threshold_db,
-          name: "threshold",
-          line: { color: css("false"), dash: "dash" },
-        });
-      const at = (cosine) =>
-        one.level_db[one.cosine.reduce((best, other, i) => (Math.abs(other - cosine) < Math.abs(one.cosine[best] - cosine) ? i : best), 0)];
-      traces.push({
-        type: "scatter",
-        mode: "markers",
-        x: one.peaks,
-        y: one.peaks.map(at),
-        name: "peaks",
-        marker: { symbol: "triangle-down", size: 11, color: css("fg") },
-      });
       figure.draw(traces, {
         xaxis: axis({ title: { text: `direction cosine ${one.label}` } }),
         yaxis: axis({ title: { text: "level [dB]" } }),

@@ -57,12 +57,7 @@ const drawOverview = (box) => {
     .filter((each) => each.name === metric.name || beside.includes(each.name))
     .sort((a, b) => (b.name === metric.name) - (a.name === metric.name));
   const columns = [
-    {
-      title: "estimator",
-      isText: true,
-      get: (row) => labelOf(row.estimator),
-      show: (row) => nameCell(row.estimator),
-    },
+    estimatorColumn((row) => row.estimator),
     data.runs.length > 1 ? { title: "run", isText: true, get: (row) => data.runs[data.estimators[row.estimator].run].name } : null,
     sets.length
       ? {
@@ -105,19 +100,17 @@ const drawOverview = (box) => {
   const order = [...listed]
     .filter((row) => row.of[metric.name].mean !== null)
     .sort((a, b) => (metric.better === "higher" ? 1 : -1) * (a.of[metric.name].mean - b.of[metric.name].mean));
-  const parts = [...data.notes.map((note) => h("p", { class: "note" }, note)), table];
+  const parts = [...data.notes.map(note), table];
   const reason = data.ranks[metric.name]?.reason ?? Object.values(data.ranks).find((one) => one.reason)?.reason;
   if (!sets.length)
     parts.push(
-      h(
-        "p",
-        { class: "note" },
+      note(
         data.ranks[metric.name]?.ranks
           ? "Rank sets are over all SNRs, and over all scenes or families of 20 scenes or more."
           : `No rank sets: ${reason ? short(reason, 600) : "they are made of the ratio, the Hausdorff sum, the F-scores of points and objects, the deviation, and of the metric of isacbench rank"}`,
       ),
     );
-  for (const note of data.ranks[metric.name]?.notes ?? []) parts.push(h("p", { class: "note" }, note));
+  parts.push(...(data.ranks[metric.name]?.notes ?? []).map(note));
   const figure = new Figure({
     title: `${metric.title}: ${where}`,
     label: `${metric.title} of each estimator with its interval`,
@@ -168,7 +161,7 @@ const winTable = (metric) => {
   if (!wins.length) return [];
   const numbers = unique(wins.map((row) => row.estimator));
   const find = (one, other) => wins.find((row) => row.estimator === one && row.other === other);
-  const columns = [{ title: "better", isText: true, get: (one) => labelOf(one), show: (one) => nameCell(one) }];
+  const columns = [estimatorColumn((one) => one, "better")];
   for (const other of numbers)
     columns.push({
       title: labelOf(other),
@@ -189,19 +182,14 @@ const winTable = (metric) => {
   ];
 };
 
-const imageLink = (scene, snr, trial, estimators, text) =>
-  h("a", { href: linkTo("images", { scene, snr, trial, est: estimators, family: "" }) }, text);
+const imageAddress = (scene, snr, trial, est) => linkTo("images", { scene, snr, trial, est, family: "" });
+const imageLink = (scene, snr, trial, est, text) => h("a", { href: imageAddress(scene, snr, trial, est) }, text);
 
 const worstTable = (metric) => {
   const worst = data.ranks[metric]?.worst ?? [];
   if (!worst.length || !rankGroup()) return [];
   const columns = [
-    {
-      title: "estimator",
-      isText: true,
-      get: (row) => labelOf(row.estimator),
-      show: (row) => nameCell(row.estimator),
-    },
+    estimatorColumn((row) => row.estimator),
     {
       title: "scene",
       isText: true,
@@ -214,54 +202,34 @@ const worstTable = (metric) => {
   ];
   return [
     heading("Worst scenes"),
-    dataTable({
-      caption: `Scenes in which each estimator is worst by ${metric}`,
-      name: `worst ${metric}`,
-      columns,
-      rows: worst,
-    }),
+    dataTable({ caption: `Scenes in which each estimator is worst by ${metric}`, name: `worst ${metric}`, columns, rows: worst }),
   ];
 };
 
 const failureTable = (rows) => {
   const failed = rows.filter((row) => !isScored(row));
-  if (!failed.length) return h("p", { class: "note" }, "No cell failed.");
+  if (!failed.length) return note("No cell failed.");
   const columns = [...cellColumns(), { title: "reason", isText: true, get: (row) => value("reason", row) }];
   return h(
     "section",
     {},
     heading(`Failed cells: ${failed.length}`),
-    dataTable({
-      caption: "Cells without a score, with the reason",
-      name: "failed cells",
-      columns,
-      rows: failed,
-    }),
+    dataTable({ caption: "Cells without a score, with the reason", name: "failed cells", columns, rows: failed }),
   );
 };
 
 const cellColumns = () => [
   { title: "scene", isText: true, get: sceneName },
-  {
-    title: "estimator",
-    isText: true,
-    get: (row) => labelOf(data.rows.estimator[row]),
-    show: (row) => nameCell(data.rows.estimator[row]),
-  },
+  estimatorColumn((row) => data.rows.estimator[row]),
   { title: "SNR [dB]", get: (row) => value("snr_db", row) },
   {
     title: "trial",
     get: (row) => value("trial", row),
-    show: (row) =>
-      data.rows.has_image[row]
-        ? imageLink(
-            sceneName(row),
-            value("snr_db", row),
-            value("trial", row),
-            [labelOf(data.rows.estimator[row])],
-            `${value("trial", row)}, image`,
-          )
-        : String(value("trial", row)),
+    show: (row) => {
+      const trial = value("trial", row);
+      if (!data.rows.has_image[row]) return String(trial);
+      return imageLink(sceneName(row), value("snr_db", row), trial, [labelOf(data.rows.estimator[row])], `${trial}, image`);
+    },
   },
   {
     title: "status",
@@ -272,28 +240,14 @@ const cellColumns = () => [
 ];
 
 const factTables = () =>
-  data.runs.map((run) =>
-    h(
-      "details",
-      {},
-      h("summary", {}, data.runs.length > 1 ? `About the run ${short(run.name)}` : "About the run: command, machine, versions"),
-      h(
-        "div",
-        { class: "scroll", tabindex: 0, role: "region", "aria-label": `About the run ${short(run.name)}` },
-        h(
-          "table",
-          {},
-          h(
-            "tbody",
-            {},
-            Object.entries(run.facts).map(([name, own]) =>
-              h("tr", {}, h("th", { scope: "row", class: "text" }, name), h("td", { class: "text" }, own)),
-            ),
-          ),
-        ),
-      ),
-    ),
-  );
+  data.runs.map((run) => {
+    const title = data.runs.length > 1 ? `About the run ${short(run.name)}` : "About the run: command, machine, versions";
+    const rows = Object.entries(run.facts).map(([name, own]) =>
+      h("tr", {}, h("th", { scope: "row", class: "text" }, name), h("td", { class: "text" }, own)),
+    );
+    const table = h("table", {}, h("tbody", {}, rows));
+    return h("details", {}, h("summary", {}, title), h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": title }, table));
+  });
 const parameterTable = () =>
   h(
     "details",
@@ -303,7 +257,7 @@ const parameterTable = () =>
       caption: "Parameters as the rows have them",
       name: "parameters",
       columns: [
-        { title: "estimator", isText: true, get: (one) => labelOf(one), show: (one) => nameCell(one) },
+        estimatorColumn((one) => one),
         { title: "parameters", isText: true, style: "command", get: (one) => data.estimators[one].params },
       ],
       rows: estimatorNumbers(),

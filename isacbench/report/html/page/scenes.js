@@ -52,18 +52,14 @@ const buildScenes = (root) => {
     const rows = filteredRows(["family", "snr"]).filter((row) => data.rows.estimator[row] === estimator);
     const listed = [...grouped(rows, (row) => data.rows.scene[row])].map(([scene, own]) => {
       const scores = valuesOf(own.filter(isScored), metric.name),
-        snr = state.snr
-          ? Number(state.snr)
-          : [...own]
-              .sort((a, b) => Math.abs(value("snr_db", a) - data.shown_snr_db) - Math.abs(value("snr_db", b) - data.shown_snr_db))
-              .map((row) => value("snr_db", row))[0];
+        snr = state.snr ? Number(state.snr) : nearTo(numbersOf("snr_db", own), data.shown_snr_db);
       const at = own.filter((row) => value("snr_db", row) === snr),
         row = at.find((one) => data.rows.cloud[one] >= 0) ?? at[0] ?? own[0];
       return {
         scene,
         row,
         failed: own.filter((one) => !isScored(one)).length,
-        score: scores.length ? scores.reduce((sum, one) => sum + one, 0) / scores.length : null,
+        score: mean(scores),
       };
     });
     const sign = metric.better === "higher" ? 1 : -1;
@@ -82,13 +78,7 @@ const buildScenes = (root) => {
           h(
             "a",
             {
-              href: linkTo("images", {
-                scene: own.name,
-                snr: value("snr_db", row),
-                trial: value("trial", row),
-                est: [labelOf(estimator)],
-                family: "",
-              }),
+              href: imageAddress(own.name, value("snr_db", row), value("trial", row), [labelOf(estimator)]),
             },
             canvas,
             short(own.name, 60),

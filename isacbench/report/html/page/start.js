@@ -15,13 +15,11 @@ const render = () => {
     current.update();
   });
   const links = Object.entries(views).filter(([, view]) => view.isAvailable());
-  document
-    .getElementById("views")
-    .replaceChildren(
-      ...links.map(([name, view]) =>
-        h("li", {}, h("a", { href: linkTo(name), "aria-current": name === state.view ? "page" : null, onclick: focusMain }, view.title())),
-      ),
-    );
+  const linkOf = ([name, view]) => {
+    const isCurrent = name === state.view ? "page" : null;
+    return h("li", {}, h("a", { href: linkTo(name), "aria-current": isCurrent, onclick: focusMain }, view.title()));
+  };
+  document.getElementById("views").replaceChildren(...links.map(linkOf));
 };
 const focusMain = () => setTimeout(() => document.getElementById("main").focus({ preventScroll: true }));
 const renderAnew = () => {
@@ -38,21 +36,12 @@ const start = async () => {
   data = JSON.parse(new TextDecoder().decode(await unpack("content")));
   clouds = new Clouds(await unpack("clouds"), data.counts);
   data.n = data.rows.estimator.length;
-  data.snrs = numbersOf(
-    "snr_db",
-    rowsWhere(() => true),
-  );
-  data.trials = numbersOf(
-    "trial",
-    rowsWhere(() => true),
-  );
+  const all = rowsWhere(() => true);
+  data.snrs = numbersOf("snr_db", all);
+  data.trials = numbersOf("trial", all);
   data.sceneNumber = new Map(data.scenes.map((scene, i) => [scene.name, i]));
-  data.byCell = new Map(
-    rowsWhere(() => true).map((row) => [
-      `${data.rows.scene[row]}|${data.rows.estimator[row]}|${value("snr_db", row)}|${value("trial", row)}`,
-      row,
-    ]),
-  );
+  const cellOf = (row) => [data.rows.scene[row], data.rows.estimator[row], value("snr_db", row), value("trial", row)].join("|");
+  data.byCell = new Map(all.map((row) => [cellOf(row), row]));
   const title = document.getElementById("title");
   title.title = title.textContent;
   readState();

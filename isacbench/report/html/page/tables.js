@@ -7,16 +7,17 @@ const csvCell = (cell) => {
   const text = FORMULA.test(cell) ? `'${cell}` : String(cell);
   return `"${text.replaceAll('"', '""')}"`;
 };
-const csvText = (columns, rows) =>
-  [columns.map((column) => csvCell(column.csv ?? column.title)), ...rows.map((row) => columns.map((column) => csvCell(column.get(row))))]
-    .map((cells) => cells.join(","))
-    .join("\n") + "\n";
+const saveCsv = (name, columns, rows) => {
+  const cells = [columns.map((column) => column.csv ?? column.title), ...rows.map((row) => columns.map((column) => column.get(row)))];
+  const text = cells.map((own) => `${own.map(csvCell).join(",")}\n`).join("");
+  saveFile(fileName(name, "csv"), URL.createObjectURL(new Blob([text], { type: "text/csv" })));
+};
 
 const PAGE = 100;
 
 /* A table. Columns have title, get (value to sort and save), and optionally show (content of the cell), isText,
    csv (name in the file), about (tooltip), isHidden (only saved). The order is that of the state under sortKey, or its own. */
-const dataTable = ({ caption, columns, rows, name, sortKey = null, first = null, rowClass = null, isSaved = true, page = PAGE }) => {
+const dataTable = ({ caption, columns, rows, name, sortKey = null, first = null, rowClass = null, page = PAGE }) => {
   const box = h("div", {}),
     own = { sort: first ?? "", shown: page };
   const order = () => (sortKey ? (state[sortKey] ?? first ?? "") : own.sort);
@@ -63,41 +64,21 @@ const dataTable = ({ caption, columns, rows, name, sortKey = null, first = null,
         visible.map((column, index) => {
           const content = column.show ? column.show(row) : column.get(row);
           const text = typeof content === "number" ? told(content) : content;
-          return h(
-            index || !column.isText ? "td" : "th",
-            {
-              class: column.isText ? `text ${column.style ?? ""}` : null,
-              scope: index || !column.isText ? null : "row",
-            },
-            text ?? "",
-          );
+          const isHead = !index && column.isText;
+          const style = column.isText ? `text ${column.style ?? ""}` : null;
+          return h(isHead ? "th" : "td", { class: style, scope: isHead ? "row" : null }, text ?? "");
         }),
       ),
     );
     const table = h("table", {}, h("caption", {}, caption), h("thead", {}, h("tr", {}, heads)), h("tbody", {}, body));
-    const more =
-      listed.length > own.shown
-        ? h(
-            "button",
-            {
-              type: "button",
-              "data-key": `${name}|more`,
-              onclick: () => ((own.shown += 10 * PAGE), keepFocus(draw)),
-            },
-            `Show more: ${own.shown} of ${listed.length} rows are shown`,
-          )
-        : null;
-    const save = h(
-      "button",
-      {
-        type: "button",
-        onclick: () => saveText(fileName(name, "csv"), csvText(columns, listed), "text/csv"),
-      },
-      "Save rows as CSV",
-    );
+    const showMore = () => ((own.shown += 10 * PAGE), keepFocus(draw));
+    const text = `Show more: ${own.shown} of ${listed.length} rows are shown`;
+    const isMore = listed.length > own.shown;
+    const more = isMore ? h("button", { type: "button", "data-key": `${name}|more`, onclick: showMore }, text) : null;
+    const save = h("button", { type: "button", onclick: () => saveCsv(name, columns, listed) }, "Save rows as CSV");
     box.replaceChildren(
       h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, table),
-      h("div", { class: "tools" }, more, isSaved ? save : null),
+      h("div", { class: "tools" }, more, save),
     );
   };
   draw();
@@ -124,6 +105,12 @@ const nameCell = (estimator) => {
     own.role ? h("span", { class: "role" }, own.role) : null,
   );
 };
+const estimatorColumn = (of, title = "estimator") => ({
+  title,
+  isText: true,
+  get: (row) => labelOf(of(row)),
+  show: (row) => nameCell(of(row)),
+});
 const withBand = ({ mean, band }) => [
   told(mean),
   band === null || band === undefined ? null : h("span", { class: "band" }, ` ± ${told(band, 2)}`),

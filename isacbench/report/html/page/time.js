@@ -16,22 +16,11 @@ const buildTime = (root) => {
     onClick: (point) => setState({ bar: point.customdata }, true),
   });
   const bars = new Figure({ title: "Stages of an estimate", label: "Time of each stage", height: 360 });
+  const sceneNames = names.map((name) => [name, name]);
+  const snrOptions = () => snrsOf().map((snr) => [snr, `${told(snr, 6)} dB`]);
   const point = selectControl("bar", "Stages of", () => [["", "all estimators"], ...data.estimators.map((own) => [own.label, own.label])]);
   root.append(
-    controls(
-      selectControl(
-        "scene",
-        "Scene",
-        names.map((name) => [name, name]),
-      ),
-      selectControl(
-        "snr",
-        "SNR",
-        () => snrsOf().map((snr) => [snr, `${told(snr, 6)} dB`]),
-        "",
-        () => ({}),
-      ),
-    ),
+    controls(selectControl("scene", "Scene", sceneNames), selectControl("snr", "SNR", snrOptions)),
     figure.element,
     h("div", { class: "controls below" }, point),
     bars.element,
@@ -108,7 +97,6 @@ const buildTime = (root) => {
     );
     const used = names2.filter((name) => shown.some((one) => one[name]));
     const title = (name) => name.replace(/^time_|_s_median$/g, "");
-    const palette = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#999999", "#F0E442"];
     bars.table = () =>
       dataTable({
         caption: "Median time of each stage [ms]",
@@ -126,15 +114,7 @@ const buildTime = (root) => {
         name: title(name),
         y: shown.map((_, i) => i),
         x: shown.map((one) => 1e3 * one[name]),
-        marker: {
-          color: palette[i % palette.length],
-          pattern: {
-            shape: ["", "/", "\\", "x", ".", "-", "|", "+"][i % 8],
-            fillmode: "overlay",
-            fgcolor: "rgba(0,0,0,0.45)",
-            size: 6,
-          },
-        },
+        marker: { color: data.times.stage_colours[name] },
       })),
       {
         barmode: "stack",

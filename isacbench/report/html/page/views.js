@@ -43,5 +43,5 @@ const views = {
     isAvailable: () => data.charts.length > 0,
     build: buildStudy,
   },
-  rows: { title: () => "Rows", isAvailable: hasTrials, build: buildRows },
+  rows: { title: () => "Rows", isAvailable: () => data.n > 0, build: buildRows },
 };
