@@ -426,7 +426,7 @@ def written_run(tmp_path):
     """Return a function that writes records and manifest into a folder, as far as a comparison reads it."""
     import json
 
-    from isacbench.bench.cells.record import COLUMNS, TYPES
+    from isacbench.bench.cells.rows import COLUMNS, TYPES
 
     def write(name, records, manifest):
         folder = tmp_path / name
@@ -481,7 +481,7 @@ def population_rows():
     """
     import pandas as pd
 
-    from isacbench.bench.cells.record import COLUMNS
+    from isacbench.bench.cells.rows import COLUMNS
     from isacbench.bench.kinds.population import PopulationKind
 
     def rows(families=("town", "sparse"), n_scenes=8, snrs_db=(0.0, 10.0), **errors):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from isacbench.bench.cells.cell import raw_cloud
+from isacbench.bench.cells.images import raw_cloud
 from isacbench.errors import InputWarning
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator

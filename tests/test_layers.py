@@ -58,7 +58,7 @@ LAYERS = {  # each may import what is named beside it, and nothing else
 }
 ALGORITHMS = {*BASE, "checked_arrays", "instrument", "model", "metrics", "dsp", "plugins"}
 KNOWN = {
-    ("isacbench.bench.workers.guarded_process", "isacbench.bench.workers.worker"),  # in workers
+    ("isacbench.bench.cells.process", "isacbench.bench.cells.worker"),  # in workers
 }
 """Rooms and modules whose strings name what stands above them, or imports them."""
 

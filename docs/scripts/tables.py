@@ -24,7 +24,7 @@ from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import ALL, ratio_charts, scene_cells, summarise_population
 from isacbench.bench.kinds.resolution import ResolutionKind
 from isacbench.bench.kinds.scores import object_means, summarise_scores
-from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, find_limits
 from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run
 from isacbench.charts import rows_of as own_rows

@@ -1,3 +1,3 @@
-"""The harness: suites, cells, studies, plans, workers, stored runs, and their comparison."""
+"""The harness: suites, cells, runs, stored runs, and their comparison."""
 
-__all__ = ["cells", "compare", "plan", "run", "run_times", "statistics", "store", "suites", "workers"]
+__all__ = ["cells", "compare", "labels", "run", "run_times", "statistics", "store", "suites"]

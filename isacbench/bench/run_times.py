@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.record import TIMING_COLUMNS, failed
+from isacbench.bench.cells.rows import TIMING_COLUMNS, failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, summarise_scores
-from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, find_limits
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.instrument.stages import STAGES
 

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
-from isacbench.bench.cells.record import failed
+from isacbench.bench.cells.rows import failed
 from isacbench.files.escaping import counted
 
 Floats = NDArray[np.float64]

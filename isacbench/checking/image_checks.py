@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from isacbench.bench.cells.cell import raw_cloud
+from isacbench.bench.cells.images import raw_cloud
 from isacbench.checking import checks, scenes
 from isacbench.checking.checks import ODD, Check, CheckFailedError, NotApplicableError, require, sees_truth
 from isacbench.checking.lone_scatterer import require_lone_scatterer

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.cell import raw_cloud
+from isacbench.bench.cells.images import raw_cloud
 from isacbench.checking.checks import CheckFailedError, DoubtfulError
 from isacbench.checking.scenes import LONE_VIEWS, SmallScene, lone
 from isacbench.model.cloud import PointCloud

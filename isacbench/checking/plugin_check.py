@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Timer
 from typing import Any
 
-from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
+from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
 from isacbench.checking.checks import Check, Finding, PluginSubject, Status, run_checks
 from isacbench.checking.image_checks import ESTIMATOR_CHECKS, EstimatorSubject
 from isacbench.checking.map_checks import DETECTOR_CHECKS, DetectorSubject

@@ -19,9 +19,9 @@ import pandas as pd
 
 import isacbench
 from isacbench.bench.cells.cell import seed_global_generators
+from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
 from isacbench.bench.store.provenance import git_state, machine, package_versions
 from isacbench.bench.store.run_folder import open_folder, replacing
-from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
 from isacbench.checking import cases
 from isacbench.checking.checks import Case, Check, Choice, Family, Finding, Status, Whole, run_check
 from isacbench.cores import one_blas_thread

@@ -86,7 +86,7 @@ def image_command(
     signal: dict[str, Any] = {name: choice for name, choice in choices.items() if choice is not None}
     opt.register(plugin)
     opt.require_names([scenario], [estimator])
-    from isacbench.bench.cells.cell import estimate_cloud, image_reference
+    from isacbench.bench.cells.images import estimate_cloud, image_reference
     from isacbench.cores import one_blas_thread
     from isacbench.cubes.frame import summarise_frame
     from isacbench.instrument.remarks import Remarks

@@ -100,7 +100,7 @@ def stress_command(
     """
     opt.register(plugin)
     opt.require_names(estimators=estimator or (), detectors=detector or ())
-    from isacbench.bench.workers.guarded_process import start_process_server
+    from isacbench.bench.cells.process import start_process_server
 
     start_process_server()
     from isacbench.bench.store.run_folder import default_folder

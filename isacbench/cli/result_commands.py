@@ -67,7 +67,7 @@ def merge_command(
     plugin: opt.PluginFiles = None,
 ) -> None:
     """Join shards of a run, or runs of one suite with other estimators."""
-    from isacbench.bench.plan.labels import estimator_labels
+    from isacbench.bench.labels import estimator_labels
     from isacbench.bench.run.merging import merge as merge_runs
     from isacbench.charts import variants_in
 

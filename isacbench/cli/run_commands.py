@@ -54,7 +54,7 @@ def run_command(
     find_suite(suite)
     opt.require_names(scenario, estimator, metrics=metric)
     if dask is None:
-        from isacbench.bench.workers.guarded_process import start_process_server
+        from isacbench.bench.cells.process import start_process_server
 
         start_process_server()  # it imports what workers need while this process imports the rest
     from isacbench.bench.kinds.population import PopulationSuite
@@ -78,8 +78,8 @@ def run_command(
     wanted = with_metrics(wanted, metric or ())
     detectors, metrics = getattr(wanted, "detectors", ()), kind_of(wanted).metric_specs(wanted)
     opt.require_names(wanted.scenarios, wanted.estimators, detectors, metrics)
-    from isacbench.bench.cells.record import failed
-    from isacbench.bench.plan.labels import estimator_labels
+    from isacbench.bench.cells.rows import failed
+    from isacbench.bench.labels import estimator_labels
     from isacbench.bench.run.looks import record_look
     from isacbench.bench.run.options import RunOptions
     from isacbench.bench.run.runner import run_suite

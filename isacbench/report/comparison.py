@@ -14,7 +14,7 @@ from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.compare.pairs import CURVE
 from isacbench.bench.compare.verdicts import VERDICTS, Tolerance, verdict_counts
 from isacbench.bench.kinds.scores import score_of
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.statistics import trials_and_band
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table
 from isacbench.files.checked_files import make_own_folder, require_picture

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from isacbench.bench.compare.scenes import SCENE_KINDS
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, nearest_values, variants_in

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.labels import estimator_labels
 from isacbench.charts import Table, text_table
 from isacbench.checking.plugin_check import CheckReport, PluginFindings
 from isacbench.checking.stress import BROKEN, CaseResult, case_table

@@ -11,12 +11,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from isacbench import charts
-from isacbench.bench.cells.record import CLOUD_KEYS, failed
+from isacbench.bench.cells.rows import CLOUD_KEYS, failed
 from isacbench.bench.kinds.imaging import score_charts
 from isacbench.bench.kinds.kind import lines_of, title_stems
 from isacbench.bench.kinds.population import scene_cells
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, SCORES, averaged_columns, summarise_scores
-from isacbench.bench.plan.labels import estimator_labels
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.store.manifest import command_to_show
 from isacbench.bench.store.run import CellKey, Run

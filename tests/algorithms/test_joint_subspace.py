@@ -10,7 +10,7 @@ from isacbench_algorithms.chain import CellSnapshots, Levels
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
 
-from isacbench.bench.cells.cell import Image
+from isacbench.bench.cells.images import Image
 from isacbench.bench.kinds.efficiency import BOUNDS, ERRORS
 from isacbench.bench.kinds.efficiency import measure_efficiency as measure_error
 from isacbench.model.array import VirtualArray

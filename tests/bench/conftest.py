@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.cell import Image
+from isacbench.bench.cells.images import Image
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.array import VirtualArray

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS
+from isacbench.bench.cells.rows import COLUMNS, TIMING_COLUMNS
 from isacbench.bench.kinds.imaging import ImagingKind
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.scores import summarise_scores

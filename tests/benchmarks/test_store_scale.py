@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.record import Row
+from isacbench.bench.cells.rows import Row
 from isacbench.bench.run import runner
 from isacbench.bench.store.provenance import environment_id, environment_of
 from isacbench.bench.suites.suite import Suite

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.workers.worker import rows_guarded, rows_here
+from isacbench.bench.cells.worker import rows_guarded, rows_here
 from isacbench.cli.run_commands import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -161,7 +161,7 @@ def terminated():
     [
         ((), "isacbench.bench.run.runner.rows_guarded"),
         (("--timing",), "isacbench.bench.run.runner.rows_guarded"),
-        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.workers.cluster.rows_on_cluster"),
+        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.cells.cluster.rows_on_cluster"),
     ],
 )
 def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp_path, options, working):
@@ -361,7 +361,7 @@ def test_help_and_an_unknown_name_are_told_before_anything_slow_is_imported_or_s
 
 
 def test_a_mistaken_parameter_is_told_in_one_line_before_anything_is_computed(cli, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.workers.guarded_process.start_process_server", lambda: None)
+    monkeypatch.setattr("isacbench.bench.cells.process.start_process_server", lambda: None)
     monkeypatch.setattr("isacbench.bench.run.runner.run_suite", lambda *_, **__: pytest.fail("computed"))
     (tmp_path / "s.toml").write_text(DETECTION.replace('["ca"]', '["ca[pfaa=1]"]'))
     for words in (

@@ -5,8 +5,8 @@ import json
 import pandas as pd
 import pytest
 
+from isacbench.bench.cells.task import build_estimators
 from isacbench.bench.kinds.detection import DetectionSuite
-from isacbench.bench.kinds.scenes import build_estimators
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError

@@ -4,7 +4,7 @@ import shutil
 
 import pandas as pd
 
-from isacbench.bench.cells.record import TIMING_COLUMNS
+from isacbench.bench.cells.rows import TIMING_COLUMNS
 
 RUN = ("run", "quick", "-s", "tiny.toml", "-e", "blob", "--snr", "0", "-n", "3")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import isacbench
-from isacbench.bench.cells.cell import image_reference
+from isacbench.bench.cells.images import image_reference
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenes.scenario import load_scenario

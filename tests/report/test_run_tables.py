@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import COLUMNS, TIMING_COLUMNS, typed
+from isacbench.bench.cells.rows import COLUMNS, TIMING_COLUMNS, typed
 from isacbench.bench.kinds.imaging import ImagingKind
 from isacbench.bench.run_times import stage_tables, summarise_stages
 from isacbench.bench.store.run import Run

@@ -1,3 +1,3 @@
-"""One cell of a run: an estimate that is timed, scored and recorded."""
+"""Cells of a run: what is observed, who works on it, in which process, and the row that comes of it."""
 
-__all__ = ["cell", "record"]
+__all__ = ["cell", "cluster", "images", "process", "rows", "task", "worker"]

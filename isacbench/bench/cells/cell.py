@@ -1,7 +1,7 @@
-"""Cell of a run: an estimator, detector or receiver works on an observation; the answer is scored and timed.
+"""One cell: a plugin works on what its task has observed; whatever goes wrong is the reason of a failure.
 
-The clouds of a reference follow from the scenario alone. They are scored once for all SNRs and trials of a
-scenario in a process. Each cell has random numbers of its own, and changed data are noticed.
+Within a cell the process belongs to the plugin: random generators are seeded by the cell's key, BLAS has one
+thread, memory has a limit, and what the plugin changes about the process is undone.
 
 An estimate is timed without echo and scores, on an observation that no estimator has read before. The cell
 has been imaged once, so that code, caches and memory are warm, and nothing else runs in the process. Garbage
@@ -10,35 +10,171 @@ collection is off, as in `timeit`. All repeats must give the same result, bit by
 
 from __future__ import annotations
 
-import dataclasses
 import gc
-import hashlib
 import math
 import random
 import time
 import tracemalloc
 import zlib
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isacbench.bench.suites.scenario_digest import digest, scenario_digest
+from isacbench.bench.cells.rows import Row
+from isacbench.bench.cells.task import Entry, Shared, Task, content_digest
+from isacbench.bench.store.provenance import Environment, environment_id
+from isacbench.cores import one_blas_thread
+from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock
-from isacbench.metrics.geometry import CloudPair
-from isacbench.metrics.realisations import SPREAD_COLUMNS, score_realisations
-from isacbench.model.cloud import PointCloud
-from isacbench.model.observation import Observation
-from isacbench.model.scene import Scenario
-from isacbench.plugins.contracts import Estimator, ReferenceEstimator, TruthEstimator
+from isacbench.plugins.contracts import is_reference
 from isacbench.plugins.discovery import error_place
-from isacbench.plugins.registry import canonical_params
-from isacbench.plugins.scoring import PAPER_ALONE, Metrics
-from isacbench.process_state import plugin_output
+from isacbench.process_state import process_state_kept
+
+DEFAULT_TIMEOUT_S = 600.0
+"""Default limit in s: an estimate that takes ten minutes hangs."""
+
+PROCESS_STATUS = Path("/proc/self/status")
+SEEDED_BY = "seed", "scenario", "trial", "snr_db", "estimator", "params"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of every cell in a worker.
+
+    Attributes
+    ----------
+    timeout_s : float or None
+        Wall time of estimate and scores in s; None for no limit. In a run
+        with timing, the first estimate has this limit. The repeats, and the
+        one that measures memory, together have this limit times their number.
+    memory_mib : float or None
+        Memory in MiB that a cell may take in addition to what its process
+        already holds; None for no limit.
+
+    Raises
+    ------
+    InputError
+        If a limit is not positive, or cannot be enforced on this system.
+    """
+
+    timeout_s: float | None = DEFAULT_TIMEOUT_S
+    memory_mib: float | None = None
+
+    def __post_init__(self) -> None:
+        for option, limit, unit in (("timeout", self.timeout_s, "s"), ("memory", self.memory_mib, "MiB")):
+            if limit is not None and not 0 < limit < math.inf:
+                raise InputError(f"{option} {limit:g} {unit}: allowed is more than 0, and finite")
+        if self.memory_mib is not None and not PROCESS_STATUS.exists():
+            raise InputError("memory limits need Linux; run without one here")
+
+
+def first_row(shared: Shared, entry: Entry[object], environment: Environment, is_timed: bool) -> Row:
+    """Row of a cell before its plugin has worked."""
+    known = {
+        **shared.labels,
+        **entry.labels,
+        **shared.key,
+        "estimator": entry.name,
+        "params": entry.params,
+        "n_true": shared.n_true,
+        "n_estimated": 0,
+        "timing": is_timed,
+        "environment": environment_id(environment),
+    }
+    return Row(known, environment)
+
+
+def run_cell(task: Task, shared: Shared, entry: Entry[object], row: Row, limits: Limits | None) -> Row:
+    """Let a plugin work, and time and score its answer.
+
+    Without limits it works in the caller's process, whose interrupts are the user's and pass.
+    """
+
+    def work() -> Row:
+        start, plugin = time.process_time(), entry.plugin
+        answer = None if is_reference(plugin) else task.call(shared, plugin)
+        time_s = time.process_time() - start
+        columns, cloud = task.score(shared, plugin, answer)
+        found = {"reason": "", "time_estimate_s": time_s, **columns}
+        answer_digest = content_digest(cloud if answer is None else answer)
+        return replace(row, found=found, cloud=cloud, answer_digest=answer_digest)
+
+    return _row_of(work, row, limits)
+
+
+def time_repeats(
+    task: Task, shared: Shared, entry: Entry[object], row: Row, n: int, limits: Limits | None
+) -> Row:
+    """Time a cell that has been worked on, without scores; it fails if its repeats give another answer."""
+
+    def prepare() -> Shared:
+        _seed(row)
+        return shared.unread()
+
+    def work() -> Row:
+        answers, columns = repeat(prepare, lambda unread: task.call(unread, entry.plugin), n)
+        n_differing = sum(content_digest(answer) != row.answer_digest for answer in answers)
+        if n_differing:
+            reason = (
+                f"{n_differing} of {len(answers)} repeats of the same estimate gave another result; "
+                "only what repeats itself can be timed"
+            )
+            return row.failed("error", reason, columns["time_estimate_s"])
+        return replace(row, found={**row.found, **columns})
+
+    return _row_of(work, row, limits)
+
+
+def failed_by(error: BaseException, row: Row, time_s: float) -> Row:
+    """Row of a cell that ended in an exception: ``killed`` if memory ran out, else ``error``."""
+    return row.failed("killed" if isinstance(error, MemoryError) else "error", describe_error(error), time_s)
+
+
+def _row_of(work: Callable[[], Row], row: Row, limits: Limits | None) -> Row:
+    """Row that some work makes of a row, or that of a failure."""
+    start, memory_mib = time.perf_counter(), None if limits is None else limits.memory_mib
+    with process_state_kept(), one_blas_thread():
+        _seed(row)
+        try:
+            with _memory_limit(memory_mib):
+                return work()
+        except BaseException as error:
+            if limits is None and isinstance(error, KeyboardInterrupt):
+                raise
+            row = failed_by(error, row, time.perf_counter() - start)
+    if memory_mib is None or row.status != "killed":
+        return row
+    reason = f"more than {memory_mib:g} MiB: {row.found['reason']}"
+    return row.failed("killed", reason, row.found["time_estimate_s"])
+
+
+def _seed(row: Row) -> None:
+    seed_global_generators(*(row.known[name] for name in SEEDED_BY))
+
+
+@contextmanager
+def _memory_limit(memory_mib: float | None) -> Iterator[None]:
+    """Limit the memory that this process may allocate in addition to what it holds."""
+    if memory_mib is None:
+        yield
+        return
+    import resource  # which other systems than Linux need not have
+
+    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    # Private writable memory of this process, as the limit counts it.
+    (line,) = (line for line in PROCESS_STATUS.read_text().splitlines() if line.startswith("VmData:"))
+    limit = int(line.split()[1]) * 1024 + int(memory_mib * MIB)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
 
 
 def seed_global_generators(*key: object) -> None:
@@ -46,103 +182,6 @@ def seed_global_generators(*key: object) -> None:
     seed = zlib.crc32(repr(key).encode())
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002, a plugin may use the global one
-
-
-def array_digest(array: NDArray[Any]) -> str:
-    """Digest of an array that shows whether the array has changed.
-
-    It consists of the sums of columns over the first and the second half of the rows, which are read as
-    words of 8 bytes. A changed bit changes it, and so do changed signs and a reversed order; rows that
-    change places within a half do not. It takes a tenth of the time of a checksum.
-    """
-    total = hashlib.sha256(repr((array.shape, array.dtype.str)).encode())
-    raw = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
-    n_whole = raw.size // 8 * 8
-    total.update(raw[n_whole:].tobytes())
-    if n_whole:
-        words = raw[:n_whole].view(np.uint64)
-        table = words.reshape(-1, 1) if words.size % len(array) else words.reshape(len(array), -1)
-        # A half of odd length: sign changes of an even number of rows can cancel.
-        cut = len(table) // 2 | 1
-        for half in (table[:cut], table[cut:]):
-            total.update(half.sum(axis=0, dtype=np.uint64).tobytes())
-    return total.hexdigest()
-
-
-def content_digest(part: object) -> str:
-    """Digest of an observation or an answer, with all digits of its numbers, whatever its ``repr`` shows."""
-    if isinstance(part, np.ndarray):
-        return array_digest(part)
-    if dataclasses.is_dataclass(part) and not isinstance(part, type):
-        values = [content_digest(getattr(part, one.name)) for one in dataclasses.fields(part)]
-        return digest([type(part).__name__, *values])
-    return repr(part)
-
-
-KEPT = 32
-"""Scored images of references that a process keeps."""
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredImage:
-    """Realisation whose deviation is nearest to the mean, with the scores of all and the times of both.
-
-    Attributes
-    ----------
-    scores : mapping of str to Any
-        Columns of the metrics, means over the realisations.
-    spreads : mapping of str to float
-        Standard deviations over the realisations, by score.
-    time_estimate_s, time_score_s : float
-        Of all realisations when they were made.
-    """
-
-    cloud: PointCloud
-    scores: Mapping[str, Any]
-    spreads: Mapping[str, float]
-    time_estimate_s: float
-    time_score_s: float
-
-    def columns(self) -> dict[str, Any]:
-        """Columns of a row with the means and their spreads."""
-        return {**self.scores, **{SPREAD_COLUMNS[name]: one for name, one in self.spreads.items()}}
-
-
-@dataclass(frozen=True)
-class _Reference:
-    """Reference and scenario, equal to others of the same content."""
-
-    content: tuple[Hashable, ...]
-    reference: ReferenceEstimator = field(compare=False)
-    scenario: Scenario = field(compare=False)
-    metrics: Metrics
-
-
-def image_reference(
-    reference: ReferenceEstimator, scenario: Scenario, metrics: Metrics = PAPER_ALONE
-) -> ScoredImage:
-    """Score the realisations of a reference against the scenario that they are made from.
-
-    What is returned is remembered for an equal reference and an equal scenario. TypeError if a realisation is
-    no `PointCloud`.
-    """
-    objects = scenario.scatterers.objects
-    content = type(reference), canonical_params(reference), scenario_digest(scenario), objects
-    return _imaged(_Reference(content, reference, scenario, metrics))
-
-
-@lru_cache(maxsize=KEPT)
-def _imaged(asked: _Reference) -> ScoredImage:
-    start, scenario = time.process_time(), asked.scenario
-    clouds = list(asked.reference.realisations(scenario, scenario.truth))
-    for cloud in clouds:
-        if not isinstance(cloud, PointCloud):
-            raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
-    time_s, imaged = time.process_time() - start, time.perf_counter()
-    pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
-    scores = score_realisations(pairs, PAPER_ALONE.score, asked.metrics.score)
-    time_score_s = time.perf_counter() - imaged
-    return ScoredImage(clouds[scores.nearest], scores.means, scores.spreads, time_s, time_score_s)
 
 
 MIB = 2**20
@@ -154,7 +193,7 @@ def repeat(
     """Time a call that has run before `n` times, and watch its memory in one more repeat.
 
     `prepare` makes the input of each repeat and is not timed. Returned are the results of all repeats, and
-    columns: the median processor time, and `isacbench.bench.cells.record.TIMING_COLUMNS`, the median of each
+    columns: the median processor time, and `isacbench.bench.cells.rows.TIMING_COLUMNS`, the median of each
     stage, 0 if it did not occur; half the distance between the quartiles of all times, NaN for one repeat;
     and the most memory that Python and NumPy had allocated at any time. Stages need not sum to the whole:
     some time belongs to no stage, and medians do not add.
@@ -200,30 +239,6 @@ def _no_garbage_collection() -> Iterator[None]:
 MAX_MESSAGE = 1000
 """Characters of an exception's message that a row keeps."""
 
-Found = tuple[Mapping[str, Any], PointCloud]
-"""Columns that come out of a cell, and its cloud, empty where there is none."""
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """Image from which a kind of suite derives columns.
-
-    Attributes
-    ----------
-    scenario : Scenario
-        With the scatterers that were observed.
-    observation, estimator : optional
-        None for a stored cloud.
-    cloud : PointCloud
-        Estimate from the observation.
-    """
-
-    scenario: Scenario
-    observation: Observation | None
-    estimator: Estimator | None
-    snr_db: float
-    cloud: PointCloud
-
 
 def describe_error(error: BaseException) -> str:
     """Type and message of an exception in one line of UTF-8, with the place in a plugin that raised it."""
@@ -237,28 +252,3 @@ def describe_error(error: BaseException) -> str:
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     place = error_place(error)
     return f"{text} ({place})" if place else text
-
-
-def estimate_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation, and check the shapes and values of the cloud.
-
-    `truth` is passed on only to an estimator with `needs_truth`. TypeError if the estimator returns anything
-    but a `PointCloud`; ValueError if the cloud has wrong shapes, NaN or infinities.
-    """
-    cloud = raw_cloud(estimator, observation, truth)
-    # The constructor checks shapes and values, also of a cloud that a plugin has changed.
-    return PointCloud(cloud.xyz, cloud.velocity, cloud.power)
-
-
-def raw_cloud(estimator: Estimator, observation: Observation, truth: PointCloud) -> PointCloud:
-    """Image an observation as `estimate_cloud` does, without further checks than its type and velocities."""
-    with plugin_output():
-        if isinstance(estimator, TruthEstimator) and estimator.needs_truth:
-            cloud = estimator.estimate(observation, truth)
-        else:
-            cloud = estimator.estimate(observation)
-    if not isinstance(cloud, PointCloud):
-        raise TypeError(f"estimate() must return a PointCloud, not {type(cloud).__name__}")
-    if not cloud.has_velocity:
-        raise ValueError("estimate() must return a finite velocity of each point, which a row needs, not NaN")
-    return cloud

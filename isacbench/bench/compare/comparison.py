@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import REFERENCE_COLUMNS
+from isacbench.bench.cells.rows import REFERENCE_COLUMNS
 from isacbench.bench.compare import pairs, scenes, verdicts
 from isacbench.bench.compare.pairs import CellChanges, NotComparableError
 from isacbench.bench.compare.verdicts import Tolerance, merge_tolerances, parse_tolerance, verdict_counts

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.record import failed
+from isacbench.bench.cells.rows import failed
 from isacbench.bench.compare.pairs import CURVE, VARIANT, spell_apart
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS, ROUNDING
 from isacbench.bench.kinds.scores import LONE_COUNTS, POINT_FAMILIES, hausdorff_ratios

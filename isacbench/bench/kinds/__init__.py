@@ -8,6 +8,5 @@ __all__ = [
     "link",
     "population",
     "resolution",
-    "scenes",
     "scores",
 ]

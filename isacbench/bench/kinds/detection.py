@@ -22,12 +22,22 @@ from pydantic import Field
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import Found, Image
-from isacbench.bench.cells.record import failed, status_of
-from isacbench.bench.kinds import kind, scenes
+from isacbench.bench.cells.images import Found, Image
+from isacbench.bench.cells.rows import failed, status_of
+from isacbench.bench.cells.task import (
+    Entry,
+    ImagingTask,
+    Shared,
+    Task,
+    build_plugins,
+    distinct_entries,
+    element_snrs_db,
+    entry_of,
+    gained_snr_db,
+)
+from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
 from isacbench.bench.kinds.power_maps import MAPS, draw_power_map, near
-from isacbench.bench.kinds.scenes import Entry, ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
@@ -102,8 +112,8 @@ class DetectionKind(Kind):
     def tasks(self, suite: DetectionSuite, scenarios: Scenarios) -> list[Task]:
         """Plan maps with every detector alone, and scenarios with every estimator behind every detector."""
         detectors = [variant for text in suite.detectors for variant in spec_variants(text)]
-        alone = scenes.distinct_entries("detector", _alone(suite, detectors))
-        behind = scenes.distinct_entries("detector", _behind(suite, detectors))
+        alone = distinct_entries("detector", _alone(suite, detectors))
+        behind = distinct_entries("detector", _behind(suite, detectors))
         if clash := set(suite.maps) & set(scenarios):
             raise InputError(f"scenarios: {min(clash)!r} is the name of a map as well; rename the scenario")
         maps = [MapTask(suite, name, alone) for name in suite.maps]
@@ -235,7 +245,7 @@ class MapTask(Task):
 
     def __init__(self, suite: DetectionSuite, name: MapName, entries: Sequence[Entry[Detector]]) -> None:
         draw = partial(draw_power_map, name, seed=suite.seed)
-        super().__init__(suite, name, entries, scenes.element_snrs_db(suite, MAP_GAIN_DB), draw)
+        super().__init__(suite, name, entries, element_snrs_db(suite, MAP_GAIN_DB), draw)
 
     @cached_property
     def content(self) -> str:
@@ -246,7 +256,7 @@ class MapTask(Task):
 
     def observe(self, snr_db: float, trial: int) -> Shared:
         """Draw the map, for all detectors."""
-        power_map, target_snr_db = self._draw_once(trial), scenes.gained_snr_db(snr_db, MAP_GAIN_DB)
+        power_map, target_snr_db = self._draw_once(trial), gained_snr_db(snr_db, MAP_GAIN_DB)
         power, n_true = power_map.power(target_snr_db), int(power_map.targets.sum())
         power.setflags(write=False)
         return Shared(self._key(snr_db, trial), {"snr_gain_db": target_snr_db}, n_true, power)
@@ -307,12 +317,12 @@ def _alone(
     """Every detector at every nominal rate, at its own where none is given."""
     for (text, (name, params)), own in product(detectors, [{"pfa": rate} for rate in suite.pfa] or [{}]):
         detector = get_detector(name, **{**params, **own})
-        yield text, scenes.entry_of(detector, detector=text, pfa=detector.pfa)
+        yield text, entry_of(detector, detector=text, pfa=detector.pfa)
 
 
 def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Iterator[tuple[str, Entry[Any]]]:
     """Every estimator behind every detector."""
-    for spelled, plugin in scenes.build_plugins(suite, "estimator", suite.estimators):
+    for spelled, plugin in build_plugins(suite, "estimator", suite.estimators):
         if not hasattr(plugin, "detector") or "detector" in parse_spec(spelled).params:
             raise InputError(
                 f"estimators: {spelled!r}: allowed are estimators with a parameter detector, which is not "
@@ -323,7 +333,7 @@ def _behind(suite: DetectionSuite, detectors: Sequence[SpelledVariant]) -> Itera
             estimator = dataclasses.replace(plugin, detector=detector)
             own_pfa = getattr(estimator, "pfa", None)
             pfa = detector.pfa if own_pfa is None else own_pfa
-            yield text, scenes.entry_of(estimator, detector=text, pfa=pfa)
+            yield text, entry_of(estimator, detector=text, pfa=pfa)
 
 
 def _counts(mask: Mask, targets: Mask, clear: Mask) -> dict[str, int]:

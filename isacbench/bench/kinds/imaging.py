@@ -10,11 +10,11 @@ import pandas as pd
 
 from isacbench import charts
 from isacbench.bench import statistics
+from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, SCORES, average_scenarios, score_of, summarise_scores
-from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import ChartGroup, Column, Line, Table, Variant

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from isacbench import charts
-from isacbench.bench.cells.record import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
-from isacbench.bench.kinds.scenes import Task
-from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.cells.rows import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
+from isacbench.bench.cells.task import Task
+from isacbench.bench.labels import estimator_labels, find_limits
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import ChartGroup, Line, Table, Variant, variants_in
 from isacbench.errors import InputError

@@ -22,12 +22,12 @@ import pandas as pd
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import Found
-from isacbench.bench.cells.record import failed, status_of
-from isacbench.bench.kinds import kind, scenes
+from isacbench.bench.cells.images import Found
+from isacbench.bench.cells.rows import failed, status_of
+from isacbench.bench.cells.task import ImagingTask, Shared, Task, build_estimators, distinct_entries, entry_of
+from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.imaging import deviation_text
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagingTask, Shared, Task
 from isacbench.bench.suites.scenario_digest import described_fields, digest
 from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
@@ -133,7 +133,7 @@ class LinkKind(Kind):
             raise InputError(
                 "snr_gain_db: a suite of the kind link takes snr_db, because a user has no array gain"
             )
-        entries, systems = scenes.build_estimators(suite), {}
+        entries, systems = build_estimators(suite), {}
         for scenario in scenarios.values():
             scenario.require_default("a suite of the kind link", "noise", "mimo")
             systems[scenario.name] = scenario.system
@@ -379,8 +379,8 @@ def _reception_tasks(suite: LinkSuite, system: System) -> list[ReceptionTask]:
     """
     channels: dict[str, Channel] = {text: _construct("channel", text, CHANNELS) for text in suite.channels}
     receivers: dict[str, OneTap] = {text: _construct("receiver", text, RECEIVERS) for text in suite.receivers}
-    written = ((text, scenes.entry_of(receiver)) for text, receiver in receivers.items())
-    entries = scenes.distinct_entries("receiver", written)
+    written = ((text, entry_of(receiver)) for text, receiver in receivers.items())
+    entries = distinct_entries("receiver", written)
     try:
         for text, channel in channels.items():
             what = f"channels: {text!r}"

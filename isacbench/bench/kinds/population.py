@@ -29,13 +29,13 @@ from scipy.optimize import linear_sum_assignment
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import Image
-from isacbench.bench.cells.record import failed
+from isacbench.bench.cells.images import Image
+from isacbench.bench.cells.rows import failed
+from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, SCORES, Score, score_chart
-from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.labels import find_limits
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant

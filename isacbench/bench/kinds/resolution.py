@@ -21,12 +21,12 @@ from pydantic import Field
 
 from isacbench import charts
 from isacbench.bench import statistics
-from isacbench.bench.cells.cell import Image
-from isacbench.bench.cells.record import failed
+from isacbench.bench.cells.images import Image
+from isacbench.bench.cells.rows import failed
+from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.efficiency import TITLES
 from isacbench.bench.kinds.kind import NO_SCENARIOS, SNR_GAIN, Kind, Scenarios
-from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.suites.suite import Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Table
 from isacbench.checked_arrays import Floats

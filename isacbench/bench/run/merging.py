@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.record import TIMES, TIMING_COLUMNS, typed
-from isacbench.bench.plan.run_plan import Plan
+from isacbench.bench.cells.rows import TIMES, TIMING_COLUMNS, typed
+from isacbench.bench.run.plan import Plan
 from isacbench.bench.store.manifest import (
     ENTRIES,
     RUN_KEYS,

@@ -6,8 +6,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from isacbench.bench.plan.run_plan import Shard
-from isacbench.bench.workers.cell import DEFAULT_TIMEOUT_S, Limits
+from isacbench.bench.cells.cell import DEFAULT_TIMEOUT_S, Limits
+from isacbench.bench.run.plan import Shard
 from isacbench.errors import InputError, unknown_name
 
 Rerun = Literal["failed", "stale", "all"]

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from isacbench.bench.cells.cell import Image, image_reference
-from isacbench.bench.cells.record import N_STORED, failed
+from isacbench.bench.cells.images import Image, image_reference
+from isacbench.bench.cells.rows import N_STORED, failed
 from isacbench.bench.store.manifest import SCORES, describe_scores, describe_session, read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.run_folder import open_folder

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.record import failed
-from isacbench.bench.plan.labels import estimator_labels
-from isacbench.bench.plan.run_plan import Job, Plan
+from isacbench.bench.cells.rows import failed
+from isacbench.bench.labels import estimator_labels
 from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.plan import Job, Plan
 from isacbench.bench.store.manifest import SCORES, require_same_scores
 from isacbench.bench.store.provenance import differing_versions, environment_id
 from isacbench.bench.store.run import Run

@@ -12,9 +12,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, typed
-from isacbench.bench.plan.run_plan import Block, Job, load_job
+from isacbench.bench.cells.cell import DEFAULT_TIMEOUT_S
+from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, typed
+from isacbench.bench.cells.worker import rows_guarded, rows_here
 from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.plan import Block, Job, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.run.resume import rows_to_keep
 from isacbench.bench.store.manifest import (
@@ -31,8 +33,6 @@ from isacbench.bench.store.run_folder import JOURNAL, open_folder
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
-from isacbench.bench.workers.cell import DEFAULT_TIMEOUT_S
-from isacbench.bench.workers.worker import rows_guarded, rows_here
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
@@ -109,7 +109,7 @@ def run(
     -------
     DataFrame
         One row for each scenario, SNR, trial and estimator. Columns are those
-        of `isacbench.bench.cells.record.COLUMNS` and those of the kind of
+        of `isacbench.bench.cells.rows.COLUMNS` and those of the kind of
         suite.
 
     Raises
@@ -235,7 +235,7 @@ def _work(job: Job, blocks: Sequence[Block], options: RunOptions) -> Generator[R
     """Rows of blocks from this process, from workers or from a cluster, which is connected at once."""
     if options.dask is not None and blocks:
         try:
-            from isacbench.bench.workers.cluster import rows_on_cluster
+            from isacbench.bench.cells.cluster import rows_on_cluster
         except ImportError as error:  # an optional dependency
             raise InputError(
                 "dask: the package `distributed` is missing; pip install 'isacbench[distributed]', here and "

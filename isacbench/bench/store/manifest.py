@@ -17,9 +17,9 @@ from typing import Any
 from threadpoolctl import threadpool_info
 
 import isacbench
-from isacbench.bench.cells.record import COLUMNS
-from isacbench.bench.kinds.scenes import Entry
-from isacbench.bench.plan.run_plan import Job, Plan
+from isacbench.bench.cells.rows import COLUMNS
+from isacbench.bench.cells.task import Entry
+from isacbench.bench.run.plan import Job, Plan
 from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions
 from isacbench.bench.store.run_folder import MANIFEST, damage_named, replacing
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest

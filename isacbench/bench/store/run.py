@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.record import (
+from isacbench.bench.cells.rows import (
     CLOUD_KEYS,
     COLUMNS,
     DRAW_COLUMNS,
@@ -22,7 +22,7 @@ from isacbench.bench.cells.record import (
     stored_points,
     typed,
 )
-from isacbench.bench.kinds.scenes import ImagingTask
+from isacbench.bench.cells.task import ImagingTask
 from isacbench.bench.store import run_folder as files
 from isacbench.bench.store import tables
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest

@@ -24,7 +24,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from isacbench.bench.cells.record import CLOUD_KEYS, COLUMNS, Row
+from isacbench.bench.cells.rows import CLOUD_KEYS, COLUMNS, Row
 from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.suites.scenario_digest import digest

@@ -9,7 +9,7 @@ import pandas as pd
 
 from isacbench.bench.compare.pairs import incomparable
 from isacbench.bench.compare.scenes import with_ratios
-from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, find_limits
 from isacbench.bench.store.run import Run
 from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from isacbench import charts
-from isacbench.bench.cells.record import SCORED
+from isacbench.bench.cells.rows import SCORED
 from isacbench.bench.compare.comparison import Comparison, direction
 from isacbench.bench.compare.pairs import CURVE, code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
@@ -18,7 +18,7 @@ from isacbench.bench.compare.scenes import compared_scenes
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
 from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.bench.kinds.scores import SCORES, Score
-from isacbench.bench.plan.labels import find_limits
+from isacbench.bench.labels import find_limits
 from isacbench.bench.run_times import STAGE_STYLES, is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns

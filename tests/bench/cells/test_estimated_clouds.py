@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isacbench.bench.cells.cell import estimate_cloud
+from isacbench.bench.cells.images import estimate_cloud
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from isacbench.bench.cells.cell import array_digest, content_digest, seed_global_generators
+from isacbench.bench.cells.cell import seed_global_generators
+from isacbench.bench.cells.task import array_digest, content_digest
 from isacbench.cores import one_blas_thread
 from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PaperFrame

@@ -2,7 +2,7 @@ from typing import get_args
 
 import pandas as pd
 
-from isacbench.bench.cells.record import SCORED, CellStatus, failed
+from isacbench.bench.cells.rows import SCORED, CellStatus, failed
 
 FAILURES = ["error", "timeout", "killed", "skipped"]
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.cell import repeat
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
+from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
 from isacbench.bench.compare.comparison import compare_tables
 from isacbench.bench.compare.verdicts import parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
@@ -148,7 +148,7 @@ def quick_collections():
 
 @pytest.fixture
 def hand(clock, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.cells.cell.StageClock", partial(StageClock, clock))
+    monkeypatch.setattr("isacbench.bench.cells.images.StageClock", partial(StageClock, clock))
     return clock
 
 

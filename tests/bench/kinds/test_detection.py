@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.cell import Image
+from isacbench.bench.cells.images import Image
 from isacbench.bench.kinds.detection import MAP_GAIN_DB, DetectionKind, DetectionSuite, count_cells
 from isacbench.bench.kinds.power_maps import draw_power_map
 from isacbench.bench.run.runner import run

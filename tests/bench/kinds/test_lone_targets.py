@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.cell import Image
+from isacbench.bench.cells.images import Image
 from isacbench.bench.kinds.population import match_points, measure_lone_scatterers, scene_bound
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells, space_places

@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import pytest
 
+from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.kinds.kind import NO_SCENARIOS, Kind, lines_of
-from isacbench.bench.kinds.scenes import ImagingTask, build_estimators
 from isacbench.bench.run.merging import merge
 from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.rescoring import rescore

@@ -15,7 +15,7 @@ import pandas as pd
 import psutil
 import pytest
 
-from isacbench.bench.cells.record import TIMES
+from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import load_suite

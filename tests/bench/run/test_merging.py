@@ -5,12 +5,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import TIMES
+from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.population import PopulationSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
-from isacbench.bench.plan.run_plan import load_job
 from isacbench.bench.run.merging import merge
+from isacbench.bench.run.plan import load_job
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.manifest import describe_run, read_manifest, restore_plan
 from isacbench.bench.store.run import Run

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.cells import cell
-from isacbench.bench.cells.cell import image_reference
-from isacbench.bench.cells.record import REFERENCE_COLUMNS, TIMES
+from isacbench.bench.cells import images
+from isacbench.bench.cells.images import image_reference
+from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMES
 from isacbench.bench.compare.comparison import direction
 from isacbench.bench.kinds.scores import summarise_scores
 from isacbench.bench.run.merging import merge
@@ -111,14 +111,14 @@ def test_only_a_run_with_references_has_columns_of_spreads_and_only_their_rows_h
 
 def test_a_reference_is_scored_once_for_all_snrs_and_trials_of_a_scenario(suite, monkeypatch):
     calls = []
-    score_all = cell.score_realisations
+    score_all = images.score_realisations
 
     def counted(*arguments, **given):
         calls.append(arguments)
         return score_all(*arguments, **given)
 
-    monkeypatch.setattr(cell, "score_realisations", counted)
-    cell._imaged.cache_clear()
+    monkeypatch.setattr(images, "score_realisations", counted)
+    images._imaged.cache_clear()
     records = run_suite(suite).rows
     assert is_of_reference(records).sum() == 12
     assert len(calls) == len(REFERENCES)
@@ -183,7 +183,7 @@ def test_rows_of_references_are_scored_again_from_their_realisations(first, fold
     for name in ("deviation", "recall", "deviation_spread", "hausdorff_sum_m_spread"):
         records[name] += 1
     records.to_parquet(folder / "results.parquet", index=False)
-    cell._imaged.cache_clear()
+    images._imaged.cache_clear()
     rescored = rescore(folder)
     assert rescored.n_changed == (first["status"] == "ok").sum()
     pd.testing.assert_frame_equal(rescored.run.rows, first)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import TIMES
+from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.run.rescoring import Change, rescore
 from isacbench.bench.run.runner import run

@@ -86,7 +86,7 @@ def test_an_estimator_runs_on_one_thread_and_the_threads_come_back(suite, monkey
         seen.extend(library["num_threads"] for library in threadpool_info())
         return PointCloud.empty()
 
-    monkeypatch.setattr("isacbench.bench.kinds.scenes.estimate_cloud", spy)
+    monkeypatch.setattr("isacbench.bench.cells.task.estimate_cloud", spy)
     with threadpool_limits(limits=2):
         # A library that other tests have loaded may have one thread in any case.
         before = {library["filepath"]: library["num_threads"] for library in threadpool_info()}

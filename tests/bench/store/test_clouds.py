@@ -5,7 +5,7 @@ import pandas as pd
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.record import CLOUD_KEYS
+from isacbench.bench.cells.rows import CLOUD_KEYS
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.tables import cloud_table, clouds_of
 from isacbench.model.cloud_files.columns import POINT_COLUMNS

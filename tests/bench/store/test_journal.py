@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.cells.record import COLUMNS, Row
+from isacbench.bench.cells.rows import COLUMNS, Row
 from isacbench.bench.store.tables import Journal, read_journal
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud

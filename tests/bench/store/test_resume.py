@@ -10,7 +10,7 @@ from unittest.mock import Mock
 import pandas as pd
 import pytest
 
-from isacbench.bench.cells.record import TIMES
+from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
@@ -430,7 +430,7 @@ def test_a_table_that_cannot_be_written_leaves_the_journal(
 def test_rows_to_be_made_again_stay_until_there_is_somebody_to_make_them(
     suite, folder, finished, undisturbed, monkeypatch
 ):
-    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.2)
+    monkeypatch.setattr("isacbench.bench.cells.cluster.WAIT_S", 0.2)
     nowhere = RunOptions(dask="tcp://127.0.0.1:1", rerun=("all",))
     with pytest.raises(InputError, match="dask"):
         run_suite(suite, folder, options=nowhere)

@@ -9,7 +9,7 @@ import pytest
 
 import isacbench
 from isacbench import load_run
-from isacbench.bench.cells.record import SCORED
+from isacbench.bench.cells.rows import SCORED
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.runner import run_suite

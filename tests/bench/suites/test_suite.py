@@ -2,9 +2,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.bench.cells.task import build_estimators
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
-from isacbench.bench.kinds.scenes import build_estimators
 from isacbench.bench.suites.suite import parse_snr, suite_names
 from isacbench.bench.suites.suite_kinds import kind_of, load_suite, restore_suite
 from isacbench.errors import InputError

@@ -189,7 +189,7 @@ def test_self_noise_of_matched_division_is_a_pedestal_of_known_height(scenario):
 # The PRS alone is imaged in test_prs_images.py. Each of the others has a third of the estimators.
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_every_estimator_images_a_signal_of_unequal_symbols(scenario, number):
-    from isacbench.bench.cells.cell import estimate_cloud
+    from isacbench.bench.cells.images import estimate_cloud
 
     observation = SignalSimulator(scenario, SIGNALS[number]).observe(15.0)
     strongest = scenario.truth.xyz[scenario.scatterers.amplitude.argmax()]

@@ -25,11 +25,11 @@ from typing import Any
 from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
-from isacbench.bench.cells.record import Row
-from isacbench.bench.plan.run_plan import Block, Job, pieces
+from isacbench.bench.cells.cell import Limits
+from isacbench.bench.cells.rows import Row
+from isacbench.bench.cells.worker import Ready, Worker, work
+from isacbench.bench.run.plan import Block, Job, pieces
 from isacbench.bench.store.provenance import differing_versions
-from isacbench.bench.workers.cell import Limits
-from isacbench.bench.workers.worker import Ready, Worker, work
 from isacbench.charts import Variant
 from isacbench.errors import InputError
 

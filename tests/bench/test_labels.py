@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from isacbench.bench.plan.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, find_limits
 from isacbench.plugins.registry import build_estimator, build_variants, canonical_params
 
 

@@ -6,7 +6,7 @@ from threading import Timer
 
 import pytest
 
-from isacbench.bench.workers.guarded_process import GuardedProcess, ProcessLostError
+from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
 
 
 @pytest.fixture(scope="module")

@@ -20,13 +20,13 @@ import pytest
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
-from isacbench.bench.cells.record import TIMES
-from isacbench.bench.plan.run_plan import load_job
+from isacbench.bench.cells.cell import Limits
+from isacbench.bench.cells.cluster import Order, make_rows, stop
+from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.run.options import RunOptions
+from isacbench.bench.run.plan import load_job
 from isacbench.bench.run.runner import run, run_suite
 from isacbench.bench.suites.suite import Suite
-from isacbench.bench.workers.cell import Limits
-from isacbench.bench.workers.cluster import Order, make_rows, stop
 from isacbench.cli import app
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import load_plugin_file
@@ -158,7 +158,7 @@ def slow(suite, write_plugin):
 
 @pytest.fixture(autouse=True)
 def quick_despair(monkeypatch):
-    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 5.0)
+    monkeypatch.setattr("isacbench.bench.cells.cluster.WAIT_S", 5.0)
 
 
 def apart_from_times(records):
@@ -282,7 +282,7 @@ def test_a_lost_scheduler_is_told_and_the_run_goes_on_elsewhere(slow, tmp_path, 
 
 
 def test_a_scheduler_without_workers_is_told(suite, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.3)
+    monkeypatch.setattr("isacbench.bench.cells.cluster.WAIT_S", 0.3)
     alone = LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=":0")
     with alone as empty, pytest.raises(InputError, match=r"no worker for 0\.3 s; start some"):
         run(suite, dask=empty.scheduler_address)
@@ -296,7 +296,7 @@ def test_a_scheduler_without_workers_is_told(suite, monkeypatch):
     ],
 )
 def test_an_address_without_a_scheduler_is_told(suite, tmp_path, monkeypatch, address, message):
-    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 0.2)
+    monkeypatch.setattr("isacbench.bench.cells.cluster.WAIT_S", 0.2)
     with pytest.raises(InputError, match=message):
         run(suite, dask=address, out=tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -304,7 +304,7 @@ def test_an_address_without_a_scheduler_is_told(suite, tmp_path, monkeypatch, ad
 
 def test_a_missing_package_is_told_with_the_extra_that_brings_it(suite, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.delitem(sys.modules, "isacbench.bench.workers.cluster")
+    monkeypatch.delitem(sys.modules, "isacbench.bench.cells.cluster")
     with pytest.raises(InputError, match=r"pip install 'isacbench\[distributed\]'"):
         run(suite, dask="tcp://127.0.0.1:1")
 
@@ -331,7 +331,7 @@ def test_every_sort_of_worker_works(suite, tmp_path, installed, options):
 def test_a_cell_that_kills_its_dask_worker_again_and_again_is_killed_and_no_other(
     suite, write_plugin, tmp_path, installed, monkeypatch
 ):
-    monkeypatch.setattr("isacbench.bench.workers.cluster.WAIT_S", 60.0)  # nannies start workers again
+    monkeypatch.setattr("isacbench.bench.cells.cluster.WAIT_S", 60.0)  # nannies start workers again
     load_plugin_file(write_plugin("slow.py", SLOW))
     patience = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1", "PYTHONPATH": str(installed)}
     with closing(Cluster(tmp_path, **patience)) as found:

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from isacbench.bench.cells.record import CLOUD_KEYS, DRAW_COLUMNS
-from isacbench.bench.kinds.scenes import Entry, Task, build_plugins
+from isacbench.bench.cells.rows import CLOUD_KEYS, DRAW_COLUMNS
+from isacbench.bench.cells.task import Entry, Task, build_plugins
 from isacbench.bench.store.provenance import Environment, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of

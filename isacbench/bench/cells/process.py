@@ -29,7 +29,7 @@ from multiprocessing.process import BaseProcess
 from threading import Event, Lock, Thread
 from typing import Any, Literal, Self, TypeVar, cast
 
-PRELOADED = "isacbench.bench.workers.worker"
+PRELOADED = "isacbench.bench.cells.worker"
 """Module that the server imports once, besides the built-in plugins, so that a fresh worker starts fast."""
 
 _server = forkserver.ForkServer()

@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from isacbench.bench.workers import guarded_process
+from isacbench.bench.cells import process
 
 SCRIPT = """
 import os
-from isacbench.bench.workers.guarded_process import GuardedProcess
+from isacbench.bench.cells.process import GuardedProcess
 
 before = __spec__, __file__
 with GuardedProcess(os.getpid) as process:
@@ -46,7 +46,7 @@ import asyncio, multiprocessing, os, signal, sys, threading
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import spawn
 
-from isacbench.bench.workers.guarded_process import GuardedProcess
+from isacbench.bench.cells.process import GuardedProcess
 
 def work(number):
     with GuardedProcess(os.getpid) as process:
@@ -86,8 +86,8 @@ def test_workers_start_from_whatever_process_calls_and_leave_the_caller_s_own_al
 
 def test_threads_that_start_the_server_at_the_same_time_leave_the_environment_as_it_was(monkeypatch):
     before = dict(os.environ)
-    monkeypatch.setattr(guarded_process._server, "ensure_running", lambda: time.sleep(0.1))
+    monkeypatch.setattr(process._server, "ensure_running", lambda: time.sleep(0.1))
     with ThreadPoolExecutor(4) as threads:
-        started = [threads.submit(guarded_process.start_process_server) for _ in range(4)]
+        started = [threads.submit(process.start_process_server) for _ in range(4)]
     assert [one.result() is not None for one in started] == [True] * 4
     assert dict(os.environ) == before
