@@ -148,7 +148,7 @@ def quick_collections():
 
 @pytest.fixture
 def hand(clock, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.cells.images.StageClock", partial(StageClock, clock))
+    monkeypatch.setattr("isacbench.bench.cells.cell.StageClock", partial(StageClock, clock))
     return clock
 
 
