@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Mapping
 from enum import IntEnum
@@ -62,7 +63,7 @@ class _Group(TyperGroup):
         except (OSError, ValueError, LookupError, TypeError) as error:
             if sys.flags.dev_mode:
                 raise
-            fail(f"{type(error).__name__}: {error}", Exit.USAGE)
+            fail(f"{type(error).__name__}: {error} (`python -X dev -m isacbench` shows where)", Exit.USAGE)
 
 
 app = typer.Typer(
@@ -76,9 +77,17 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Run the command line."""
-    with own_output():
-        app()
+    """Run the command line; a thread that a plugin has left does not keep it from ending."""
+    try:
+        with own_output():
+            app()
+    except SystemExit as ending:
+        others = set(threading.enumerate()) - {threading.main_thread()}
+        if all(thread.daemon for thread in others):
+            raise
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            stream.flush()
+        os._exit(ending.code if isinstance(ending.code, int) else 0)
 
 
 def _print_version(wanted: bool) -> None:

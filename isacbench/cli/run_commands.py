@@ -8,11 +8,11 @@ import signal
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, NoReturn, Self
+from typing import Annotated, Any, NoReturn, Self
 
 from typer import Option
 
-from isacbench.bench.run.progress import progress_shown
+from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, report_run, say
 from isacbench.errors import InputError
@@ -103,7 +103,7 @@ def run_command(
             if (log := record_look(wanted)) is not None:
                 say(f"{log}: this look at reporting scenes is recorded; commit it")
             with progress_shown(wanted.name, is_idle=options.timing) as show:
-                run = run_suite(wanted, folder, show, options)
+                run = run_suite(wanted, folder, termination.interrupting(show), options)
             if not run.rows.empty:
                 report_run(run, html)
         except KeyboardInterrupt:
@@ -129,32 +129,46 @@ SAME_S = 1.0
 
 
 class Termination:
-    """SIGTERM of job schedulers, containers and CI while a command runs: it ends it as Ctrl-C does.
+    """Ctrl-C, and SIGTERM of job schedulers, containers and CI, while a command runs.
 
-    The first signal raises KeyboardInterrupt in the main thread, so that the command can write what it has.
-    A later one ends the process at once.
+    Both raise KeyboardInterrupt in the main thread, so that the command can write what it has. A later
+    SIGTERM ends the process at once.
     """
 
     def __init__(self) -> None:
-        self._first_s: float | None = None
+        self._before: dict[int, Any] = {}
+        self._received_s: dict[int, float] = {}
 
     def __enter__(self) -> Self:
-        self._before = signal.signal(signal.SIGTERM, self._receive)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as Ctrl-C is in the background of a shell
+                self._before[number] = signal.signal(number, self._receive)
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGTERM, self._before)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def interrupting(self, progress: Progress) -> Progress:
+        """Let progress interrupt after a signal: Python swallows what is raised within ``__del__``."""
+
+        def show(n_done: int, n_all: int) -> None:
+            progress(n_done, n_all)
+            if self._received_s:
+                raise KeyboardInterrupt
+
+        return show
 
     def fail(self, message: str) -> NoReturn:
         """End the command with a message that names the interrupt: SIGTERM if received, otherwise Ctrl-C."""
-        if self._first_s is None:
-            fail(f"interrupted: {message}", Exit.INTERRUPTED)
-        fail(f"terminated: {message}", Exit.TERMINATED)
+        if signal.SIGTERM in self._received_s:
+            fail(f"terminated: {message}", Exit.TERMINATED)
+        fail(f"interrupted: {message}", Exit.INTERRUPTED)
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         now_s = time.monotonic()
-        if self._first_s is None:
-            self._first_s = now_s
+        first_s = self._received_s.setdefault(number, now_s)
+        if number == signal.SIGINT or first_s == now_s:
             raise KeyboardInterrupt
-        if now_s - self._first_s > SAME_S:
+        if now_s - first_s > SAME_S:
             os._exit(Exit.TERMINATED)

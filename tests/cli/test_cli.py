@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
@@ -150,6 +151,20 @@ def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
     assert len(pd.read_parquet("out/results.parquet")) == 3
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_whose_exception_is_lost_ends_the_run_at_the_next_cell(cli, monkeypatch, number, code):
+    def work(job, blocks, *_):
+        rows = rows_here(job, blocks)
+        yield from islice(rows, 1)
+        with suppress(KeyboardInterrupt):  # as Python does within `__del__`
+            signal.raise_signal(number)
+        yield from rows
+
+    monkeypatch.setattr("isacbench.bench.run.runner.rows_guarded", work)
+    assert cli(*RUN, "-o", "out").exit_code == code
+    assert len(pd.read_parquet("out/results.parquet")) == 2
+
+
 def terminated():
     """Receive the signal, unless that would end the tests."""
     assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
@@ -204,7 +219,7 @@ def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(mon
             terminated()
         terminated()
         assert codes == []
-        termination._first_s -= 2
+        termination._received_s[signal.SIGTERM] -= 2
         terminated()
         assert codes == [143]
 

@@ -45,4 +45,5 @@ def test_an_error_that_nobody_expected_is_one_line_too(command_line, monkeypatch
     monkeypatch.setattr("isacbench.bench.suites.suite_kinds.catalogue", fail)
     result = command_line("list")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == f"isacbench: {type(error).__name__}: {error}\n"
+    hint = "(`python -X dev -m isacbench` shows where)"
+    assert result.stderr == f"isacbench: {type(error).__name__}: {error} {hint}\n"
