@@ -37,20 +37,20 @@ LAYERS = {  # each may import what is named beside it, and nothing else
     },
     "checking": {
         *BASE,
-        "arrays",
+        "checked_arrays",
         "process_state",
         *("specifications", "files", "display", "instrument", "model", "metrics", "dsp", "plugins"),
         *("cubes", "bench"),
     },
     "report": {
         *BASE,
-        "arrays",
+        "checked_arrays",
         *("specifications", "files", "display", "instrument", "model", "metrics", "plugins", "link"),
         *("cubes", "bench", "checking"),
     },
     "cli": {
         *BASE,
-        "arrays",
+        "checked_arrays",
         "process_state",
         *("specifications", "files", "instrument", "model", "metrics", "plugins", "link"),
         *("cubes", "bench", "checking", "report"),

@@ -15,6 +15,7 @@ from isacbench.bench.labels import estimator_labels
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, nearest_values, variants_in
+from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted, file_stems
 from isacbench.model.echo import Simulator
@@ -24,8 +25,6 @@ from isacbench.plugins.contracts import Diagnoser, Diagnosis, Estimator, Spectru
 from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.report.clouds import SHOWN_SNR_DB, best_variants
 from isacbench.report.figures import THRESHOLD, draw_charts, drawable, new_figure
-
-Floats = NDArray[np.floating]
 
 LOWEST_RATIO = 0.01
 """Lowest shown ratio of power to noise: one look at noise can be arbitrarily weak."""
@@ -53,19 +52,59 @@ class Diagnosed(NamedTuple):
     velocity_mps: Floats
     power_db: Floats
     threshold_db: Floats
+    mask: Mask
+    spectra: Sequence[Spectrum]
 
 
 def over_noise(scenario: Scenario, label: str, diagnosis: Diagnosis, noise_power: float) -> Diagnosed:
-    """Scale the map of a diagnosis: its axes, and its powers over that of noise in a cell."""
-    powers = diagnosis.power, diagnosis.detection.threshold
+    """Scale the map of a diagnosis: its axes, and its powers over that of noise in a cell.
+
+    A plugin made it: InputError, or what NumPy raises, if it is not what `Diagnosis` says.
+    """
+    detection = diagnosis.detection
+    range_bins = _numbers("range_bins", diagnosis.range_bins)
+    doppler_bins = _numbers("doppler_bins", diagnosis.doppler_bins)
+    shape = range_bins.size, doppler_bins.size
+    powers = _numbers("power", diagnosis.power, shape), _numbers("threshold", detection.threshold, shape)
+    if not np.isfinite(powers[0]).any():
+        raise InputError("power has no finite number; allowed is one at least")
+    spectra = [_checked_spectrum(spectrum) for spectrum in diagnosis.spectra]
+    if spectra:
+        _numbers("cell", diagnosis.cell, (2,))
+    power_db, threshold_db = (10 * np.log10(np.maximum(one / noise_power, LOWEST_RATIO)) for one in powers)
     return Diagnosed(
         scenario,
         label,
         diagnosis,
-        diagnosis.range_bins * scenario.system.range_bin_m,
-        diagnosis.doppler_bins * scenario.system.velocity_bin_mps,
-        *(10 * np.log10(np.maximum(power / noise_power, LOWEST_RATIO)) for power in powers),
+        range_bins * scenario.system.range_bin_m,
+        doppler_bins * scenario.system.velocity_bin_mps,
+        power_db,
+        threshold_db,
+        _numbers("mask", np.asarray(detection.mask, dtype=np.float64), shape) != 0,
+        spectra,
     )
+
+
+def _checked_spectrum(given: Spectrum) -> Spectrum:
+    """Spectrum whose threshold is an array, if it has one."""
+    cosine, threshold_db = _numbers("cosine", given.cosine), given.threshold_db
+    if given.label not in ("u", "w") or not cosine.size:
+        raise InputError(
+            f"spectrum along {given.label!r} with {cosine.size} cosines; allowed are 'u' and 'w'"
+        )
+    if threshold_db is not None:
+        threshold_db = np.broadcast_to(checked_array("threshold_db", threshold_db), cosine.shape)
+    level_db = _numbers("level_db", given.level_db, cosine.shape)
+    return Spectrum(cosine, level_db, threshold_db, _numbers("peaks", given.peaks), given.label)
+
+
+def _numbers(what: str, values: Any, shape: tuple[int, ...] | None = None) -> Floats:
+    """Numbers of a shape; without one, finite numbers in a row."""
+    array = checked_array(what, values)
+    if array.shape != shape if shape else array.ndim != 1 or not np.isfinite(array).all():
+        allowed = shape or "finite numbers in a row"
+        raise InputError(f"{what} has shape {array.shape}; allowed: {allowed}")
+    return array
 
 
 def find_diagnoses(
@@ -138,8 +177,8 @@ def diagnosed_maps(run: Run) -> dict[str, Any]:
             "velocity_mps": _rounded(one.velocity_mps, 3),
             "power_db": _rounded(one.power_db, 1),
             "threshold_db": _rounded(one.threshold_db, 1),
-            "mask": np.asarray(one.diagnosis.detection.mask, dtype=int).tolist(),
-            "spectra": [_page_spectrum(spectrum) for spectrum in one.diagnosis.spectra],
+            "mask": one.mask.astype(int).tolist(),
+            "spectra": [_page_spectrum(spectrum) for spectrum in one.spectra],
         }
         for one in found
     ]
@@ -147,7 +186,7 @@ def diagnosed_maps(run: Run) -> dict[str, Any]:
 
 
 def _page_spectrum(spectrum: Spectrum) -> dict[str, Any]:
-    threshold_db = _threshold_db(spectrum)
+    threshold_db = spectrum.threshold_db
     return {
         "label": spectrum.label,
         "cosine": _rounded(spectrum.cosine, 4),
@@ -155,12 +194,6 @@ def _page_spectrum(spectrum: Spectrum) -> dict[str, Any]:
         "threshold_db": None if threshold_db is None else _rounded(threshold_db, 2),
         "peaks": _rounded(spectrum.peaks, 4),
     }
-
-
-def _threshold_db(spectrum: Spectrum) -> Floats | None:
-    if spectrum.threshold_db is None:
-        return None
-    return np.broadcast_to(spectrum.threshold_db, spectrum.cosine.shape)
 
 
 def _rounded(values: Any, digits: int) -> list[Any]:
@@ -177,7 +210,7 @@ def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Ite
     for one, stem in zip(found, stems.values(), strict=True):
         title = f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}"
         yield f"rdm-{stem}", draw_map(drawable(title), one)
-        if one.diagnosis.spectra:
+        if one.spectra:
             yield f"spectrum-{stem}", draw_charts(spectrum_charts(title, one))
 
 
@@ -185,9 +218,10 @@ def draw_map(title: str, one: Diagnosed) -> Figure:
     """Draw a range-Doppler map, its threshold, and the power of the detected cells."""
     figure = new_figure(9.0, 4.3, title=title)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
-    limits = min(one.power_db.min(), one.threshold_db.min()), one.power_db.max()
+    finite = [values[np.isfinite(values)] for values in (one.power_db, one.threshold_db)]
+    limits = np.concatenate(finite).min(), finite[0].max()
     extent = (*_borders(one.velocity_mps), *_borders(one.range_m))
-    detected_db = np.where(one.diagnosis.detection.mask, one.power_db, np.nan)
+    detected_db = np.where(one.mask, one.power_db, np.nan)
     maps = {"power": one.power_db, "threshold": one.threshold_db, "power where detected": detected_db}
     for axes, (name, values) in zip(panels, maps.items(), strict=True):
         image = axes.imshow(values, origin="lower", aspect="auto", extent=extent, clim=limits)
@@ -205,23 +239,22 @@ def _borders(centres: Floats) -> tuple[float, float]:
 
 def spectrum_charts(title: str, one: Diagnosed) -> ChartGroup:
     """Spectra of the cell of a diagnosis with threshold and peaks, and the true directions in it."""
-    diagnosis, system = one.diagnosis, one.scenario.system
-    if diagnosis.cell is None:
-        raise ValueError("a figure of spectra takes a diagnosis with a cell")
-    range_bin, doppler_bin = diagnosis.cell
+    system = one.scenario.system
+    assert one.diagnosis.cell is not None  # as there are spectra
+    range_bin, doppler_bin = one.diagnosis.cell
     true = _true_cosines(one.scenario, range_bin, doppler_bin)
     cell = f"strongest cell: {range_bin * system.range_bin_m:.1f} m"
     cell += f", {doppler_bin * system.velocity_bin_mps:.1f} m/s, {counted(true['u'].size, 'scatterer')}"
-    if diagnosis.separated is False:
+    if one.diagnosis.separated is False:
         cell += ", signal and noise subspaces not separated"
     charts = []
-    for spectrum in diagnosis.spectra:
-        own, threshold_db, level_db = true[spectrum.label], _threshold_db(spectrum), spectrum.level_db
+    for spectrum in one.spectra:
+        own, level_db = true[spectrum.label], spectrum.level_db
         peaks_db = np.interp(spectrum.peaks, spectrum.cosine, level_db)
         floor_db = np.full(own.size, np.min(level_db))
         series = [Series("spectrum", spectrum.cosine, level_db, style=SPECTRUM)]
-        if threshold_db is not None:
-            series.append(Series("threshold", spectrum.cosine, threshold_db, style=THRESHOLD_STYLE))
+        if spectrum.threshold_db is not None:
+            series.append(Series("threshold", spectrum.cosine, spectrum.threshold_db, style=THRESHOLD_STYLE))
         series += [
             Series("peak taken for an echo", spectrum.peaks, peaks_db, mark="points", style=PEAK),
             Series("true scatterer of the cell", own, floor_db, mark="points", style=TRUE),

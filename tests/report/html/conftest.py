@@ -44,7 +44,7 @@ velocity_mps = 0.0
 """
 
 SHOWING = '''
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -89,7 +89,19 @@ class Showing:
         cosine = np.linspace(-1, 1, 11)
         spectra = tuple(Spectrum(cosine, -(cosine**2), -0.5, np.zeros(1), label) for label in "uw")
         shown = (spectra, (int(gate.range_bins[5]), 0)) if self.deed == "spectra" else ((), None)
-        return Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, *shown)
+        found = Diagnosis(power, detection, gate.range_bins, gate.doppler_bins, *shown)
+        malformed = {
+            "map": {"power": power[1:]},
+            "mask": {"detection": replace(detection, mask=detection.mask.T)},
+            "complex": {"power": 1j * power},
+            "bins": {"range_bins": "bins"},
+            "empty": {"power": np.full_like(power, np.nan)},
+            "texts": {"spectra": ("spectrum",), "cell": (0, 0)},
+            "level": {"spectra": [replace(spectra[0], level_db=cosine[1:])], "cell": (0, 0)},
+            "label": {"spectra": [replace(spectra[0], label=np)], "cell": (0, 0)},
+            "cell": {"spectra": spectra, "cell": None},
+        }
+        return replace(found, **malformed.get(self.deed, {}))
 '''
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

@@ -1,6 +1,7 @@
 """Maps and spectra: of a page, writable whatever a diagnosis holds, and as figures."""
 
 import json
+import re
 import warnings
 
 import numpy as np
@@ -40,12 +41,30 @@ def test_what_is_not_finite_is_left_open(run_of):
     json.dumps(found, allow_nan=False)
 
 
-@pytest.mark.parametrize(("deed", "message"), [("none", "NoneType"), ("raise", "ZeroDivisionError: no luck")])
-def test_a_diagnosis_that_fails_or_is_none_costs_its_own_map(run_of, deed, message):
-    run = run_of(f"showing[deed={deed}]", "fft4d")
-    with pytest.warns(InputWarning, match=f"no map and no spectra of showing.*{message}"):
+MALFORMED = {
+    "none": "NoneType",
+    "raise": "ZeroDivisionError: no luck",
+    "map": "power has shape",
+    "mask": "mask has shape",
+    "complex": "power holds complex128",
+    "bins": "range_bins holds",
+    "empty": "power has no finite number",
+    "texts": "AttributeError",
+    "level": r"level_db has shape \(10,\); allowed: \(11,\)",
+    "label": "allowed are 'u' and 'w'",
+    "cell": "cell holds object",
+}
+
+
+def test_a_diagnosis_that_fails_or_is_malformed_costs_its_own_map(run_of, monkeypatch):
+    monkeypatch.setattr(diagnoses, "MOST_MAPS", 2 * len(MALFORMED) + 2)
+    run = run_of(*(f"showing[deed={deed}]" for deed in MALFORMED), "fft4d")
+    with pytest.warns(InputWarning) as caught:
         found = diagnosed_maps(run)
     assert {one["estimator"] for one in found["maps"]} == {"fft4d"}
+    said = "\n".join(str(one.message) for one in caught)
+    for deed, message in MALFORMED.items():
+        assert re.search(rf"showing.deed=\"?{deed}\"?.: .*{message}", said), said
 
 
 def test_every_scene_comes_before_any_has_a_second_estimator_and_what_is_more_is_counted(run_of, monkeypatch):
