@@ -32,6 +32,7 @@ from isacbench.errors import InputError, unknown_name
 from isacbench.files.escaping import visible
 from isacbench.plugins import registry
 from isacbench.plugins.discovery import METHODS, RegisteredPlugin, error_place
+from isacbench.process_state import process_state_kept
 from isacbench.specifications import is_word
 
 HARMLESS = (DeprecationWarning, PendingDeprecationWarning, ResourceWarning, ImportWarning)
@@ -154,7 +155,7 @@ class Finding:
     time_s: float = field(default=math.nan, compare=False)
 
 
-def run_check(check: Check, subject: Any, *, is_strict: bool = False) -> Finding:
+def run_check(check: Check, subject: Subject | PluginSubject, *, is_strict: bool = False) -> Finding:
     """Run a check to a finding, whatever the plugin does.
 
     Strict, on hostile input, a warning fails the check, a check that says nothing is skipped instead of
@@ -182,15 +183,15 @@ def run_check(check: Check, subject: Any, *, is_strict: bool = False) -> Finding
         status, message = "skipped" if is_strict else "ok", str(reason)
     except caught as error:  # of the plugin
         if isinstance(error, InputError) and is_strict:
-            status, message = "refused" if getattr(subject, "may_refuse", False) else "failed", str(error)
+            status, message = "refused" if subject.may_refuse else "failed", str(error)
         else:
-            place = error_place(error, getattr(subject, "plugin_module", type(subject).__module__))
+            place = error_place(error, subject.plugin_module)
             message = f"raises {type(error).__name__}: {error}" + (f" ({place})" if place else "")
     message = visible(message) if is_strict else message
     return Finding(check.name, status, message, difference, bound, time.perf_counter() - start)
 
 
-def run_checks(checks: Sequence[Check], subject: Any) -> Iterator[Finding]:
+def run_checks(checks: Sequence[Check], subject: PluginSubject) -> Iterator[Finding]:
     """Run checks in their order, without a word of the plugin on the terminal.
 
     A check is skipped where one that it needs has failed.
@@ -224,6 +225,8 @@ def warnings_fail(hint: str = "") -> Iterator[None]:
 class PluginSubject(ABC):
     """A plugin under check: its class, and an instance, with default parameters unless one is given."""
 
+    may_refuse = False
+
     def __init__(self, entry: RegisteredPlugin, plugin: object = None) -> None:
         self.entry = entry
         self._given = plugin
@@ -249,12 +252,8 @@ class PluginSubject(ABC):
         """Results of the plugin, or of another instance, on one of two small inputs of the same shape."""
 
     @abstractmethod
-    def call_read_only(self) -> object:
-        """Call the plugin with arrays that cannot be written to."""
-
-    @abstractmethod
-    def prepare_timing(self) -> tuple[Callable[[], object], str]:
-        """Prepare a call whose time counts, and say on what it is."""
+    def prepare_call(self, *, writable: bool) -> tuple[Callable[[], object], str]:
+        """Prepare a call of the plugin on arrays that are writable or not, and say what they are."""
 
 
 def sees_truth(plugin: object) -> bool:
@@ -305,11 +304,12 @@ def _is_named(subject: PluginSubject) -> None:
 
 
 def _is_built(subject: PluginSubject) -> None:
-    if missing := registry.required_fields(subject.plugin_class):
-        raise CheckFailedError(
-            f"parameter {missing[0]} has no default: give every parameter one, for results name an "
-            "estimator without parameters"
-        )
+    missing = ", ".join(registry.required_fields(subject.plugin_class))
+    require(
+        not missing,
+        f"parameter {missing} has no default: give every parameter one, for results name an estimator "
+        "without parameters",
+    )
     subject.plugin  # noqa: B018  built here first
 
 
@@ -381,17 +381,13 @@ def _are_equal(first: list[NDArray[Any]], second: list[NDArray[Any]]) -> bool:
 
 
 def _leaves_random_numbers(subject: PluginSubject) -> None:
-    states = _random_states()
-    try:
+    with process_state_kept():
         # A known state: a plugin that always seeds alike would leave the state of its last call unchanged.
         random.seed(SEED)
         np.random.seed(SEED)  # noqa: NPY002
-        before = repr(_random_states())
+        before = _random_states()
         subject.answer()
-        after = repr(_random_states())
-    finally:
-        random.setstate(states[0])
-        np.random.set_state(states[1])  # noqa: NPY002
+        after = _random_states()
     require(
         before == after,
         "draws from the random numbers that all code of a process shares: use "
@@ -399,8 +395,8 @@ def _leaves_random_numbers(subject: PluginSubject) -> None:
     )
 
 
-def _random_states() -> tuple[Any, Any]:
-    return random.getstate(), np.random.get_state(legacy=False)  # noqa: NPY002
+def _random_states() -> str:
+    return repr((random.getstate(), np.random.get_state(legacy=False)))  # noqa: NPY002
 
 
 def _is_quiet(subject: PluginSubject) -> None:
@@ -410,8 +406,9 @@ def _is_quiet(subject: PluginSubject) -> None:
     require(not text, f"prints {text[:40]!r} to stdout, where commands print JSON: use the module logging")
 
 
-def _is_fast(subject: PluginSubject) -> str:
-    call, on = subject.prepare_timing()
+def is_fast(subject: PluginSubject) -> str:
+    """Measure the time of a call; doubt one that takes long."""
+    call, on = subject.prepare_call(writable=True)
     start = time.perf_counter()
     call()
     elapsed_s = time.perf_counter() - start
@@ -432,34 +429,26 @@ CLASS_CHECKS = (
 )
 
 
-def conduct_checks(answered: str) -> tuple[Check, ...]:
+def conduct_checks(answered: str, input_name: str) -> tuple[Check, ...]:
     """Checks of the conduct of a plugin's method, whose answers have passed the check of that name."""
+
+    def leaves_its_input(subject: PluginSubject) -> None:
+        call, _ = subject.prepare_call(writable=False)
+        try:
+            call()
+        except ValueError as error:
+            if "read-only" not in str(error) and "WRITEABLE" not in str(error):
+                raise
+            raise CheckFailedError(f"writes to the {input_name} ({error}): copy before changing") from error
+
     return (
+        Check(f"{input_name} unchanged", leaves_its_input, needs=(answered,)),
         Check("repeatable", _repeats, needs=(answered,)),
         Check("no memory", _forgets, needs=("repeatable",)),
         Check("pickling", _is_pickled, needs=("canonical parameters", "repeatable")),
         Check("random numbers", _leaves_random_numbers, needs=(answered,)),
         Check("stdout", _is_quiet, needs=(answered,)),
     )
-
-
-def input_unchanged(what: str, answered: str) -> Check:
-    """Check that the method does not write to its input, which is called `what`."""
-
-    def measure(subject: PluginSubject) -> None:
-        try:
-            subject.call_read_only()
-        except ValueError as error:
-            if "read-only" not in str(error) and "WRITEABLE" not in str(error):
-                raise
-            raise CheckFailedError(f"writes to the {what} ({error}): copy before changing") from error
-
-    return Check(f"{what} unchanged", measure, needs=(answered,))
-
-
-def in_time(answered: str) -> Check:
-    """Check of the time of the method, whose answers have passed the check of that name."""
-    return Check("time", _is_fast, needs=(answered,))
 
 
 # Cases.

@@ -52,12 +52,8 @@ class MetricSubject(PluginSubject):
         scores = metric_scores(plugin or self.plugin, _pair(load_scenario(SCENES[other])))
         return [np.nan_to_num([*scores.values()], nan=-1.0)]
 
-    def call_read_only(self) -> None:
-        """Score an image; all clouds are read-only."""
-        self.plugin.score(_pair(self.scenario))
-
-    def prepare_timing(self) -> tuple[Callable[[], object], str]:
-        """Prepare to score an image."""
+    def prepare_call(self, *, writable: bool) -> tuple[Callable[[], object], str]:
+        """Prepare to score an image; all clouds are read-only."""
         pair = _pair(self.scenario)
         return partial(self.plugin.score, pair), f"{len(pair.truth)} and {len(pair.estimate)} points"
 
@@ -151,10 +147,9 @@ METRIC_CHECKS = (
     *checks.CLASS_CHECKS,
     Check("columns", _describes_its_columns, needs=(checks.BUILT,)),
     Check(SCORED, _scores_an_image, needs=(checks.CALLABLE, "columns")),
-    checks.input_unchanged("clouds", SCORED),
-    *checks.conduct_checks(SCORED),
+    *checks.conduct_checks(SCORED, "clouds"),
     Check("order of points", _knows_no_order, needs=(SCORED,)),
     Check("no points", _scores_nothing, needs=(SCORED,)),
     Check("moved image", _is_worse_far_off, needs=(SCORED,)),
-    checks.in_time(SCORED),
+    Check("time", checks.is_fast, needs=(SCORED,)),
 )

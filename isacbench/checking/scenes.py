@@ -143,52 +143,38 @@ LONE_SNR_DB = 20.0
 SIX = Layout(array=(6, 6))
 
 
-def ordinary() -> SmallScene:
-    """Three scatterers seen by 6 x 6 elements."""
-    return with_array(6, 6)
+PLACES_EXCHANGED = [one._replace(u=one.w, w=one.u, doppler_bin=-one.doppler_bin) for one in RESOLVED]
+
+CONTRACT: dict[str, tuple[Sequence[Echo], float, int, Layout]] = {
+    "ordinary": (RESOLVED, SNR_DB, 0, SIX),
+    "other": (PLACES_EXCHANGED, SNR_DB - 10, 1, SIX),
+    "paper frame": (RESOLVED[::2], SNR_DB, 0, Layout(frame=PaperFrame(), region=PAPER_REGION)),
+    "minimal gate": (
+        [Echo(41.0 / SYSTEM.range_bin_m, 0.0, 0.0, 0.22)],
+        SNR_DB,
+        0,
+        SIX._replace(region=SPECK),
+    ),
+    "noise alone": ([], SNR_DB, 0, SIX),
+    "2 x 2 array": (RESOLVED, SNR_DB, 0, Layout(array=(2, 2))),
+    "7 x 3 array": (RESOLVED, SNR_DB, 0, Layout(array=(7, 3))),
+    "3 x 7 array": (RESOLVED, SNR_DB, 0, Layout(array=(3, 7))),
+}
+"""Echoes, SNR, seed and layout by name; "other" has the shape of "ordinary", and ten times its noise."""
 
 
 @cache
-def other() -> SmallScene:
-    """Observation of the shape of `ordinary`: other places, and noise ten times as strong."""
-    echoes = [one._replace(u=one.w, w=one.u, doppler_bin=-one.doppler_bin) for one in RESOLVED]
-    return observed(echoes, SNR_DB - 10, seed=1, layout=SIX)
+def contract_scene(name: str) -> SmallScene:
+    """Observe a scene of `CONTRACT`, or "silence": zeros."""
+    if name == "silence":
+        noise = contract_scene("noise alone")
+        return noise.with_cells(np.zeros_like(noise.seen.cells))
+    return observed(*CONTRACT[name])
 
 
 @cache
-def lone(frame: FrameName = "panel") -> SmallScene:
+def lone(frame: FrameName) -> SmallScene:
     """One scatterer far above the noise, in a region that holds its mirror images as well."""
     region, echo = LONE_VIEWS[frame]
     layout = Layout(LONE_SYSTEM, (10, 10), get_frame(frame), region, LONE_BASE_STATION_M)
     return observed([echo], LONE_SNR_DB, layout=layout)
-
-
-@cache
-def paper_frame() -> SmallScene:
-    """Two scatterers in the paper's frame."""
-    return observed(RESOLVED[::2], SNR_DB, layout=Layout(frame=PaperFrame(), region=PAPER_REGION))
-
-
-@cache
-def with_array(n_u: int, n_w: int) -> SmallScene:
-    """Three scatterers seen by an array of that shape."""
-    return observed(RESOLVED, SNR_DB, layout=Layout(array=(n_u, n_w)))
-
-
-@cache
-def noise() -> SmallScene:
-    """Noise alone."""
-    return observed([], SNR_DB, layout=SIX)
-
-
-@cache
-def silence() -> SmallScene:
-    """Zeros."""
-    return noise().with_cells(np.zeros_like(noise().seen.cells))
-
-
-@cache
-def minimal() -> SmallScene:
-    """One scatterer in a region of one reachable cell: the smallest gate, with its margins."""
-    echo = Echo(41.0 / SYSTEM.range_bin_m, 0.0, 0.0, 0.22)
-    return observed([echo], SNR_DB, layout=SIX._replace(region=SPECK))

@@ -23,7 +23,7 @@ from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
 from isacbench.bench.store.provenance import git_state, machine, package_versions
 from isacbench.bench.store.run_folder import open_folder, replacing
 from isacbench.checking import cases
-from isacbench.checking.checks import Case, Check, Choice, Family, Finding, Status, Whole, run_check
+from isacbench.checking.checks import Case, Check, Choice, Family, Finding, Status, Subject, Whole, run_check
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.discovery import PluginFile, PluginKind, local_plugins, register_plugin
@@ -176,8 +176,8 @@ def run_case(case: Case, plugin: Any, seed: int = 0) -> list[Finding]:
     There is one of the "input" alone where plugin and case do not come together.
     """
     made: list[Any] = []
-    put_together = Check("input", lambda one: made.extend(case.make(one, seed)))
-    finding = run_check(put_together, plugin, is_strict=True)
+    put_together = Check("input", lambda one: made.extend(case.make(one.plugin, seed)))
+    finding = run_check(put_together, Subject(plugin), is_strict=True)
     if not made:
         return [finding]
     subject, checks = made

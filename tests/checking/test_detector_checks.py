@@ -106,7 +106,7 @@ def test_a_broken_detector_fails_the_check_of_what_it_breaks_and_no_other(name, 
 
 def test_every_check_has_a_detector_that_breaks_it():
     broken = {name for name, *_ in BROKEN}
-    alike = {one.name for one in (*checks.CLASS_CHECKS, *checks.conduct_checks("shapes"))}
+    alike = {one.name for one in (*checks.CLASS_CHECKS, *checks.conduct_checks("shapes", "map"))}
     assert broken | alike | {"time"} == set(check())
 
 
