@@ -22,7 +22,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -33,7 +33,6 @@ from isacbench.files.escaping import visible
 from isacbench.plugins import registry
 from isacbench.plugins.discovery import METHODS, RegisteredPlugin, error_place
 from isacbench.process_state import process_state_kept
-from isacbench.specifications import is_word
 
 HARMLESS = (DeprecationWarning, PendingDeprecationWarning, ResourceWarning, ImportWarning)
 """Warnings about outdated libraries: no plugin fails because of them."""
@@ -270,33 +269,14 @@ def input_errors_fail(hint: str = "") -> Iterator[None]:
         raise CheckFailedError(f"{error}{hint}") from error
 
 
-def _is_imported(subject: PluginSubject) -> None:
-    plugin_class, method = subject.plugin_class, METHODS[subject.entry.kind]
-    is_class = inspect.isclass(plugin_class)
-    require(is_class, f"{subject.entry.target} is no class: register the class, not an instance")
-    has_method = callable(getattr(plugin_class, method, None))
-    require(has_method, f"{plugin_class.__name__} has no method {method!r}: define it")
-
-
-def _is_frozen(subject: PluginSubject) -> None:
-    require(
-        registry.is_frozen_dataclass(subject.plugin_class),
-        f"{subject.plugin_class.__name__} is no frozen dataclass: decorate it with @dataclass(frozen=True), "
-        "so that its parameters are known and stay as they are",
-    )
+def require_no_mistake(check: str, subject: PluginSubject) -> None:
+    """Fail with the mistake of the class that the check of that name is for, if there is one."""
+    for found, mistake in registry.class_mistakes(subject.entry, subject.plugin_class):
+        require(found != check, mistake)
 
 
 def _is_named(subject: PluginSubject) -> None:
-    name, registered = getattr(subject.plugin_class, "name", None), subject.entry.name
-    require(
-        name == registered,
-        f"it is registered as {registered!r}, but its class attribute name is {name!r}: make them equal",
-    )
-    require(
-        is_word(registered),
-        f'its name {name!r} cannot be given to commands: make it a word without any of []()=," and spaces, '
-        "and no number",
-    )
+    require_no_mistake("name", subject)
     require(
         all(field.name != "name" for field in dataclasses.fields(subject.plugin_class)),
         "name is one of its parameters: annotate it as ClassVar[str], for it belongs to the class",
@@ -419,8 +399,8 @@ def is_fast(subject: PluginSubject) -> str:
 
 
 CLASS_CHECKS = (
-    Check("import", _is_imported),
-    Check("frozen dataclass", _is_frozen, needs=("import",)),
+    Check("import", partial(require_no_mistake, "import")),
+    Check("frozen dataclass", partial(require_no_mistake, "frozen dataclass"), needs=("import",)),
     Check("name", _is_named, needs=("frozen dataclass",)),
     Check(BUILT, _is_built, needs=("frozen dataclass",)),
     Check(CALLABLE, _takes_its_arguments, needs=(BUILT,)),

@@ -14,7 +14,6 @@ from isacbench.bench.kinds.kind import taken_columns
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.checking import checks
 from isacbench.checking.checks import Check, CheckFailedError, DoubtfulError, PluginSubject, require
-from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.metrics.geometry import CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scene import Scenario
@@ -67,14 +66,8 @@ def _pair(scenario: Scenario) -> CloudPair:
 
 
 def _describes_its_columns(subject: MetricSubject) -> str:
-    columns = getattr(subject.plugin_class, "columns", None)
-    if not isinstance(columns, tuple) or not all(isinstance(one, ScoreColumn) for one in columns):
-        raise CheckFailedError(
-            f"columns is {columns!r}: make it a class attribute, a tuple of "
-            "isacbench.plugins.contracts.ScoreColumn"
-        )
-    is_unique = len({one.name for one in columns}) == len(columns) > 0
-    require(is_unique, "columns has none, or two of one name: give each score a name of its own")
+    checks.require_no_mistake("columns", subject)
+    columns = subject.plugin_class.columns
     if bare := [column.name for column in columns if not column.description]:
         raise CheckFailedError(f"column {bare[0]} has no description: say in a line what it is")
     of_kinds = [name for kind in KINDS.values() for name in kind.columns]

@@ -131,8 +131,7 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> Che
     """
     if isinstance(plugin, (str, Path)):
         with discovery.isolated_plugins():
-            found = [entries(kind)[name] for kind, name in find_plugins(str(plugin))]
-            return CheckReport(tuple(map(_findings, found)))
+            return CheckReport(tuple(map(_findings, find_plugins(str(plugin)))))
     plugin_class, instance = (plugin, None) if isinstance(plugin, type) else (type(plugin), plugin)
     found = discovery.class_entries(plugin_class, plugin_class.__module__, plugin_class.__module__)
     if not found:
@@ -144,9 +143,10 @@ def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> Che
     return CheckReport(tuple(_findings(entry, instance) for entry in found))
 
 
-def check_plugin(kind: PluginKind, name: str) -> Iterator[Finding]:
-    """Put a registered plugin through the contract, one finding a check, on small scenes and maps."""
-    return _checked(registered(kind, name))
+def check_plugin(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding]:
+    """Put a class, or an instance of it, through the contract on small scenes and maps, a finding a check."""
+    checks, subject = CONTRACTS[entry.kind]
+    return run_checks(checks, subject(entry, plugin))
 
 
 def check_names(kind: PluginKind) -> list[str]:
@@ -154,32 +154,26 @@ def check_names(kind: PluginKind) -> list[str]:
     return [check.name for check in CONTRACTS[kind][0]]
 
 
-def _checked(entry: RegisteredPlugin, plugin: object = None) -> Iterator[Finding]:
-    """Findings about a class, or about an instance of it."""
-    checks, subject = CONTRACTS[entry.kind]
-    return run_checks(checks, subject(entry, plugin))
-
-
 def _findings(entry: RegisteredPlugin, plugin: object = None) -> PluginFindings:
     """All findings about a class, or about an instance of it, which leave this process as it was."""
     with process_state_kept(), one_blas_thread():
-        return PluginFindings(entry.kind, entry.name, entry.origin, tuple(_checked(entry, plugin)))
+        return PluginFindings(entry.kind, entry.name, entry.origin, tuple(check_plugin(entry, plugin)))
 
 
-def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
-    """Kind and name of every plugin that a package, a registered name or a file provides; registers the file.
+def find_plugins(package_or_file: str) -> list[RegisteredPlugin]:
+    """Find every plugin that a package, a registered name or a file provides; registers the file.
 
     Those of a file come in the order of definition, else estimators first, each kind by name.
 
     Examples
     --------
-    >>> find_plugins("oracle")
+    >>> [(entry.kind, entry.name) for entry in find_plugins("oracle")]
     [('estimator', 'oracle')]
     """
     if package_or_file.endswith(".py"):
         file = PluginFile.read(package_or_file)
         discovery.register_plugin(file)
-        return [(entry.kind, entry.name) for entry in discovery.entries_of(file)]
+        return [*discovery.entries_of(file)]
     every = [entry for kind in GROUPS for _, entry in sorted(entries(kind).items())]
     found = [entry for entry in every if package_or_file in _names(entry)]
     if not found:
@@ -189,7 +183,7 @@ def find_plugins(package_or_file: str) -> list[tuple[PluginKind, str]]:
             f"{' or '.join(GROUPS.values())}: {did_you_mean(package_or_file, known)}, or a file that ends "
             "in .py"
         )
-    return [(entry.kind, entry.name) for entry in found]
+    return found
 
 
 def _names(entry: RegisteredPlugin) -> set[str]:
@@ -201,8 +195,7 @@ def _names(entry: RegisteredPlugin) -> set[str]:
 
 
 def check_guarded(
-    kind: PluginKind,
-    name: str,
+    entry: RegisteredPlugin,
     timeout_s: float = CHECK_TIMEOUT_S,
     still_at: Callable[[str], object] = lambda running: None,
 ) -> list[Finding]:
@@ -211,9 +204,9 @@ def check_guarded(
     The check during which the plugin hung or lost its process has failed, those after it are skipped.
     `still_at` is given the name of each check that has run for `LONG_S`, from another thread.
     """
-    names = check_names(kind)
+    names = check_names(entry.kind)
     found: list[Finding] = []
-    with GuardedProcess(_start, kind, name, discovery.local_plugins()) as process:
+    with GuardedProcess(_start, entry.kind, entry.name, discovery.local_plugins()) as process:
         for running in names:
             timer = Timer(LONG_S, still_at, [running])
             timer.start()
@@ -236,7 +229,7 @@ def _start(kind: PluginKind, name: str, plugins: tuple[PluginFile, ...]) -> None
     global _checks
     for plugin in plugins:
         discovery.register_plugin(plugin)
-    _checks = check_plugin(kind, name)
+    _checks = check_plugin(registered(kind, name))
 
 
 @one_blas_thread()

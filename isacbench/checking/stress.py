@@ -9,7 +9,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
@@ -41,7 +41,7 @@ KEY = ["kind", "case", "estimator", "params", "seed"]
 CASE_COLUMNS = [*KEY, "outcome", "promise", "drift", "bound", "time_s", "message", "reproduce"]
 CHECK_COLUMNS = [*KEY, "promise", "outcome", "drift", "bound", "time_s", "message"]
 
-TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
+FILES = TABLE, PROMISES, ABOUT = "stress.csv", "promises.csv", "stress.json"
 
 FAMILIES: dict[str, Family] = {
     family.name: family for family in vars(cases).values() if isinstance(family, Family)
@@ -89,11 +89,6 @@ class Target(NamedTuple):
     kind: PluginKind
     spec: str
     params: str
-
-    @property
-    def name(self) -> str:
-        """Registered name."""
-        return parse_spec(self.spec).name
 
 
 class Task(NamedTuple):
@@ -312,40 +307,47 @@ def check_table(results: Sequence[CaseResult]) -> pd.DataFrame:
 def _columns(result: CaseResult, finding: Finding) -> dict[str, Any]:
     target, case, seed = result.task
     values = [
-        *(target.kind, case.spec, target.name, target.params, seed, finding.check, finding.status),
+        *(
+            target.kind,
+            case.spec,
+            parse_spec(target.spec).name,
+            target.params,
+            seed,
+            finding.check,
+            finding.status,
+        ),
         *(finding.difference, finding.bound, finding.time_s, finding.message),
     ]
     return dict(zip(CHECK_COLUMNS, values, strict=True))
 
 
-def write_stress_tables(folder: Path, results: Sequence[CaseResult], *, timeout_s: float) -> list[Path]:
-    """Write both tables, and what made them, in place of older ones."""
-    about = {
-        "isacbench": isacbench.__version__,
-        "git": git_state(),
-        "python": platform.python_version(),
-        "packages": package_versions(),
-        "machine": machine(),
-        "argv": sys.argv,
-        "seeds": sorted({result.task.seed for result in results}),
-        "timeout_s": timeout_s,
-        "n_cases": len(results),
-        "n_findings": sum(result.is_broken for result in results),
-    }
-    content = {
-        TABLE: case_table(results).to_csv(index=False),
-        PROMISES: check_table(results).to_csv(index=False),
-        ABOUT: json.dumps(about, indent=2, ensure_ascii=False) + "\n",
-    }
-    for name, text in content.items():
-        with replacing(folder / name) as path:
-            path.write_text(text, encoding="utf-8")
-    return [folder / name for name in content]
+@contextmanager
+def stress_folder(folder: Path, results: Sequence[CaseResult], timeout_s: float) -> Iterator[None]:
+    """Create the folder of a stress run, or enter one to replace its tables, and keep others out.
 
-
-def open_stress_folder(folder: Path) -> AbstractContextManager[Path]:
-    """Create the folder of a stress run, or enter one to replace its tables, and keep others out."""
-    return open_folder(folder, {TABLE, PROMISES, ABOUT}, "a stress run")
+    Whatever ends the block, the results so far are written, and what made them.
+    """
+    with open_folder(folder, {*FILES}, "a stress run"):
+        try:
+            yield
+        finally:
+            about = {
+                "isacbench": isacbench.__version__,
+                "git": git_state(),
+                "python": platform.python_version(),
+                "packages": package_versions(),
+                "machine": machine(),
+                "argv": sys.argv,
+                "seeds": sorted({result.task.seed for result in results}),
+                "timeout_s": timeout_s,
+                "n_cases": len(results),
+                "n_findings": sum(result.is_broken for result in results),
+            }
+            tables = (table(results).to_csv(index=False) for table in (case_table, check_table))
+            texts = *tables, json.dumps(about, indent=2, ensure_ascii=False) + "\n"
+            for name, text in zip(FILES, texts, strict=True):
+                with replacing(folder / name) as path:
+                    path.write_text(text, encoding="utf-8")
 
 
 # What follows runs in the process.

@@ -52,18 +52,17 @@ def check_command(
     from isacbench.checking.plugin_check import CheckReport, PluginFindings, check_guarded, find_plugins
 
     opt.register(plugin)
-    plugins = find_plugins(package_or_file)
-    from isacbench.plugins.discovery import entries
+    entries = find_plugins(package_or_file)
     from isacbench.report import findings as texts
 
     found = []
-    for kind, name in plugins:
+    for entry in entries:
 
-        def still_at(running: str, of: str = f"{kind} {name}") -> None:
+        def still_at(running: str, of: str = f"{entry.kind} {entry.name}") -> None:
             say(f"isacbench: {of}: still at {running!r}", err=True)
 
-        findings = tuple(check_guarded(kind, name, still_at=still_at))
-        found.append(PluginFindings(kind, name, entries(kind)[name].origin, findings))
+        findings = tuple(check_guarded(entry, still_at=still_at))
+        found.append(PluginFindings(entry.kind, entry.name, entry.origin, findings))
         if not as_json:
             texts.print_findings(found[-1])
     report = CheckReport(tuple(found))
@@ -130,19 +129,16 @@ def stress_command(
     results: list[CaseResult] = []
     interrupted = False
     folder = default_folder("stress") if out is None else out
-    with stress.open_stress_folder(folder):
+    with stress.stress_folder(folder, results, timeout):
+        if not as_json:
+            say(findings.HEADER)
         try:
-            if not as_json:
-                say(findings.HEADER)
             for result in running:
                 results.append(result)
                 if not as_json:
                     say_lines(findings.line(result))
         except KeyboardInterrupt:
             interrupted = True
-        finally:
-            # Whatever ends this, a terminal that is gone included.
-            paths = stress.write_stress_tables(folder, results, timeout_s=timeout)
     if as_json:
         print_json(findings.describe_stress(results))
     else:
@@ -154,7 +150,7 @@ def stress_command(
         else:
             count = counted(len(results), "finding") if results else "no finding"
             say(f"searched {search} cases a family for {counted(len(targets), 'target')}: {count}")
-        say(f"{folder}: {', '.join(path.name for path in paths)}")
+        say(f"{folder}: {', '.join(stress.FILES)}")
     if interrupted:
         fail(f"interrupted: the {len(results)} cases so far are in {folder}", Exit.INTERRUPTED)
     broken = [result for result in results if result.is_broken]

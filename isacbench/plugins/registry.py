@@ -11,7 +11,7 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import nullcontext
 from functools import lru_cache
 from typing import Any, cast, get_args, get_type_hints
@@ -303,22 +303,34 @@ def _load(entry: RegisteredPlugin) -> type[Any]:
             plugin = entry.load()
     except (Exception, SystemExit) as error:
         raise InputError(f"{where} cannot be loaded: {type(error).__name__}: {error}") from error
-    name: object = getattr(plugin, "name", None)
-    columns: Any = getattr(plugin, "columns", None)
-    is_described = isinstance(columns, tuple) and all(isinstance(one, ScoreColumn) for one in columns)
-    refusals = {
-        "be a frozen dataclass": not is_frozen_dataclass(plugin),
-        f"have a method {METHODS[entry.kind]!r}": not callable(getattr(plugin, METHODS[entry.kind], None)),
-        f"have the class attribute name = {entry.name!r}, not {name!r}": name != entry.name,
-        'have a name that is a word without []()=," or spaces, and no number': not is_word(str(name)),
-        "have the class attribute columns, a tuple of one or more isacbench.plugins.contracts.ScoreColumn of "
-        "different names": entry.kind == "metric"
-        and not (is_described and 0 < len(columns) == len({one.name for one in columns})),
-    }
-    for wanted, is_refused in refusals.items():
-        if is_refused:
-            raise InputError(f"{where} must {wanted}")
+    for _, mistake in class_mistakes(entry, plugin):
+        raise InputError(f"{where}: {mistake}")
     return cast("type[Any]", plugin)
+
+
+def class_mistakes(entry: RegisteredPlugin, plugin: Any) -> Iterator[tuple[str, str]]:
+    """Find what a registered object lacks to be a plugin: the check that fails, what is wrong, what to do."""
+    if not inspect.isclass(plugin):
+        yield "import", f"{entry.target} is no class: register the class, not an instance"
+        return
+    title, name, columns = plugin.__name__, getattr(plugin, "name", None), getattr(plugin, "columns", None)
+    if not callable(getattr(plugin, METHODS[entry.kind], None)):
+        yield "import", f"{title} has no method {METHODS[entry.kind]!r}: define it"
+    if not is_frozen_dataclass(plugin):
+        yield "frozen dataclass", f"{title} is no frozen dataclass: decorate it with @dataclass(frozen=True)"
+    if name != entry.name:
+        yield (
+            "name",
+            f"registered as {entry.name!r}, but its class attribute name is {name!r}: make them equal",
+        )
+    if not is_word(entry.name):
+        yield "name", f'its name {name!r} is no word: allowed are no spaces, none of []()=," and no number'
+    if entry.kind != "metric":
+        return
+    if not isinstance(columns, tuple) or not all(isinstance(one, ScoreColumn) for one in columns):
+        yield "columns", f"columns is {columns!r}: make it a tuple of isacbench.plugins.contracts.ScoreColumn"
+    elif not 0 < len(columns) == len({one.name for one in columns}):
+        yield "columns", "columns has none, or two of one name: give each score a name of its own"
 
 
 def _build(kind: PluginKind, name: str, params: dict[str, Any]) -> Any:

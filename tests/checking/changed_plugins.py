@@ -2,6 +2,7 @@
 
 from isacbench.checking.plugin_check import check_plugin
 from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
+from isacbench.plugins.registry import registered
 
 
 def indented(code):
@@ -10,7 +11,7 @@ def indented(code):
 
 
 def findings_of(kind, name):
-    return {finding.check: finding for finding in check_plugin(kind, name)}
+    return {finding.check: finding for finding in check_plugin(registered(kind, name))}
 
 
 def findings_of_changed(kind, source, old="", new=""):

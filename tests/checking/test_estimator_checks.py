@@ -200,7 +200,7 @@ def test_a_slow_estimator_is_warned_of(monkeypatch):
 def test_what_cannot_be_imported_fails_that_check(plugin_folder, attribute, source, message, request):
     package = f"odd-{abs(hash(request.node.name))}"
     plugin_folder.install(package, source, estimators={"odd": attribute})
-    assert find_plugins(package) == [("estimator", "odd")]
+    assert [entry.name for entry in find_plugins(package)] == ["odd"]
     findings = findings_of("estimator", "odd")
     assert failed(findings) == {"import"}
     assert message in findings["import"].message

@@ -21,9 +21,9 @@ from isacbench.checking.stress import (
     case_table,
     check_table,
     find_targets,
-    open_stress_folder,
     run_cases,
     search,
+    stress_folder,
     tasks_of,
 )
 from isacbench.cli import app
@@ -92,7 +92,10 @@ def test_the_search_finds_a_case_that_breaks_and_makes_it_simple(frail):
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "manifest.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(InputError, match="is not the folder of a stress run"), open_stress_folder(tmp_path):
+    with (
+        pytest.raises(InputError, match="is not the folder of a stress run"),
+        stress_folder(tmp_path, [], 1.0),
+    ):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
 

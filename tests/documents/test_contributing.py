@@ -20,8 +20,9 @@ def recipe(text):
 @pytest.mark.parametrize(("name", "kind"), [("strongest", "estimator"), ("median", "detector")])
 def test_the_example_of_an_estimator_and_of_a_detector_keep_the_contract(write_plugin, name, kind):
     path = write_plugin(f"{name}.py", recipe(f'name: ClassVar[str] = "{name}"'))
-    assert find_plugins(str(path)) == [(kind, name)]
-    assert {finding.status for finding in check_plugin(kind, name)} == {"ok"}
+    [entry] = find_plugins(str(path))
+    assert (entry.kind, entry.name) == (kind, name)
+    assert {finding.status for finding in check_plugin(entry)} == {"ok"}
 
 
 def test_the_example_of_a_stress_case_is_one_that_estimators_keep(tmp_path, monkeypatch):

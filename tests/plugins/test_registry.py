@@ -149,10 +149,10 @@ def test_two_packages_that_claim_one_name_are_both_named(plugins, plugin_folder)
 @pytest.mark.parametrize(
     ("name", "attribute", "message"),
     [
-        ("other", "Good", "must have the class attribute name = 'other', not 'good'"),
-        ("mutable", "Mutable", "must be a frozen dataclass"),
-        ("function", "function", "must be a frozen dataclass"),
-        ("idle", "Idle", "must have a method 'estimate'"),
+        ("other", "Good", "registered as 'other', but its class attribute name is 'good'"),
+        ("mutable", "Mutable", "Mutable is no frozen dataclass"),
+        ("function", "function", "function is no class"),
+        ("idle", "Idle", "Idle has no method 'estimate'"),
         ("gone", "Gone", "cannot be loaded: AttributeError"),
         ("good", "Good", "missing parameter size"),
     ],
