@@ -92,8 +92,8 @@ class MapSubject(checks.Subject):
     def detect(self, power: NDArray[np.floating[Any]]) -> Detection:
         """Test another map, given to the detector as it lies in memory; fail if it returns no detection."""
         found = self.plugin.detect(power, self.looks)
-        if not isinstance(found, Detection):
-            raise CheckFailedError(f"detect() must return a Detection, not {type(found).__name__}")
+        is_detection = isinstance(found, Detection)
+        require(is_detection, f"detect() must return a Detection, not {type(found).__name__}")
         return found
 
     def difference(self, other: Detection, *, has_ties: bool = False) -> float:

@@ -87,9 +87,8 @@ def _describes_its_columns(subject: MetricSubject) -> str:
 def _scores_an_image(subject: MetricSubject) -> str:
     with checks.input_errors_fail():
         scores = metric_scores(subject.plugin, _pair(subject.scenario))
-    infinite = [name for name, value in scores.items() if math.isinf(value)]
-    if infinite:
-        raise CheckFailedError(f"{infinite[0]} is infinite: score it finite, or NaN where it has no value")
+    infinite = ", ".join(name for name, value in scores.items() if math.isinf(value))
+    require(not infinite, f"{infinite} is infinite: score it finite, or NaN where it has no value")
     return f"{len(scores)} scores, with {', '.join(object_kinds(subject.scenario))}"
 
 
