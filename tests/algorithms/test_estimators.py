@@ -131,9 +131,7 @@ def test_a_probability_of_false_alarm_replaces_the_detectors(estimator):
 
 
 DIAGNOSED = pytest.mark.parametrize(
-    "estimator",
-    [*(one() for one in CELLWISE), *CROSSES],
-    ids=lambda one: f"{one.name}-{one.integration}",
+    "estimator", [*(one() for one in CELLWISE), *CROSSES], ids=lambda one: f"{one.name}-{one.integration}"
 )
 
 

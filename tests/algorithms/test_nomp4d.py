@@ -16,13 +16,7 @@ from isacbench.dsp.bounds import single_bound
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
-from isacbench.model.radio_coordinates import (
-    DIMENSIONS,
-    gain_db,
-    radio_places,
-    rayleigh_cells,
-    space_places,
-)
+from isacbench.model.radio_coordinates import DIMENSIONS, gain_db, radio_places, rayleigh_cells, space_places
 from isacbench.model.scene import Scatterers
 from tests.algorithms.scenes import EMPTY, stress_case
 from tests.conftest import few

@@ -39,22 +39,12 @@ REFUSED = [
     (CELLWISE, "detection_window", ["flat"], "detection_window = 'flat': allowed is one of rect, soft"),
     (CELLWISE, "pfa", [2.0], r"pfa = 2\.0"),
     ([*LINES, *JOINT], "precision", ["half"], "precision = 'half': allowed is single or double"),
-    (
-        ["music2d", *JOINT, "capon2d"],
-        "subarray_fraction",
-        [0.0, 1.5],
-        "subarray_fraction = .*up to 1",
-    ),
+    (["music2d", *JOINT, "capon2d"], "subarray_fraction", [0.0, 1.5], "subarray_fraction = .*up to 1"),
     (["music2d", *JOINT], "model_order", ["best"], "model_order"),
     (["music2d"], "grid_points", [64], "grid_points = 64: allowed is 65 and more"),
     (["music2d"], "max_order", [0], "max_order = 0: allowed is 1 and more"),
     (["fft4d"], "angle_points", [2], "angle_points = 2: allowed is 3 and more"),
-    (
-        ["fft4d", *SPECTRA],
-        "angle_dynamic_range_db",
-        [0.0],
-        r"dynamic_range_db = 0\.0: allowed is above",
-    ),
+    (["fft4d", *SPECTRA], "angle_dynamic_range_db", [0.0], r"dynamic_range_db = 0\.0: allowed is above"),
     (SPECTRA, "samples_per_cell", [1], "samples_per_cell"),
     (["music2d_joint"], "samples_per_lobe", [3], "samples_per_lobe"),
     ([*JOINT, "iaa2d"], "polish", [-1], "polish"),
@@ -65,12 +55,7 @@ REFUSED = [
     (["nomp4d"], "max_rounds", [0], "max_rounds = 0: allowed is 1 and more"),
     (["nomp4d", "sbl4d"], "max_scatterers", [0], "max_scatterers = 0"),
     (["sbl4d"], "lone_scatterers", [-1], "lone_scatterers"),
-    (
-        ["oracle"],
-        "cell",
-        [0.0, -1.0, math.inf, math.nan],
-        "cell = .*a positive number of Rayleigh",
-    ),
+    (["oracle"], "cell", [0.0, -1.0, math.inf, math.nan], "cell = .*a positive number of Rayleigh"),
 ]
 
 

@@ -29,12 +29,7 @@ def test_no_vertex_lies_beyond_half_a_step():
     assert vertex(*samples[::-1]) == -0.5
 
 
-@given(
-    n=st.integers(1, 4),
-    g=st.integers(3, 12),
-    masked=st.booleans(),
-    seed=st.integers(0, 9999),
-)
+@given(n=st.integers(1, 4), g=st.integers(3, 12), masked=st.booleans(), seed=st.integers(0, 9999))
 def test_line_peaks_are_those_of_a_plain_loop(n, g, masked, seed):
     rng = np.random.default_rng(seed)
     spectra, grid = distinct(seed, n, g), np.linspace(-0.7, 0.4, g)

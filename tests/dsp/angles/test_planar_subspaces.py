@@ -117,11 +117,7 @@ def along_lines(snapshots):
 def in_planes(snapshots):
     covariance = planar_covariance(snapshots, (5, 5))
     vectors = leading_eigenpairs(covariance, 2)[1]
-    return (
-        covariance,
-        vectors,
-        planar_null_spectrum(vectors.reshape(2, 5, 5, 2), AHEAD, AHEAD),
-    )
+    return (covariance, vectors, planar_null_spectrum(vectors.reshape(2, 5, 5, 2), AHEAD, AHEAD))
 
 
 @pytest.mark.parametrize("method", [along_lines, in_planes])

@@ -155,10 +155,7 @@ def test_soca_factor_of_one_look_gives_the_rate_of_the_published_sum(n, pfa):
 
 
 @pytest.mark.parametrize("halves", [(36, 36), (3, 72), (5, 1)])
-@pytest.mark.parametrize(
-    ("looks", "pfa"),
-    [(1, 0.5), (2, 1e-30), (16, 1e-12), (256, 1e-3)],
-)
+@pytest.mark.parametrize(("looks", "pfa"), [(1, 0.5), (2, 1e-30), (16, 1e-12), (256, 1e-3)])
 def test_factors_of_the_chosen_half_give_the_integrated_rate(pfa, halves, looks):
     laws = [stats.gamma(looks * n, scale=1 / (looks * n)) for n in halves]
     ends = min(law.ppf(1e-60) for law in laws), max(law.isf(1e-60) for law in laws)

@@ -7,12 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.bounds import joint_bound
-from isacbench.dsp.fitting.joint_selection import (
-    FEW,
-    LOADING,
-    explain_map,
-    select_jointly,
-)
+from isacbench.dsp.fitting.joint_selection import FEW, LOADING, explain_map, select_jointly
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import steering
