@@ -1,7 +1,5 @@
 """Noise that the built-in detectors estimate, cell by cell: slow, and plainly right."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import partial
@@ -19,29 +17,33 @@ def known_noise(detector, power, cell, looks=1, number=float):
 
     Returns it with the factor of its law: how many cells there are, and which ranks.
     """
+
+    def sorted_at(places):
+        return sorted(number(float(power[place])) for place in places)
+
     places = training_cells(detector, power.shape, cell)
-    values, n = sorted(number(float(power[place])) for place in places), len(places)
+    values, n = sorted_at(places), len(places)
     match detector.name:
         case "ca":
             return mean(values), partial(ca_factor, detector.pfa, n, looks)
         case "os":
-            rank = order_rank(detector, n)
+            rank = max(1, share(detector.rank_fraction, n))
             return values[rank - 1], partial(osca_factor, detector.pfa, ((rank, n),), looks)
         case "tm":
-            below, above = trimmed(detector, n)
+            below, above = share(detector.trim_low, n), share(detector.trim_high, n)
             kept = values[below : n - above]
             return mean(kept), partial(tm_factor, detector.pfa, n, (below, above), looks)
         case "osca":
             columns = columns_of(detector, places)
-            ordered = [sorted(number(float(power[place])) for place in one) for one in columns]
-            noise = mean([one[column_rank(len(one)) - 1] for one in ordered])
+            noise = mean([sorted_at(one)[column_rank(len(one)) - 1] for one in columns])
             ranks = tuple((column_rank(len(one)), len(one) - (cell in one)) for one in columns)
             return noise, partial(osca_factor, detector.pfa, ranks, looks)
         case _:
             factor_of, chosen = (goca_factor, max) if detector.name == "goca" else (soca_factor, min)
             halves = halves_of(detector, places, cell)
-            means = [mean([number(float(power[place])) for place in half]) for half in halves if half]
-            return chosen(means), partial(factor_of, detector.pfa, tuple(map(len, halves)), looks)
+            return chosen(mean(sorted_at(half)) for half in halves if half), partial(
+                factor_of, detector.pfa, tuple(map(len, halves)), looks
+            )
 
 
 def training_cells(detector, shape, cell):
@@ -83,14 +85,6 @@ def halves_of(detector, places, cell):
 def column_rank(n_cells):
     """Rank of the order statistic of a column; 1 is the smallest."""
     return max(1, 3 * n_cells // 4)
-
-
-def order_rank(detector, n_cells):
-    return max(1, share(detector.rank_fraction, n_cells))
-
-
-def trimmed(detector, n_cells):
-    return share(detector.trim_low, n_cells), share(detector.trim_high, n_cells)
 
 
 def share(fraction, n_cells):

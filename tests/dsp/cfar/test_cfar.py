@@ -3,8 +3,6 @@
 What they promise as plugins, orders of rates and levels among it, is tested with the promises of maps.
 """
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from fractions import Fraction
@@ -12,7 +10,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from isacbench_algorithms.detectors import CaCfar, GocaCfar, OscaCfar, OsCfar, SocaCfar, TmCfar
 from scipy.stats import binom
@@ -20,7 +18,7 @@ from scipy.stats import binom
 from isacbench.dsp.cfar import training_cells as windows
 from isacbench.dsp.cfar.factors import paper_factor
 from isacbench.errors import InputError
-from tests.conftest import few
+from tests.conftest import few, slow_but
 from tests.dsp.cfar.known_noise import known_noise, training_cells
 
 PARTS = "mask", "threshold", "noise"
@@ -108,6 +106,12 @@ def hostile_maps(shape=HOSTILE):
     }
 
 
+def assert_equal(one, other):
+    """Every part of two detections is the same in every bit."""
+    for part in PARTS:
+        assert np.array_equal(getattr(one, part), getattr(other, part))
+
+
 def sound(detector, power, looks=1):
     with np.errstate(all="raise", under="ignore"):
         found = detector.detect(power, looks)
@@ -188,8 +192,7 @@ def test_float32_map_gives_what_the_same_map_in_float64_gives(detector):
     power = noise_map(4, (14, 14)).astype(np.float32)
     single, double = (detector.detect(one) for one in (power, power.astype(np.float64)))
     assert single.threshold.dtype == single.noise.dtype == np.float64
-    for part in PARTS:
-        assert np.array_equal(getattr(single, part), getattr(double, part))
+    assert_equal(single, double)
 
 
 @EVERY
@@ -215,6 +218,7 @@ def test_noise_of_a_cell_depends_on_its_training_cells_alone(detector, seed, cel
     st.sampled_from([1e-3, 0.3, 0.9]),
     st.booleans(),
 )
+@example(4, (2000,), 300, 2, 0.75, 0.05, False)  # counts beyond 255
 def test_mask_by_counting_is_the_comparison_with_the_sorted_threshold(
     seed, shape, training, guard, rank_fraction, pfa, ties
 ):
@@ -223,13 +227,7 @@ def test_mask_by_counting_is_the_comparison_with_the_sorted_threshold(
         power = np.floor(2 * power)
     found = OsCfar(pfa, training, guard, rank_fraction=rank_fraction).detect(power)
     assert np.array_equal(found.mask, power > found.threshold)
-
-
-def test_mask_by_counting_counts_beyond_255_training_cells():
-    power = noise_map(4, (2000,))
-    found = OsCfar(0.05, 300, 2).detect(power)
-    assert np.array_equal(found.mask, power > found.threshold)
-    assert found.mask.any()
+    assert found.mask.any() or power.size < 1000
 
 
 def test_noise_of_the_order_statistic_belongs_to_the_map_that_was_tested():
@@ -238,8 +236,8 @@ def test_noise_of_the_order_statistic_belongs_to_the_map_that_was_tested():
     assert expected.threshold.shape == power.shape
     found, copied = detector.detect(power), pickle.loads(pickle.dumps(detector.detect(power)))
     power[:] = 0
-    for one, part in product((found, copied), PARTS):
-        assert np.array_equal(getattr(one, part), getattr(expected, part))
+    for one in (found, copied):
+        assert_equal(one, expected)
 
 
 def test_trimmed_mean_lies_between_cell_averaging_and_the_order_statistic():
@@ -252,17 +250,14 @@ def test_trimmed_mean_lies_between_cell_averaging_and_the_order_statistic():
     np.testing.assert_allclose(one_left.threshold[inner], order.threshold[inner], rtol=1e-9)
 
 
+QUICK = [(1, 3000, 0.02), (4, 3000, 0.02)]
+
+
 @each(
     [detector(training=(3, 3, 0), guard=(1, 1, 0)) for detector in CLASSES] + [OscaCfar(training=(4, 4, 0))]
 )
 @pytest.mark.parametrize(
-    ("looks", "n_maps", "pfa"),
-    [
-        (1, 3000, 0.02),
-        (4, 3000, 0.02),
-        pytest.param(256, 3000, 0.02, marks=pytest.mark.slow),
-        pytest.param(1, 200_000, 1e-3, marks=pytest.mark.slow),
-    ],
+    ("looks", "n_maps", "pfa"), slow_but(QUICK, [*QUICK, (256, 3000, 0.02), (1, 200_000, 1e-3)])
 )
 def test_false_alarm_rate_is_nominal_in_the_corner_at_the_border_and_inside(detector, looks, n_maps, pfa):
     # One independent map for each place along the last axis, which the window does not mix.
@@ -323,8 +318,10 @@ def test_every_detector_refuses_nan_and_a_list_outside_the_map(detector):
         (np.ones((0, 12)), "shape"),
         (np.float64(1), "shape"),
         # Their sums would overflow or lose digits.
-        (noise_map(3, HOSTILE) * 1e-250, r"strongest cell of the power map is .*: scale the map"),
-        (noise_map(3, HOSTILE) * 1e250, r"strongest cell of the power map is .*: scale the map"),
+        *(
+            (noise_map(3, HOSTILE) * scale, "strongest cell of .*: scale the map")
+            for scale in (1e-250, 1e250)
+        ),
     ],
 )
 def test_bad_map_is_refused_with_a_message_that_names_it(power, message):
@@ -334,43 +331,33 @@ def test_bad_map_is_refused_with_a_message_that_names_it(power, message):
             CaCfar().detect(power, cells=listed)
 
 
-@pytest.mark.parametrize(
-    ("cells", "message"),
-    [
-        ((np.array([1]),), "tuple of 2"),
-        (np.array([[1, 2]]), "tuple of 2"),
-        ((np.array([1, 2]), np.array([1])), "equally long"),
-        ((np.array([[1]]), np.array([[1]])), "one-dimensional"),
-        ((np.array([1.0]), np.array([1.0])), "whole numbers"),
-        ((np.ones(12, bool), np.ones(12, bool)), "whole numbers"),
-        ((np.array([-1]), np.array([1])), "-1 to -1 along axis 0"),
-        ((np.array([1]), np.array([3, 12])[1:]), "12 to 12 along axis 1"),
-    ],
-)
-def test_list_that_names_no_cells_of_the_map_is_refused(cells, message):
-    with pytest.raises(InputError, match=message):
-        CaCfar(training=2).detect(np.ones((12, 12)), cells=cells)
-
-
 LARGER = r"larger than the map of .* take fewer training or guard cells"
+NO_CELLS = [
+    ((np.array([1]),), "tuple of 2"),
+    (np.array([[1, 2]]), "tuple of 2"),
+    ((np.array([1, 2]), np.array([1])), "equally long"),
+    ((np.array([[1]]), np.array([[1]])), "one-dimensional"),
+    ((np.array([1.0]), np.array([1.0])), "whole numbers"),
+    ((np.ones(12, bool), np.ones(12, bool)), "whole numbers"),
+    ((np.array([-1]), np.array([1])), "-1 to -1 along axis 0"),
+    ((np.array([1]), np.array([3, 12])[1:]), "12 to 12 along axis 1"),
+]
 
 
 @pytest.mark.parametrize(
-    ("detector", "shape", "looks", "message"),
+    ("detector", "shape", "given", "message"),
     [
-        (CaCfar(), (12, 12), 0, "looks = 0"),
-        (CaCfar(), (12, 12), 1.5, "looks = 1.5"),
-        (CaCfar(training=(1, 2, 3)), (12, 12), 1, "2 axes"),
-        (CaCfar(guard=(1,)), (12, 12), 1, "2 axes"),
-        (OscaCfar(training=(0, 4)), (12, 12), 1, "axis 0"),  # columns of the cell alone
-        (GocaCfar(split_axis=2), (12, 12), 1, "split_axis = 2"),
-        (OscaCfar(guard=1, order_axis=2), (12, 12), 1, "order_axis = 2"),
-        (CaCfar(training=(2, 1)), (6, 13), 1, LARGER),
-        (CaCfar(training=(2, 1)), (11, 4), 1, LARGER),
-        (CaCfar(training=(2, 1)), (1, 1), 1, LARGER),
-        (CaCfar(training=(6,), guard=(1,)), (13,), 1, LARGER),
+        *((CaCfar(), (12, 12), {"looks": looks}, f"looks = {looks}") for looks in (0, 1.5)),
+        (CaCfar(training=(1, 2, 3)), (12, 12), {}, "2 axes"),
+        (CaCfar(guard=(1,)), (12, 12), {}, "2 axes"),
+        (OscaCfar(training=(0, 4)), (12, 12), {}, "axis 0"),  # columns of the cell alone
+        (GocaCfar(split_axis=2), (12, 12), {}, "split_axis = 2"),
+        (OscaCfar(guard=1, order_axis=2), (12, 12), {}, "order_axis = 2"),
+        *((CaCfar(training=(2, 1)), shape, {}, LARGER) for shape in ((6, 13), (11, 4), (1, 1))),
+        (CaCfar(training=(6,), guard=(1,)), (13,), {}, LARGER),
+        *((CaCfar(training=2), (12, 12), {"cells": cells}, message) for cells, message in NO_CELLS),
     ],
 )
-def test_looks_windows_and_axes_that_do_not_fit_the_map_are_refused_by_name(detector, shape, looks, message):
+def test_looks_windows_axes_and_lists_that_do_not_fit_the_map_are_refused(detector, shape, given, message):
     with pytest.raises(InputError, match=message):
-        detector.detect(np.ones(shape), looks)
+        detector.detect(np.ones(shape), **given)

@@ -1,12 +1,11 @@
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import partial
+from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import special, stats
 
@@ -67,26 +66,20 @@ def convolved_rate(factor, columns, looks):
 
 
 @pytest.mark.parametrize(
-    ("factor", "expected"),
+    ("factor", "cells", "expected"),
     [
-        (lambda: ca_factor(1e-3, 72), 7.249980),
-        (lambda: osca_factor(1e-3, INSIDE), 7.262139),
-        (lambda: osca_factor(1e-3, OUTSIDE), 7.437354),
-        (lambda: osca_factor(1e-3, ((54, 72),)), 5.448701),
-        (lambda: goca_factor(1e-3, (36, 36)), 6.710225),
-        (lambda: soca_factor(1e-3, (36, 36)), 8.198775),
+        *((ca_factor, 72, 7.249980), (goca_factor, (36, 36), 6.710225), (soca_factor, (36, 36), 8.198775)),
+        *((osca_factor, INSIDE, 7.262139), (osca_factor, OUTSIDE, 7.437354)),
+        (osca_factor, ((54, 72),), 5.448701),
     ],
 )
-def test_factors_equal_the_known_vectors(factor, expected):
-    assert factor() == pytest.approx(expected, abs=6e-7)
+def test_factors_equal_the_known_vectors(factor, cells, expected):
+    assert factor(1e-3, cells) == pytest.approx(expected, abs=6e-7)
 
 
-@given(PFAS, st.integers(1, 5000))
-def test_ca_factor_of_one_look_is_the_closed_form(pfa, n_training):
-    assert ca_factor(pfa, n_training) == pytest.approx(n_training * math.expm1(-math.log(pfa) / n_training))
-
-
-@given(PFAS, st.integers(1, 90), st.integers(1, 1024))
+@given(PFAS, st.integers(1, 5000), st.integers(1, 1024))
+@example(1e-12, 5000, 1)
+@example(0.5, 5000, 1)
 def test_ca_factor_is_the_quantile_of_the_f_distribution(pfa, n_training, looks):
     rate = stats.f.sf(ca_factor(pfa, n_training, looks), 2 * looks, 2 * looks * n_training)
     assert rate == pytest.approx(pfa, rel=1e-9)
@@ -109,11 +102,8 @@ def test_osca_factor_of_one_column_of_one_cell_is_the_ca_factor(pfa, looks):
     ("columns", "looks", "pfa"),
     [
         *((((6, 9),), looks, pfa) for looks, pfa in ((2, 1e-9), (16, 1e-1), (256, 1e-3))),
-        (((3, 5), (2, 4)), 4, 1e-4),
-        (((1, 1),) * 9, 6, 1e-3),
-        (OUTSIDE, 2, 1e-6),
-        (INSIDE, 16, 1e-15),
-        (INSIDE, 16, 0.49),
+        *((((3, 5), (2, 4)), 4, 1e-4), (((1, 1),) * 9, 6, 1e-3)),
+        *((OUTSIDE, 2, 1e-6), (INSIDE, 16, 1e-15), (INSIDE, 16, 0.49)),
     ],
 )
 def test_osca_factor_of_one_or_several_columns_gives_the_convolved_rate(columns, looks, pfa):
@@ -174,10 +164,8 @@ def test_factors_of_the_chosen_half_give_the_integrated_rate(pfa, halves, looks)
 
 @pytest.mark.parametrize("looks", [1, 16])
 def test_factor_of_one_empty_half_is_that_of_cell_averaging(looks):
-    for factor_of in (goca_factor, soca_factor):
-        assert (
-            factor_of(1e-3, (0, 20), looks) == factor_of(1e-3, (20, 0), looks) == ca_factor(1e-3, 20, looks)
-        )
+    for factor_of, halves in product((goca_factor, soca_factor), ((0, 20), (20, 0))):
+        assert factor_of(1e-3, halves, looks) == ca_factor(1e-3, 20, looks)
 
 
 TRIMMED = st.integers(1, 80).flatmap(
@@ -256,11 +244,8 @@ def exact_tm_rate(factor, n, trimmed, looks):
 @pytest.mark.parametrize(
     ("n", "trimmed", "pfa", "looks"),
     [
-        (2, (0, 1), 1e-15, 3),
-        (4, (1, 1), 0.5, 3),
-        (6, (0, 2), 1e-15, 2),
-        (6, (2, 0), 1e-3, 2),
-        (8, (2, 2), 1e-3, 2),
+        *((2, (0, 1), 1e-15, 3), (4, (1, 1), 0.5, 3), (6, (0, 2), 1e-15, 2)),
+        *((6, (2, 0), 1e-3, 2), (8, (2, 2), 1e-3, 2)),
     ],
 )
 def test_tm_factor_gives_the_rate_of_rational_numbers(n, trimmed, pfa, looks):
@@ -304,43 +289,25 @@ def test_osca_factor_holds_the_rate_at_the_ends_of_its_range(pfa, columns):
 
 BEYOND = r"from 1e-30 to 0\.999999"
 REFUSED = [
-    *(
-        ("pfa =", factor, (pfa, cells))
-        for pfa in (0, 1, -0.1, 1.5, math.nan, "0.1")
-        for factor, cells in ((ca_factor, 8), (osca_factor, INSIDE), (paper_factor, 8))
-    ),
-    *(
-        ("looks =", factor, (0.1, cells, looks))
-        for looks in (0, -1, 2.5, math.nan, "2")
-        for factor, cells in ((ca_factor, 8), (osca_factor, INSIDE))
-    ),
-    *(("n_training =", function, (0.1, 0)) for function in (ca_factor, ca_rate, paper_factor)),
-    *(
-        ("columns =", osca_factor, (1e-3, columns))
-        for columns in ((), ((0, 9),), ((10, 9),), ((6, 9), (1, 0)))
-    ),
-    *(
-        ("halves =", factor, (1e-3, halves))
-        for halves in ((0, 0), (-1, 3), (1,))
-        for factor in (goca_factor, soca_factor)
-    ),
-    *(("trimmed =", tm_factor, (1e-3, 8, trimmed, 2)) for trimmed in ((4, 4), (-1, 2), (1,), (0.5, 1))),
-    *(
-        (BEYOND, factor, (pfa, *cells, looks))
-        for pfa in (1e-31, 1 - 1e-7)
-        for looks in (1, 16)
-        for factor, *cells in (
-            (goca_factor, (4, 4)),
-            (soca_factor, (4, 4)),
-            (tm_factor, 8, (2, 2)),
-            (osca_factor, INSIDE),
-        )
-    ),
-    *((r"pfa = 1e-320: the factor overflows", factor, (1e-320, 1)) for factor in (ca_factor, paper_factor)),
+    ("pfa =", [ca_factor, paper_factor], product((0, 1, -0.1, 1.5, math.nan, "0.1"), [8])),
+    ("pfa =", [osca_factor], product((0, 1, -0.1, 1.5, math.nan, "0.1"), [INSIDE])),
+    ("looks =", [ca_factor], product([0.1], [8], (0, -1, 2.5, math.nan, "2"))),
+    ("looks =", [osca_factor], product([0.1], [INSIDE], (0, -1, 2.5, math.nan, "2"))),
+    ("n_training =", [ca_factor, ca_rate, paper_factor], [(0.1, 0)]),
+    ("columns =", [osca_factor], product([1e-3], ((), ((0, 9),), ((10, 9),), ((6, 9), (1, 0))))),
+    ("halves =", [goca_factor, soca_factor], product([1e-3], ((0, 0), (-1, 3), (1,)))),
+    ("trimmed =", [tm_factor], product([1e-3], [8], ((4, 4), (-1, 2), (1,), (0.5, 1)), [2])),
+    (BEYOND, [goca_factor, soca_factor], product((1e-31, 1 - 1e-7), [(4, 4)], (1, 16))),
+    (BEYOND, [tm_factor], product((1e-31, 1 - 1e-7), [8], [(2, 2)], (1, 16))),
+    (BEYOND, [osca_factor], product((1e-31, 1 - 1e-7), [INSIDE], (1, 16))),
+    (r"pfa = 1e-320: the factor overflows", [ca_factor, paper_factor], [(1e-320, 1)]),
 ]
 
 
-@pytest.mark.parametrize(("message", "function", "arguments"), REFUSED)
+@pytest.mark.parametrize(
+    ("message", "function", "arguments"),
+    [(message, *call) for message, functions, arguments in REFUSED for call in product(functions, arguments)],
+)
 def test_what_has_no_factor_is_refused_by_name(message, function, arguments):
     with pytest.raises(InputError, match=message):
         function(*arguments)
