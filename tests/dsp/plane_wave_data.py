@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
+from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.model.kernels import steering
 
 
@@ -20,6 +21,25 @@ def responses(u, w, shape=(16, 16)):
 def snapshot(u, w, gain, shape=(16, 16)):
     """Noise-free snapshot (1, P, Q)."""
     return np.tensordot(gain, responses(u, w, shape), 1)[None]
+
+
+def waves(u, w):
+    """Plane waves (n, k) of all directions given, of one cell or of several."""
+    u, w = (np.atleast_2d(np.asarray(cosine, dtype=float)) for cosine in (u, w))
+    return PlaneWaves(u, w, np.ones(u.shape, dtype=bool))
+
+
+def pairs_of(waves):
+    """Pairs (u, w) found in the first cell, sorted."""
+    return sorted(zip(waves.u[0][waves.found[0]], waves.w[0][waves.found[0]], strict=True))
+
+
+def least_squares(snapshots, u, w):
+    """Amplitudes (K, s) of waves in snapshots (s, P, Q), and the power that they leave, by dense algebra."""
+    dense = responses(u, w, snapshots.shape[1:]).reshape(len(u), -1).T
+    data = snapshots.reshape(len(snapshots), -1).T
+    amplitude = np.linalg.lstsq(dense, data, rcond=None)[0]
+    return amplitude, np.sum(np.abs(data - dense @ amplitude) ** 2)
 
 
 def plain_covariance(snapshot, subarray):

@@ -1,6 +1,8 @@
 """Atoms against their definition as plain sums over the apertures, and against the simulated echo."""
 
 from dataclasses import replace
+from functools import partial
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,31 +17,21 @@ from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
 from isacbench.model.scene import Scatterers
 from tests.algorithms.scenes import EMPTY
+from tests.dsp.fitting import noisy_maps
+from tests.dsp.plane_wave_data import noise
 
 # A prefix as long as the symbol: no place within the unambiguous range is beyond it.
 SYSTEM = System(n_subcarriers=24, n_symbols=10, cyclic_prefix_ratio=1.0, cyclic_suffix_ratio=0.0)
 SHAPE = (4, 5)
 GATE = Gate(np.arange(3, 12), np.arange(-3, 4), slice(2, 7), slice(2, 5))
-RNG = np.random.default_rng(1)
-CELLS = RNG.standard_normal((*GATE.shape, *SHAPE)) + 1j * RNG.standard_normal((*GATE.shape, *SHAPE))
+CELLS = noise(*GATE.shape, *SHAPE, seed=1)
 PLACES = np.array([[6.3, 0.4, 0.2, -0.6], [6.9, 0.1, 0.5, -0.2], [8.0, -1.6, -1.1, 1.7]])
 STEP = 1e-4
 
 COORDINATES = st.tuples(st.floats(2, 13), st.floats(-4, 4), st.floats(-2, 2), st.floats(-2.5, 2.5))
 
 
-def atom(place):
-    """The atom of a place in the cells of the gate, every transform and aperture written out as a sum."""
-    (n_c, n_s), (n_p, n_q) = (SYSTEM.n_subcarriers, SYSTEM.n_symbols), SHAPE
-    n, m, p, q = (np.arange(size) - (size - 1) / 2 for size in (n_c, n_s, n_p, n_q))
-    along_range = np.exp(2j * np.pi / n_c * np.outer(GATE.range_bins - place[0], n)).sum(axis=1) / n_c
-    along_doppler = np.exp(-2j * np.pi / n_s * np.outer(GATE.doppler_bins - place[1], m)).sum(axis=1) / n_s
-    along_u = np.exp(-2j * np.pi / n_p * p * place[2]) / np.sqrt(n_p)
-    along_w = np.exp(-2j * np.pi / n_q * q * place[3]) / np.sqrt(n_q)
-    # Transforms of the map start at the first subcarrier and symbol, not at the middle.
-    along_range = along_range * np.exp(1j * np.pi * (n_c - 1) / n_c * GATE.range_bins)
-    along_doppler = along_doppler * np.exp(-1j * np.pi * (n_s - 1) / n_s * GATE.doppler_bins)
-    return np.einsum("r,d,p,q->rdpq", along_range, along_doppler, along_u, along_w)
+atom = partial(noisy_maps.atom, SYSTEM, SHAPE, GATE)
 
 
 def derivative(place, axis, order):
@@ -52,9 +44,7 @@ def derivative(place, axis, order):
 
 def dense(order):
     """Derivatives (4, n, cells) of the atoms of PLACES along the four coordinates."""
-    return np.array(
-        [[derivative(place, axis, order).ravel() for place in PLACES] for axis in range(N_COORDINATES)]
-    )
+    return np.array([[derivative(place, axis, order).ravel() for place in PLACES] for axis in range(4)])
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +52,8 @@ def atom_map():
     return AtomMap.from_map(GatedMap(CELLS, GATE), SYSTEM)
 
 
-@given(COORDINATES)
-def test_outputs_of_the_matched_filters_are_plain_inner_products(place):
-    atom_map = AtomMap.from_map(GatedMap(CELLS, GATE), SYSTEM)
+@given(place=COORDINATES)
+def test_outputs_of_the_matched_filters_are_plain_inner_products(atom_map, place):
     correlations = atom_map.correlate(atom_map.lines(np.array([place])))
     assert correlations.value[0] == pytest.approx(np.vdot(atom(place), CELLS), abs=1e-10)
 
@@ -88,15 +77,13 @@ def test_slopes_and_curvatures_of_the_outputs_are_those_of_the_atoms(atom_map):
     np.testing.assert_allclose(atom_map.correlate_curvatures(lines), curvatures, atol=1e-5)
 
 
-@pytest.mark.parametrize("left", [None, 0, 1, 2, 3])
-@pytest.mark.parametrize("right", [None, 0, 1, 2, 3])
-def test_products_of_atoms_and_slopes_are_plain_inner_products_and_real(atom_map, left, right):
-    atoms = dict(enumerate(dense(1)))
-    atoms[None] = np.array([atom(place).ravel() for place in PLACES])
-    expected = atoms[left].conj() @ atoms[right].T
-    assert np.abs(expected.imag).max() < 1e-8
-    products = product_matrix(atom_map.products(atom_map.lines(PLACES)), left, right)
-    np.testing.assert_allclose(products, expected.real, atol=1e-6)
+def test_products_of_atoms_and_slopes_are_plain_inner_products_and_real(atom_map):
+    atoms = {None: np.array([atom(place).ravel() for place in PLACES]), **dict(enumerate(dense(1)))}
+    lines = atom_map.products(atom_map.lines(PLACES))
+    for left, right in product(atoms, repeat=2):
+        expected = atoms[left].conj() @ atoms[right].T
+        assert np.abs(expected.imag).max() < 1e-8
+        np.testing.assert_allclose(product_matrix(lines, left, right), expected.real, atol=1e-6)
 
 
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
@@ -133,29 +120,25 @@ def test_a_simulated_echo_is_its_atom_with_the_phase_at_the_middle_of_the_apertu
     np.testing.assert_allclose(amplitude * atom(place), echo, atol=1e-9 * np.abs(echo).max())
 
 
-def narrow_map(n_p, n_q, limits, rng):
+def narrow_map(n_p, n_q, limits, seed):
     """The same map with all of the array's dimensions and with those between the limits."""
-    shape = (4, 3, n_p, n_q)
-    cells = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
     gate = Gate(np.arange(5, 9), np.arange(-1, 2), slice(1, 3), slice(1, 2))
-    gated = GatedMap(cells, gate)
+    gated = GatedMap(noise(4, 3, n_p, n_q, seed=seed), gate)
     return AtomMap.from_map(gated, SYSTEM), AtomMap.from_map(gated, SYSTEM, limits)
 
 
 def test_directions_between_the_limits_need_few_dimensions_and_lose_nothing():
     limits = ((-0.1, 0.2), (0.0, 0.25))
-    whole, narrow = narrow_map(16, 12, limits, np.random.default_rng(2))
+    whole, narrow = narrow_map(16, 12, limits, 2)
     assert narrow.cells.shape[2] <= 11
     assert narrow.cells.shape[3] <= 10
     assert narrow.array_shape == (16, 12)
-    rng = np.random.default_rng(3)
-    places = rng.uniform([5, -1, -0.8, 0], [8, 1, 1.6, 1.5], (20, 4))
+    places = np.random.default_rng(3).uniform([5, -1, -0.8, 0], [8, 1, 1.6, 1.5], (20, 4))
     of_whole, of_narrow = (atom_map.correlate(atom_map.lines(places)) for atom_map in (whole, narrow))
     np.testing.assert_allclose(of_narrow.value, of_whole.value, atol=3e-3)
     np.testing.assert_allclose(of_narrow.slope, of_whole.slope, atol=3e-2)
-    for few, all_ in zip(
-        narrow.products(narrow.lines(places)), whole.products(whole.lines(places)), strict=True
-    ):
+    products = (atom_map.products(atom_map.lines(places)) for atom_map in (narrow, whole))
+    for few, all_ in zip(*products, strict=True):
         np.testing.assert_allclose(few.value, all_.value, atol=1e-6)
         np.testing.assert_allclose(few.slope, all_.slope, atol=1e-5)
         np.testing.assert_allclose(few.slopes, all_.slopes, atol=1e-4)
@@ -164,7 +147,7 @@ def test_directions_between_the_limits_need_few_dimensions_and_lose_nothing():
 @given(st.integers(1, 9), st.integers(1, 9), st.floats(-1, 1), st.floats(0, 2))
 def test_bases_are_orthonormal_for_any_array_and_keep_no_more_than_it_has(n_p, n_q, lower, width):
     limits = (lower, min(lower + width, 1.0))
-    _, narrow = narrow_map(n_p, n_q, (limits, limits), np.random.default_rng(4))
+    _, narrow = narrow_map(n_p, n_q, (limits, limits), 4)
     for basis, n in zip(narrow.bases, (n_p, n_q), strict=True):
         assert 1 <= basis.shape[1] <= n == len(basis)
         np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)

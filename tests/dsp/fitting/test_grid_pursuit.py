@@ -1,7 +1,7 @@
 """Orthogonal matching pursuit on a grid, against dense dictionaries."""
 
 import warnings
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +11,8 @@ from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
-from isacbench.model.kernels import steering
 from isacbench.model.numerology import System
+from tests.dsp.fitting.noisy_maps import atom
 
 SYSTEM = System(n_subcarriers=12, n_symbols=8)
 SHAPE = (4, 5)
@@ -23,26 +23,14 @@ U, W = np.arange(-2, 3) / 2, np.arange(-3, 3) / 2
 BINS = np.array([(r, d) for r in np.arange(3.5, 6.5, 0.5) for d in np.arange(-1, 1.5, 0.5)])
 ENERGY = 1e-6
 
-
-def echo(place, gate):
-    """Unit-energy echo (rows, columns, P, Q) at a place in Rayleigh cells, by transforms of exponentials."""
-    n_c, n_s = SYSTEM.n_subcarriers, SYSTEM.n_symbols
-    subcarriers, symbols = np.arange(n_c), np.arange(n_s)
-    along_range = np.exp(-2j * np.pi * subcarriers * place[0] / n_c) / np.sqrt(n_c)
-    along_doppler = np.exp(2j * np.pi * symbols * place[1] / n_s) / np.sqrt(n_s)
-    rows = np.exp(2j * np.pi * np.outer(gate.range_bins, subcarriers) / n_c) @ along_range / np.sqrt(n_c)
-    columns = np.exp(-2j * np.pi * np.outer(gate.doppler_bins, symbols) / n_s) @ along_doppler / np.sqrt(n_s)
-    along_u, along_w = (
-        steering(n, 2 / n * cells) / np.sqrt(n) for n, cells in zip(SHAPE, place[2:], strict=True)
-    )
-    return np.einsum("r,d,u,w->rduw", rows, columns, along_u, along_w)
+echo = partial(atom, SYSTEM, SHAPE)
 
 
 def scene(gate, *, level=0.02, seed=0):
     """Map of three echoes on the grid and one off it, in noise."""
     rng = np.random.default_rng(seed)
     places = [(4.0, 0.5, -1.0, 1.0), (4.5, -0.5, 0.5, -1.5), (6.0, 1.0, 1.0, 0.0), (5.3, 0.2, -0.3, 0.8)]
-    cells = sum(g * echo(place, gate) for place, g in zip(places, (2.0, 1.5j, -1.0, 0.7 + 0.3j), strict=True))
+    cells = sum(g * echo(gate, place) for place, g in zip(places, (2.0, 1.5j, -1.0, 0.7 + 0.3j), strict=True))
     return cells + level * rng.standard_normal((*cells.shape, 2)).view(np.complex128)[..., 0]
 
 
@@ -62,10 +50,8 @@ def pursued(cells, gate, n_most, zoom=1, **kwargs):
 @cache
 def filled_dictionary(gate_name):
     """Echoes (cells, places) of all places of the grid, one after the other."""
-    echoes = [echo(place, GATES[gate_name]).ravel() for place in grid_places()]
-    dictionary = np.stack(echoes, axis=1)
-    dictionary.setflags(write=False)
-    return dictionary
+    echoes = [echo(GATES[gate_name], place).ravel() for place in grid_places()]
+    return np.stack(echoes, axis=1)
 
 
 def plain_pursuit(cells, gate_name, n_most):
@@ -115,7 +101,7 @@ def test_what_is_left_is_orthogonal_to_every_atom():
     "place", [(4.31, 0.17, -0.62, 0.93), (5.0, 0.5, 0.25, -1.25), (3.24, -0.74, 1.4, 0.1)]
 )
 def test_a_lone_echo_off_the_grid_is_one_atom_at_its_place(place):
-    found = pursued(3.0 * echo(place, WHOLE), WHOLE, 5, zoom=4, least_energy=0.01)
+    found = pursued(3.0 * echo(WHOLE, place), WHOLE, 5, zoom=4, least_energy=0.01)
     assert len(found.places) == 1
     np.testing.assert_allclose(found.places[0], place, atol=5e-3)
     assert abs(found.amplitude[0]) ** 2 == pytest.approx(9.0, rel=1e-3)

@@ -8,18 +8,6 @@ from hypothesis import strategies as st
 from isacbench.dsp.fitting import pursuit
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
-from isacbench.dsp.fitting.pursuit import (
-    RESOLVED_VARIANCES,
-    BeamSpace,
-    descending,
-    noise_maximum,
-    redundant_pairs,
-    sidelobe_energy,
-    sidelobe_envelope,
-    split_gains,
-    strongest_around,
-    unwrapped,
-)
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
@@ -41,7 +29,7 @@ def noisy(places, amplitude, noise=NOISE, seed=0):
 
 
 def space_of(atom_map):
-    return BeamSpace.from_map(atom_map, GATE, LIMITS)
+    return pursuit.BeamSpace.from_map(atom_map, GATE, LIMITS)
 
 
 def fitted(places, amplitude, noise=NOISE, seed=0):
@@ -127,7 +115,7 @@ def test_two_close_echoes_under_one_atom_gain_from_a_split_along_their_line(axis
     apart = 0.4 * np.eye(N_COORDINATES)[axis]
     atom_map = noisy([PLACE - apart / 2, PLACE + apart / 2], [1.0, turn], noise=1e-6)
     fit = refine_atoms(atom_map, PLACE[None], 10)
-    splits = split_gains(atom_map, fit, np.array([1e-6]), 1e-5)
+    splits = pursuit.split_gains(atom_map, fit, np.array([1e-6]), 1e-5)
     assert splits[1][0] > 1e-5
     assert np.flatnonzero(splits[0][0]).tolist() == [axis]
     assert 0.1 < splits[0][0, axis] <= 0.5
@@ -143,7 +131,7 @@ def test_one_echo_in_noise_is_not_split(snr):
     for seed in range(8):
         atom_map, _ = fitted(PLACE, [1.0], noise=1 / snr, seed=seed)
         fit = refine_atoms(atom_map, PLACE[None], 5)
-        splits = split_gains(atom_map, fit, np.array([1 / snr]), 20 / snr)
+        splits = pursuit.split_gains(atom_map, fit, np.array([1 / snr]), 20 / snr)
         assert splits[1][0] == 0
         assert not np.any(splits[0][splits[1] > 0])
 
@@ -152,24 +140,24 @@ def test_no_split_gains_what_noise_may_or_where_all_around_is_as_bad():
     apart = 0.3 * np.eye(N_COORDINATES)[0]
     atom_map = noisy([PLACE - apart / 2, PLACE + apart / 2], [1.0, 1.0], noise=1e-6)
     fit = refine_atoms(atom_map, PLACE[None], 10)
-    gain = split_gains(atom_map, fit, np.array([1e-6]), 1e-5)[1][0]
+    gain = pursuit.split_gains(atom_map, fit, np.array([1e-6]), 1e-5)[1][0]
     assert 0 < gain < fit.power[0] / 8
-    assert split_gains(atom_map, fit, np.array([1e-6]), 2 * gain)[1][0] == 0
-    assert split_gains(atom_map, fit, np.array([gain]), 1e-5)[1][0] == 0
+    assert pursuit.split_gains(atom_map, fit, np.array([1e-6]), 2 * gain)[1][0] == 0
+    assert pursuit.split_gains(atom_map, fit, np.array([gain]), 1e-5)[1][0] == 0
 
 
 def test_two_elements_see_one_wave_and_no_split():
     cells = np.random.default_rng(0).standard_normal((*GATE.shape, 2, 2)).astype(complex)
     small = AtomMap.from_map(GatedMap(cells, GATE), SYSTEM)
     fit = fit_atoms(small, PLACE[None])
-    splits = split_gains(small, fit, np.array([1e-9]), 1e-9)
+    splits = pursuit.split_gains(small, fit, np.array([1e-9]), 1e-9)
     assert np.all(np.isfinite(splits[1]))
     assert np.all(splits[0][:, 2:] == 0)
 
 
 @given(st.floats(1, 1e6), st.floats(1e-9, 0.1))
 def test_the_highest_noise_is_where_rice_expects_one_crossing_in_so_many_images(n, chance):
-    level = noise_maximum(n, chance)
+    level = pursuit.noise_maximum(n, chance)
     if level > N_COORDINATES:
         expected = n * (np.pi * level / 3) ** 2 * np.exp(-level)
         assert expected == pytest.approx(chance, rel=1e-5)
@@ -187,17 +175,17 @@ def test_the_envelope_bounds_the_kernels(distance):
     reach = np.array([64, 32, *SHAPE])
     turns = np.abs(distance - reach * np.rint(distance / reach))
     slack = np.prod(1 / np.sinc(np.minimum(turns / reach, 0.5)))
-    assert abs(response) <= slack * sidelobe_envelope(turns) + 1e-12
+    assert abs(response) <= slack * pursuit.sidelobe_envelope(turns) + 1e-12
 
 
 def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_itself():
     places = PLACE + np.array([[0, 0, 0, 0], [0, 0, 1.6, 1.1], [3, 0, 0, 0.5]])
     _, fit = fitted(places, [4.0, 1.0, 0.5], noise=0.0)
-    strongest = strongest_around(fit.places, fit)
+    strongest = pursuit.strongest_around(fit.places, fit)
     assert strongest[0] == pytest.approx(1.0)
     assert strongest[1] == pytest.approx(16.0)
     assert strongest[2] == pytest.approx(16 / (3 * np.pi * 0.5 * np.pi) ** 2)
-    elsewhere = strongest_around(PLACE + np.array([[5.5, 0, 0, 0]]), fit)
+    elsewhere = pursuit.strongest_around(PLACE + np.array([[5.5, 0, 0, 0]]), fit)
     assert elsewhere[0] == pytest.approx(
         max(16 / (5.5 * np.pi) ** 2, 0.25 / (2.5 * np.pi * 0.5 * np.pi) ** 2)
     )
@@ -206,17 +194,19 @@ def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_its
 def test_two_atoms_that_nearly_cancel_hardly_count_as_neighbours():
     places = PLACE + np.array([[0, 0, 0, 0], [0.1, 0, 0, 0]])
     _, fit = fitted(places, [5.0, -5.0], noise=0.0)
-    assert strongest_around(PLACE + np.array([[0, 1, 0, 0]]), fit)[0] < 0.01 * fit.power.min()
+    assert pursuit.strongest_around(PLACE + np.array([[0, 1, 0, 0]]), fit)[0] < 0.01 * fit.power.min()
 
 
 def test_sidelobes_of_many_places_are_summed_in_parts_of_bounded_size(monkeypatch):
     rng = np.random.default_rng(0)
     places, energy = rng.uniform(-9, 9, (50, N_COORDINATES)), rng.uniform(0, 1, 50)
-    whole = sidelobe_energy(places, places, energy, least_range=3.0)
+    whole = pursuit.sidelobe_energy(places, places, energy, least_range=3.0)
     monkeypatch.setattr(pursuit, "MOST_PAIRS", 150)
-    np.testing.assert_allclose(sidelobe_energy(places, places, energy, least_range=3.0), whole, rtol=1e-12)
+    np.testing.assert_allclose(
+        pursuit.sidelobe_energy(places, places, energy, least_range=3.0), whole, rtol=1e-12
+    )
     amplitude = sum(
-        np.sqrt(energy[k]) * sidelobe_envelope(places[7] - places[k])
+        np.sqrt(energy[k]) * pursuit.sidelobe_envelope(places[7] - places[k])
         for k in range(50)
         if abs(places[7, 0] - places[k, 0]) >= 3
     )
@@ -226,7 +216,9 @@ def test_sidelobes_of_many_places_are_summed_in_parts_of_bounded_size(monkeypatc
 def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():
     fit = fitted(PLACE[None], [4.0])[1]
     apart = np.array([0.5, 0.0, 0.0, 0.0])
-    here, beyond = (strongest_around(fit.places + apart + turns, fit)[0] for turns in (0.0, fit.periods))
+    here, beyond = (
+        pursuit.strongest_around(fit.places + apart + turns, fit)[0] for turns in (0.0, fit.periods)
+    )
     assert beyond == pytest.approx(here)
     assert here > 10.0
 
@@ -238,26 +230,26 @@ def test_a_pair_that_noise_does_not_tell_apart_becomes_one_in_its_middle(axis):
     distance_std = distance_variance(fit, axis) ** 0.5
     # Half as far apart as a standard deviation of 0.05 cells allows to tell.
     noise = (0.05 / distance_std) ** 2
-    drop, places = redundant_pairs(fit, noise)
+    drop, places = pursuit.redundant_pairs(fit, noise)
     assert drop.tolist() == [False, True, False]
     weight = fit.power[1] / (fit.power[0] + fit.power[1])
     np.testing.assert_allclose(places[0], PLACE + weight * apart, atol=1e-9)
     np.testing.assert_array_equal(places[2], fit.places[2])
-    assert not redundant_pairs(fit, noise / 8)[0].any()
+    assert not pursuit.redundant_pairs(fit, noise / 8)[0].any()
 
 
 def test_four_standard_deviations_of_the_distance_tell_a_pair_apart():
     apart = 0.5 * np.eye(N_COORDINATES)[0]
     _, fit = fitted([PLACE, PLACE + apart], [1.0, 1j], noise=0.0)
-    limit = 0.25 / distance_variance(fit, 0) / RESOLVED_VARIANCES
-    assert not redundant_pairs(fit, 0.99 * limit)[0].any()
-    assert redundant_pairs(fit, 1.01 * limit)[0].sum() == 1
+    limit = 0.25 / distance_variance(fit, 0) / pursuit.RESOLVED_VARIANCES
+    assert not pursuit.redundant_pairs(fit, 0.99 * limit)[0].any()
+    assert pursuit.redundant_pairs(fit, 1.01 * limit)[0].sum() == 1
 
 
 def test_atoms_without_a_place_go_the_weaker_half_first():
     places = PLACE + np.array([[0, 0, 0, 0], [3, 0, 0, 0], [-3, 0, 0, 0], [0, 3, 0, 0]])
     _, fit = fitted(places, [1.0, 0.1, 0.11, 0.12], noise=0.0)
-    drop, _ = redundant_pairs(fit, 0.05)
+    drop, _ = pursuit.redundant_pairs(fit, 0.05)
     # Of three with standard deviations above half a cell, one.
     assert drop.tolist() == [False, True, False, False]
 
@@ -266,7 +258,7 @@ def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stron
     half = SHAPE[0] / 2
     ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
     _, fit = fitted(ends, [1.0, 0.5])
-    drop, places = redundant_pairs(fit, NOISE)
+    drop, places = pursuit.redundant_pairs(fit, NOISE)
     assert drop.sum() == 1
     (stays,) = np.flatnonzero(~drop)
     assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01
@@ -277,7 +269,7 @@ def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stron
 def test_the_nearest_of_equal_places_is_within_half_a_period_and_a_whole_number_of_them_away(values):
     places, reference = np.array(values[:4]), np.array(values[4:])
     periods = np.array([64.0, 32.0, 8.0, 6.0])
-    nearest = unwrapped(places, reference, periods)
+    nearest = pursuit.unwrapped(places, reference, periods)
     assert np.all(np.abs(nearest - reference) <= periods / 2 * (1 + 1e-9))
     turns = (nearest - places) / periods
     np.testing.assert_allclose(turns, np.rint(turns), atol=1e-9)
@@ -294,7 +286,7 @@ def test_places_a_period_apart_hold_the_same_atom():
 
 def test_of_equal_energies_the_first_comes_first_whatever_their_last_digits():
     energy = np.array([1.0, 3.0, 2.0, 3.0 + 1e-15, 3.0 - 1e-15])
-    assert descending(energy).tolist() == [1, 3, 4, 2, 0]
+    assert pursuit.descending(energy).tolist() == [1, 3, 4, 2, 0]
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.fitting.maximum_likelihood import fit_waves
 from isacbench.model.kernels import steering
+from tests.dsp.plane_wave_data import least_squares, noise
 
 SHAPE = 7, 6
 NUMBERS = ("unexplained", "gradient", "curvature", "hessian", "power", "alone")
@@ -17,7 +18,7 @@ def cells(draw):
     """Two cells of noise in two snapshots, up to three directions of each; one may be a filler."""
     rng = np.random.default_rng(draw(st.integers(0, 9999)))
     k = draw(st.integers(1, 3))
-    data = rng.standard_normal((2, 2, *SHAPE)) + 1j * rng.standard_normal((2, 2, *SHAPE))
+    data = noise(2, 2, *SHAPE, seed=rng)
     u = np.sort(rng.uniform(-0.2, 0.2, (2, k)), axis=1) + 0.6 * (np.arange(k) - 1)
     w = rng.uniform(-0.8, 0.8, (2, k))
     found = np.ones((2, k), dtype=bool)
@@ -28,7 +29,7 @@ def cells(draw):
 @pytest.mark.parametrize("seed", range(4))
 def test_slope_and_curvature_are_those_of_the_unexplained_power(seed):
     rng = np.random.default_rng(seed)
-    data = rng.standard_normal((1, 2, *SHAPE)) + 1j * rng.standard_normal((1, 2, *SHAPE))
+    data = noise(1, 2, *SHAPE, seed=rng)
     places, found = rng.uniform(-0.8, 0.8, (1, 6)), np.ones((1, 3), dtype=bool)
 
     def fit(places):
@@ -48,16 +49,8 @@ def test_what_is_left_is_what_plain_least_squares_leaves(cell):
     data, u, w, found = cell
     fit = fit_waves(*cell)
     for n in range(2):
-        waves = [
-            np.outer(steering(SHAPE[0], a), steering(SHAPE[1], b)).ravel()
-            for a, b in zip(u[n][found[n]], w[n][found[n]], strict=True)
-        ]
-        if not waves:
-            continue
-        responses = np.stack(waves, 1)
-        snapshots = data[n].reshape(2, -1).T
-        left = snapshots - responses @ np.linalg.lstsq(responses, snapshots, rcond=None)[0]
-        assert fit.unexplained[n] == pytest.approx(np.sum(np.abs(left) ** 2), rel=1e-9)
+        _, left = least_squares(data[n], u[n][found[n]], w[n][found[n]])
+        assert fit.unexplained[n] == pytest.approx(left, rel=1e-9)
 
 
 def test_coinciding_waves_share_their_amplitude_and_fillers_have_none():
