@@ -14,7 +14,7 @@ from isacbench.bench.cells.rows import SCORED
 from isacbench.bench.compare.comparison import Comparison, direction
 from isacbench.bench.compare.pairs import CURVE, code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
-from isacbench.bench.compare.scenes import compared_scenes
+from isacbench.bench.compare.scenes import SCENE_KINDS, compared_scenes
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
 from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.bench.kinds.scores import SCORES, Score
@@ -267,8 +267,14 @@ def _metrics(joined: JoinedRuns, imaged: Mapping[str, Run]) -> list[dict[str, An
 def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[str, Any]:
     """Rank sets by metric; or the reason why there are none."""
     found: dict[str, Any] = {}
+    few = "{}: six or more have ranks"
+    n_scenes = joined.table.rows["scenario"].nunique()
+    is_few = joined.table.kind in SCENE_KINDS and n_scenes < MIN_INTERVAL_TRIALS
     for name in dict.fromkeys([metric, *RANKED]):
         if name not in metrics:
+            continue
+        if is_few:  # without the work of a ranking
+            found[name] = {"reason": few.format(counted(n_scenes, "scene"))}
             continue
         try:
             ranking = rank_table(joined.table, name)
@@ -276,8 +282,7 @@ def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[st
             found[name] = {"reason": str(error)}
             continue
         if ranking.is_descriptive:
-            n_scenes = counted(len(ranking.scores), "scene")
-            found[name] = {"reason": f"{n_scenes}: six or more have ranks"}
+            found[name] = {"reason": few.format(counted(len(ranking.scores), "scene"))}
             continue
         found[name] = {"better": ranking.better, "notes": list(ranking.notes)}
         for part in ("ranks", "wins", "worst"):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from functools import cache
 from urllib.parse import unquote
 
 import numpy as np
@@ -34,38 +35,50 @@ HARMLESS = "willReadFrequently"
 def pages(runs, tmp_path_factory):
     """Paths of written pages by name."""
     folder = tmp_path_factory.mktemp("pages")
-    made = {}
 
+    @cache
     def make(name):
-        if name not in made:
-            if name == "comparison":
-                between = compare(runs("images"), between=("music2d", "fft4d"))
-                made[name] = write_comparison_page(between, [Run.open(runs("images"))])
-            elif name == "leaderboard":
-                both = [Run.open(runs(one)) for one in ("images", "other")]
-                made[name] = write_leaderboard(both, folder / "board.html")
-            elif name == "scenes":
-                made[name] = write_rank_page(Run.open(runs(name)))
-            else:
-                with known():
-                    made[name] = write_run_page(Run.open(runs(name)))
-        return made[name]
+        if name == "comparison":
+            between = compare(runs("images"), between=("music2d", "fft4d"))
+            return write_comparison_page(between, [Run.open(runs("images"))])
+        if name == "leaderboard":
+            return write_leaderboard([Run.open(runs(one)) for one in ("images", "other")], folder / "b.html")
+        if name == "scenes":
+            return write_rank_page(Run.open(runs(name)))
+        with known():
+            return write_run_page(Run.open(runs(name)))
 
     return make
 
 
-@pytest.fixture
-def visit(browser, pages):
-    """Open pages at an address; at the end no fault may have been logged, and nothing requested."""
-    faults, contexts = [], []
+@pytest.fixture(scope="module")
+def tabs():
+    """Open pages by their names, and what was logged or requested in any, which the fixture `visit` reads."""
+    return {}, []
 
-    def opened(name, address="", width=700, scheme="light"):
+
+@pytest.fixture
+def visit(browser, pages, tabs):
+    """Open pages at an address; at the end no fault may have been logged, and nothing requested.
+
+    A page that is open is led to the address, unless `anew` asks for another tab.
+    """
+    known_tabs, faults = tabs
+
+    def opened(name, address="", width=700, scheme="light", anew=False):
+        page = known_tabs.get(name)
+        if page and not anew:
+            page.set_viewport_size({"width": width, "height": 600})
+            page.emulate_media(color_scheme=scheme)
+            for one in ("", address):  # an address that is there already draws nothing anew
+                page.evaluate("one => (location.hash = one)", one)
+                page.wait_for_timeout(20)
+            return page
         context = browser.new_context(
             viewport={"width": width, "height": 600}, color_scheme=scheme, accept_downloads=True
         )
         context.set_default_timeout(20_000)
-        contexts.append(context)
-        page = context.new_page()
+        page = known_tabs[name] = context.new_page()
         page.on("console", lambda message: faults.append(message.text))
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
@@ -80,9 +93,8 @@ def visit(browser, pages):
         page.wait_for_selector(READY)
         return page
 
+    faults.clear()
     yield opened
-    for context in contexts:
-        context.close()
     assert [fault for fault in faults if HARMLESS not in fault] == []
 
 
@@ -207,14 +219,14 @@ def test_a_key_turns_all_clouds_and_the_address_keeps_the_view(visit):
     assert turned == pytest.approx(6 * 0.12, abs=0.01)
     assert len(eyes) == 2
     assert all(eye == pytest.approx(eyes[0], abs=2e-3) for eye in eyes)
-    other = visit("images", page.evaluate("location.hash"))
+    other = visit("images", page.evaluate("location.hash"), anew=True)
     settle(other)
     assert other.evaluate(EYES)[0] == pytest.approx(eyes[0], abs=2e-3)
     assert other.locator("fieldset input:checked").count() == 1
 
 
 def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_and_keeps_the_focus(visit):
-    page = visit("images", "#est=fft4d")
+    page = visit("images", "#est=fft4d", anew=True)
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
     for _ in range(3):
@@ -327,7 +339,7 @@ def test_hostile_names_and_reasons_of_failures_are_text_and_nothing_else(visit):
 
 def test_an_address_that_is_nonsense_opens_the_page_all_the_same(visit):
     page = visit(
-        "leaderboard",
+        "hostile",
         "#view=__proto__&snr=abc&trial=-7&scene=%3Cb%3E&est=none&est=fft4d&metric=__proto__&camera=1,x",
     )
     assert page.locator("nav a[aria-current]").inner_text() == "Overview"
