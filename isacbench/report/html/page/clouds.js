@@ -18,17 +18,10 @@ const nearest = ([x, y, z], [ox, oy, oz]) => {
     let least = Infinity,
       at = -1;
     for (let j = 0; j < m; j++) {
-      const dx = x[i] - ox[j],
-        dy = y[i] - oy[j],
-        dz = isFlat ? 0 : z[i] - oz[j],
-        square = dx * dx + dy * dy + dz * dz;
-      if (square < least) {
-        least = square;
-        at = j;
-      }
+      const square = (x[i] - ox[j]) ** 2 + (y[i] - oy[j]) ** 2 + (isFlat ? 0 : (z[i] - oz[j]) ** 2);
+      if (square < least) [least, at] = [square, j];
     }
-    distance[i] = Math.sqrt(least);
-    index[i] = at;
+    [distance[i], index[i]] = [Math.sqrt(least), at];
   }
   return { distance, index };
 };
@@ -89,14 +82,9 @@ const newImage = (scene, estimator, snr, trial) => {
   const index = data.rows.cloud[row];
   if (index < 0) return { ...image, note: data.rows.has_image[row] ? "left out of this page" : "no cloud is stored" };
   const cloud = clouds.at(index);
-  const scores = [
-    ["Hausdorff sum", "hausdorff_sum_m", " m"],
-    ["precision", "precision", ""],
-    ["recall", "recall", ""],
-  ]
-    .map(([title, name, unit]) => [title, value(name, row), unit])
-    .filter(([, one]) => one !== null && one !== undefined)
-    .map(([title, one, unit]) => `${title} ${told(one)}${unit}`);
+  const scores = Object.entries({ hausdorff_sum_m: ["Hausdorff sum", " m"], precision: ["precision", ""], recall: ["recall", ""] })
+    .filter(([name]) => valuesOf([row], name).length)
+    .map(([name, [title, unit]]) => `${title} ${told(value(name, row))}${unit}`);
   const what = status === "no_detection" ? "nothing detected" : counted(cloud.n, "point");
   const of = data.estimators[estimator].is_reference ? ", one of its realisations; scores are means over all" : "";
   return { ...image, cloud, pair: pairOf(truth, cloud), note: [what + of, ...scores].join(", ") };
@@ -308,32 +296,19 @@ class CloudPanels {
       this.key = key;
     }
     const points = [truth, ...images.map((image) => image.cloud).filter(Boolean)];
-    const range = (axisName) => {
-      const all = points.flatMap((one) => [...one[axisName]]);
-      if (!all.length) return undefined;
-      const [low, high] = extent(all);
-      const margin = Math.max(0.5, 0.02 * (high - low));
-      return [low - margin, high + margin];
-    };
-    const ranges = Object.fromEntries(["x", "y", "z"].map((one) => [one, range(one)]));
-    const longest = Math.max(...Object.values(ranges).map((own) => (own ? own[1] - own[0] : 0)));
-    const aspectratio = Object.fromEntries(
-      Object.entries(ranges).map(([one, own]) => [one, own ? (1.3 * (own[1] - own[0])) / longest : 1]),
-    );
-    const axes = Object.fromEntries(
-      ["x", "y", "z"].map((one) => [
-        `${one}axis`,
-        {
-          title: { text: `${one} [m]` },
-          range: ranges[one],
-          gridcolor: css("line"),
-          zerolinecolor: css("line"),
-          color: css("muted"),
-          backgroundcolor: css("panel"),
-          showbackground: one === "z",
-        },
-      ]),
-    );
+    const isEmpty = points.every((one) => !one.n),
+      colours = { gridcolor: css("line"), zerolinecolor: css("line"), color: css("muted"), backgroundcolor: css("panel") };
+    const axes = {},
+      sizes = {};
+    for (const one of ["x", "y", "z"]) {
+      const [low, high] = isEmpty ? [0, 0] : extent(points.flatMap((own) => [...own[one]]));
+      const margin = Math.max(0.5, 0.02 * (high - low)),
+        range = isEmpty ? undefined : [low - margin, high + margin];
+      axes[`${one}axis`] = { title: { text: `${one} [m]` }, range, ...colours, showbackground: one === "z" };
+      sizes[one] = high - low + 2 * margin;
+    }
+    const scaling = isEmpty ? 1 : 1.3 / Math.max(...Object.values(sizes)),
+      aspectratio = Object.fromEntries(Object.entries(sizes).map(([one, size]) => [one, scaling * size]));
     const scale = velocityScale(scene);
     shown.forEach((image, i) => {
       const figure = this.figures[i];
@@ -342,11 +317,8 @@ class CloudPanels {
         const command = image.row === null ? "" : commandFor(scene, image.estimator, snr, trial);
         figure.note.replaceChildren(image.note, command ? h("span", {}, ". Take it with: ", h("code", {}, command)) : "");
       }
-      figure.table = () =>
-        pointTable(
-          image,
-          image.isTruth ? `True scatterers of ${name}` : `Points of ${labelOf(image.estimator)} on ${name}, ${snr} dB, trial ${trial}`,
-        );
+      const what = image.isTruth ? "True scatterers of" : `Points of ${labelOf(image.estimator)} on`;
+      figure.table = () => pointTable(image, image.isTruth ? `${what} ${name}` : `${what} ${name}, ${snr} dB, trial ${trial}`);
       const traces = image.isTruth || image.cloud ? panelTraces(image, scale, i === shown.length - 1) : [];
       figure.plot.hidden = !traces.length;
       if (!traces.length) return figure.clear();
@@ -364,14 +336,11 @@ const pointTable = (image, caption) => {
   const rows = points ? [...Array(points.n).keys()] : [];
   const { codes, levels } = objectsOf(image.scene),
     radius = data.scenes[image.scene].radius_m;
-  const columns = ["x", "y", "z"].map((axisName) => ({
-    title: `${axisName} [m]`,
-    get: (i) => Number(points[axisName][i].toFixed(3)),
+  const titles = { x: "x [m]", y: "y [m]", z: "z [m]", v: "velocity [m/s]", power: "power [dB]" };
+  const columns = Object.entries(titles).map(([name, title]) => ({
+    title,
+    get: (i) => Number(points[name][i].toFixed(name === "power" ? 1 : 3)),
   }));
-  columns.push(
-    { title: "velocity [m/s]", get: (i) => Number(points.v[i].toFixed(3)) },
-    { title: "power [dB]", get: (i) => Number(points.power[i].toFixed(1)) },
-  );
   if (!image.isTruth && image.truth.n)
     columns.push(
       { title: "to the truth [m]", get: (i) => Number(image.pair.ofCloud.distance[i].toFixed(3)) },
@@ -398,27 +367,18 @@ class Projections {
       const figure = this.figures[i],
         own = pair?.planes[plane];
       figure.heading.textContent = own ? `${plane}: ${told(own.distance)} m` : plane;
-      figure.note.textContent = own
-        ? own.isMissed
-          ? "the scatterer that is farthest from all points, and the nearest point"
-          : "the point that is farthest from all scatterers, and the nearest scatterer"
-        : image.note;
-      figure.table = own
-        ? () =>
-            dataTable({
-              caption: `Points that make the Hausdorff distance of ${plane}`,
-              name: plane,
-              columns: [
-                { title: "point", get: (row) => row[0], isText: true },
-                { title: `${a} [m]`, get: (row) => row[1] },
-                { title: `${b} [m]`, get: (row) => row[2] },
-              ],
-              rows: [
-                ["true scatterer", truth[a][own.truth], truth[b][own.truth]],
-                ["estimated point", cloud[a][own.point], cloud[b][own.point]],
-              ],
-            })
-        : null;
+      const [far, near] = own?.isMissed ? ["scatterer", "point"] : ["point", "scatterer"];
+      figure.note.textContent = own ? `the ${far} that is farthest from all ${near}s, and the nearest ${near}` : image.note;
+      const table = () => {
+        const caption = `Points that make the Hausdorff distance of ${plane}`;
+        const columns = ["point", `${a} [m]`, `${b} [m]`].map((title, at) => ({ title, get: (row) => row[at], isText: !at }));
+        const rows = [
+          ["true scatterer", truth[a][own.truth], truth[b][own.truth]],
+          ["estimated point", cloud[a][own.point], cloud[b][own.point]],
+        ];
+        return dataTable({ caption, name: plane, columns, rows });
+      };
+      figure.table = own ? table : null;
       const flat = (points, places, marker, name, isTruth = false) => ({
         type: "scatter",
         mode: "markers",

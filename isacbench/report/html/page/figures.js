@@ -152,14 +152,6 @@ const seriesTable = (caption, xTitle, yTitle, series) => () =>
   dataTable({
     caption,
     name: caption,
-    columns: [
-      { title: "line", get: (row) => row.label, isText: true },
-      { title: xTitle, get: (row) => row.x },
-      { title: yTitle, get: (row) => row.y },
-      { title: "from", get: (row) => row.low },
-      { title: "to", get: (row) => row.high },
-    ],
-    rows: series.flatMap((one) =>
-      one.x.map((x, i) => ({ label: one.label, x, y: one.y[i], low: one.low?.[i] ?? null, high: one.high?.[i] ?? null })),
-    ),
+    columns: ["line", xTitle, yTitle, "from", "to"].map((title, at) => ({ title, get: (row) => row[at], isText: !at })),
+    rows: series.flatMap((one) => one.x.map((x, i) => [one.label, x, one.y[i], one.low?.[i] ?? null, one.high?.[i] ?? null])),
   });

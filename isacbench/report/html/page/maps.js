@@ -12,24 +12,16 @@ const buildMaps = (root) => {
   const figures = ["Power", "Threshold", "Power where detected"].map(
     (title) => new Figure({ title, label: `${title} of the range-Doppler map`, height: 420 }),
   );
-  const spectra = h("div", { class: "grid" });
-  const grid = figures.map((figure) => figure.element);
-  root.append(
-    h("div", { class: "grid" }, grid),
-    heading("Angular spectra of the strongest cell"),
-    spectra,
-  );
+  const spectra = h("div", { class: "grid" }),
+    grid = h("div", { class: "grid" }, figures.map((figure) => figure.element));
+  root.append(grid, heading("Angular spectra of the strongest cell"), spectra);
   return () => {
     const map = own.find((one) => `${one.scene}|${one.estimator}` === state.map) ?? own[0];
     const detected = map.power_db.map((row, i) => row.map((one, j) => (map.mask[i][j] ? one : null)));
     const all = map.power_db.flat();
     const [low, high] = extent([...all, ...map.threshold_db.flat()].filter((one) => one !== null));
     [map.power_db, map.threshold_db, detected].forEach((z, i) => {
-      const columns = [
-        { title: "range [m]", get: (row) => row[0] },
-        { title: "velocity [m/s]", get: (row) => row[1] },
-        { title: "dB over noise", get: (row) => row[2] },
-      ];
+      const columns = ["range [m]", "velocity [m/s]", "dB over noise"].map((title, at) => ({ title, get: (row) => row[at] }));
       const cells = map.range_m
         .flatMap((range, a) => map.velocity_mps.map((speed, b) => [range, speed, z[a][b]]))
         .filter((row) => row[2] !== null);
@@ -54,17 +46,12 @@ const buildMaps = (root) => {
         { xaxis: axis({ title: { text: "radial velocity [m/s]" } }), yaxis: axis({ title: { text: "range [m]" } }) },
       );
     });
-    const lines = map.spectra.map((one) => [
-      one,
-      new Figure({
-        title: `Spectrum along ${one.label}`,
-        label: `Angular spectrum along ${one.label}`,
-        height: 320,
-        table: seriesTable(`Spectrum along ${one.label}`, one.label, "dB", [{ label: "level", x: one.cosine, y: one.level_db }]),
-      }),
-    ]);
-    spectra.replaceChildren(...(lines.length ? lines.map(([, figure]) => figure.element) : ["Nothing was detected."]));
-    for (const [one, figure] of lines) {
+    spectra.replaceChildren(map.spectra.length ? "" : "Nothing was detected.");
+    for (const one of map.spectra) {
+      const title = `Spectrum along ${one.label}`,
+        table = seriesTable(title, one.label, "dB", [{ label: "level", x: one.cosine, y: one.level_db }]),
+        figure = new Figure({ title, label: `Angular spectrum along ${one.label}`, height: 320, table });
+      spectra.append(figure.element);
       const level = (cosine) => one.level_db[one.cosine.indexOf(nearTo(one.cosine, cosine))];
       const traces = [
         ...lineWithBand({ label: "spectrum", x: one.cosine, y: one.level_db }, { colour: css("found"), dash: "solid" }),

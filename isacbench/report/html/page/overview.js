@@ -263,3 +263,10 @@ const parameterTable = () =>
       rows: estimatorNumbers(),
     }),
   );
+
+const buildOverview = (root) => {
+  const box = h("div");
+  const choices = controls(familyControl(), sceneControl(), snrControl(), metricControl());
+  root.append(factsOf(), choices, box, ...factTables(), parameterTable());
+  return () => drawOverview(box);
+};

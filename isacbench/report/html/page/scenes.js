@@ -44,10 +44,8 @@ const buildScenes = (root) => {
     tiles,
   );
   return () => {
-    const estimator = Math.max(
-      data.estimators.findIndex((own) => own.label === (state.one ?? labelOf(best()))),
-      0,
-    );
+    const label = state.one ?? labelOf(best()),
+      estimator = Math.max(data.estimators.map((own) => own.label).indexOf(label), 0);
     const metric = metricOf(state.by ?? ordering());
     const rows = filteredRows(["family", "snr"]).filter((row) => data.rows.estimator[row] === estimator);
     const listed = [...grouped(rows, (row) => data.rows.scene[row])].map(([scene, own]) => {
@@ -55,12 +53,7 @@ const buildScenes = (root) => {
         snr = state.snr ? Number(state.snr) : nearTo(numbersOf("snr_db", own), data.shown_snr_db);
       const at = own.filter((row) => value("snr_db", row) === snr),
         row = at.find((one) => data.rows.cloud[one] >= 0) ?? at[0] ?? own[0];
-      return {
-        scene,
-        row,
-        failed: own.filter((one) => !isScored(one)).length,
-        score: mean(scores),
-      };
+      return { scene, row, failed: own.filter((one) => !isScored(one)).length, score: mean(scores) };
     });
     const sign = metric.better === "higher" ? 1 : -1;
     const last = (one) => (one.score !== null ? 1 : one.failed ? 0 : 2); // failed ones first, those without such a score last
@@ -77,9 +70,7 @@ const buildScenes = (root) => {
           {},
           h(
             "a",
-            {
-              href: imageAddress(own.name, value("snr_db", row), value("trial", row), [labelOf(estimator)]),
-            },
+            { href: imageAddress(own.name, value("snr_db", row), value("trial", row), [labelOf(estimator)]) },
             canvas,
             short(own.name, 60),
             h("br"),

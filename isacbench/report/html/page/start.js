@@ -7,19 +7,19 @@ const render = () => {
   if (current?.view !== state.view) {
     forget();
     syncs = [];
-    main.replaceChildren(h("h2", { class: "for-readers" }, views[state.view].title()));
+    main.replaceChildren(h("h2", { class: "for-readers" }, titleOf(state.view)));
     current = { view: state.view, update: views[state.view].build(main) };
   }
   keepFocus(() => {
     syncs.forEach((sync) => sync());
     current.update();
   });
-  const links = Object.entries(views).filter(([, view]) => view.isAvailable());
-  const linkOf = ([name, view]) => {
+  const linkOf = (name) => {
     const isCurrent = name === state.view ? "page" : null;
-    return h("li", {}, h("a", { href: linkTo(name), "aria-current": isCurrent, onclick: focusMain }, view.title()));
+    return h("li", {}, h("a", { href: linkTo(name), "aria-current": isCurrent, onclick: focusMain }, titleOf(name)));
   };
-  document.getElementById("views").replaceChildren(...links.map(linkOf));
+  const available = Object.keys(views).filter((name) => views[name].isAvailable());
+  document.getElementById("views").replaceChildren(...available.map(linkOf));
 };
 const focusMain = () => setTimeout(() => document.getElementById("main").focus({ preventScroll: true }));
 const renderAnew = () => {

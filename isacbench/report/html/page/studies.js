@@ -20,21 +20,15 @@ const buildStudy = (root) => {
   return () => {
     for (const [chart, figure] of found) {
       const traces = chart.series.flatMap((series) => lineWithBand(series, series, chart.y.log));
-      const shapes = chart.lines.map((value) => ({
-        type: "line",
-        xref: "paper",
-        x0: 0,
-        x1: 1,
-        y0: value,
-        y1: value,
-        line: { color: css("fg"), dash: "dash", width: 1.5 },
-      }));
-      const heights = [...chart.series.flatMap((series) => [...series.y, ...series.low, ...series.high]), ...chart.lines].filter(
-        (one) => one > 0,
-      );
-      const decades =
-        chart.y.log && heights.length ? [Math.floor(Math.log10(Math.min(...heights))), Math.ceil(Math.log10(Math.max(...heights)))] : null;
-      const range = chart.y.range ? (chart.y.log ? chart.y.range.map(Math.log10) : chart.y.range) : decades;
+      const line = { color: css("fg"), dash: "dash", width: 1.5 };
+      const shapes = chart.lines.map((y) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line }));
+      let range = chart.y.range;
+      if (chart.y.log) {
+        const heights = [...chart.series.flatMap((series) => [...series.y, ...series.low, ...series.high]), ...chart.lines];
+        const [low, high] = (range ?? extent(heights.filter((one) => one > 0))).map(Math.log10);
+        if (range) range = [low, high];
+        else if (low < Infinity) range = [Math.floor(low), Math.ceil(high)];
+      }
       figure.draw(traces, {
         shapes,
         xaxis: axis(axisNote(chart.x.title, chart.x.log)),
