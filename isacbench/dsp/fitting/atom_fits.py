@@ -217,38 +217,20 @@ class AtomFit:
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0) -> AtomFit:
-    """Fit the amplitudes of atoms, and prepare a step of their places.
+    """Fit the amplitudes of atoms at places (n, 4), n at least 1, in Rayleigh cells; prepare a step of them.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        In Rayleigh cells, n at least 1.
-    ridge : float
-        Weight of the energies |amplitude|² against that of the misfit. Above 0
-        atoms that nearly coincide share an amplitude instead of cancelling.
-
-    Returns
-    -------
-    AtomFit
-        Its energy is what the atoms explain, less that of the ridge.
+    With a `ridge` above 0, the weight of the energies |amplitude|² against that of the misfit, atoms that
+    nearly coincide share an amplitude instead of cancelling. The energy of the fit is what the atoms explain,
+    less that of the ridge.
     """
     lines = atom_map.lines(places)
     return _fit(atom_map, places, atom_map.products(lines), atom_map.correlate(lines), ridge)
 
 
 def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, ridge: float = 0.0) -> AtomFit:
-    """Fit some of the atoms of another fit; only atoms that have moved are correlated anew.
+    """Fit some of the n atoms of another fit, those of the mask `keep` (n,), at their present places (n, 4).
 
-    Parameters
-    ----------
-    fit : AtomFit
-        Of n atoms.
-    keep : ndarray of bool, shape (n,)
-        Atoms that stay, one at least.
-    places : ndarray of float64, shape (n, 4)
-        Present places.
-    ridge : float
-        As in `fit_atoms`.
+    Only atoms that have moved are correlated anew. One atom at least stays.
     """
     known = Correlations(*(values[keep] for values in fit.correlations))
     places = places[keep]
@@ -286,25 +268,13 @@ def refine_atoms(
 ) -> AtomFit:
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
 
-    Places keep the digits that a step determines (`isacbench.dsp.stable_order.round_step`).
-    In a crowd steps never end, and each would magnify the last digits of the one before.
+    Places (n, 4) in Rayleigh cells keep the digits that a step determines
+    (`isacbench.dsp.stable_order.round_step`). In a crowd steps never end, and each would magnify the last
+    digits of the one before. A step that explains less, beyond rounding, or that leads atoms to one place, is
+    taken back.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        In Rayleigh cells, n at least 1.
-    n_steps : int
-        Steps to try; one that explains less, beyond rounding, or that leads atoms
-        to one place, is taken back.
-    limits : (ndarray of float64, ndarray of float64), shapes (n, 4)
-        Lowest and highest places that a step may lead to.
-    damping : float
-        Of the first step; less is better nearer to the optimum.
-
-    Returns
-    -------
-    AtomFit
-        The best one seen.
+    `limits` are the lowest and highest places (n, 4) that a step may lead to. `damping` is that of the first
+    step; less is better nearer to the optimum.
     """
     best = fit_atoms(atom_map, places)
     for _ in range(n_steps):
@@ -330,19 +300,8 @@ def _step(fit: AtomFit, damping: float) -> Floats:
 def polish_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
     """Finish a fit on its misfit to the map, for atoms so close that products have lost their digits.
 
-    Each step first subtracts all echoes from the map, and correlates the rest.
-
-    Parameters
-    ----------
-    fit : AtomFit
-        Near the optimum.
-    n_steps : int
-        Most steps; one that leaves more, beyond rounding, is taken back and is the last.
-
-    Returns
-    -------
-    AtomFit
-        With places and amplitudes of the last step.
+    Each step first subtracts all echoes from the map, and correlates the rest. One that leaves more, beyond
+    rounding, is taken back and is the last.
     """
     rounding = ROUNDING * np.sqrt(atom_map.energy)
     lines = atom_map.lines(fit.places)

@@ -227,17 +227,7 @@ class AtomMap:
         return Correlations(*self._contract(lines, 1))
 
     def correlate_curvatures(self, lines: Lines) -> Complex:
-        """Products of the second derivatives of atoms along each coordinate with the map.
-
-        Parameters
-        ----------
-        lines : tuple of AtomFactors
-            From `lines`.
-
-        Returns
-        -------
-        ndarray of complex128, shape (n, 4)
-        """
+        """Products (n, 4) of the second derivatives of atoms along each coordinate with the map."""
         return self._contract(lines, 2)[1]
 
     def products(self, lines: Lines) -> tuple[LineProducts, ...]:
@@ -258,18 +248,9 @@ class AtomMap:
         )
 
     def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
-        """Products of the second derivatives of atoms along each coordinate.
+        """Products of the second derivatives of atoms along each coordinate: range, Doppler, u and w.
 
-        Parameters
-        ----------
-        lines : tuple of AtomFactors
-            From `lines`.
-
-        Returns
-        -------
-        tuple of (ndarray of float64, ndarray of float64)
-            For range, Doppler, u and w: products (n, n) with the atoms
-            themselves along that coordinate, and energies (n,).
+        For each, products (n, n) with the atoms themselves along that coordinate, and energies (n,).
         """
         return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
 
@@ -322,19 +303,9 @@ def _steering_basis(n: int, limits: Interval | None) -> Floats:
 
 
 def product_matrix(lines: tuple[LineProducts, ...], left: int | None, right: int | None) -> Floats:
-    """Products of n atoms, or of their slopes along one coordinate each.
+    """Products (n, n) of n atoms, from `AtomMap.products`.
 
-    Parameters
-    ----------
-    lines : tuple of LineProducts
-        From `AtomMap.products`.
-    left, right : int or None
-        Coordinate along which the left and the right factor are derived, None
-        for the atoms themselves.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, n)
+    The left and the right factor are the atoms themselves (None) or their slopes along a coordinate.
     """
     matrix = np.ones_like(lines[0].value)
     for axis, (value, slope, slopes) in enumerate(lines):

@@ -83,20 +83,11 @@ class PursuitResult(NamedTuple):
 def pursue_on_grid(
     atom_map: AtomMap, grid: PlaceGrid, least_energy: float, dynamic_range_db: float, n_most: int
 ) -> PursuitResult:
-    """Choose atoms one by one, each time the one that explains most of the residual by itself.
+    """Choose atoms one by one, at most `n_most`, each time the one that explains most of the residual.
 
-    After each choice all amplitudes are the least-squares fit: the residual is
-    orthogonal to every atom chosen. The pursuit also ends where the best atom
-    is nearly a sum of those chosen before.
-
-    Parameters
-    ----------
-    least_energy : float
-        Energy that an atom must take from the residual.
-    dynamic_range_db : float
-        Range below the first atom, which takes most, in which others are sought.
-    n_most : int
-        Most atoms.
+    After each choice all amplitudes are the least-squares fit: the residual is orthogonal to every atom
+    chosen. The pursuit ends where the best atom takes less than `least_energy` from the residual, is
+    `dynamic_range_db` below the first one, which takes most, or is nearly a sum of those chosen before.
     """
     search = _Search(atom_map, grid)
     members = _Members(atom_map, n_most)

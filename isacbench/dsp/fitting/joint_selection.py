@@ -233,22 +233,10 @@ def explain_map(
 ) -> LocatedScatterers | None:
     """Move scatterers in all four coordinates to the least-squares fit, if that explains the map.
 
-    Echoes that are not modelled bias the fit. In a crowd this error is larger
-    than the one that the fit removes.
-
-    Parameters
-    ----------
-    gated : GatedMap
-        Without tapers.
-    noise : float
-        Power of white noise per element.
-
-    Returns
-    -------
-    LocatedScatterers or None
-        Without scatterers that noise makes indistinguishable from another. None
-        where the fitted scatterers leave too much of the map unexplained, or
-        the map is crowded.
+    The map is without tapers, and `noise` is the power of white noise per element. Echoes that are not
+    modelled bias the fit. In a crowd this error is larger than the one that the fit removes: None is returned
+    where the map is crowded, or where the fitted scatterers leave too much of it unexplained. Scatterers that
+    noise makes indistinguishable from another are left out.
     """
     if not len(scatterers):
         return scatterers
@@ -320,21 +308,10 @@ def _known_apart(scatterers: LocatedScatterers) -> Mask:
 
 
 def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple[Integers, Floats]:
-    """Find the grating lobes of scatterers within the speeds of the region.
+    """Find the grating lobes of scatterers at Doppler bins (n,) within the speeds of the region.
 
-    Parameters
-    ----------
-    doppler_bin : ndarray of float64, shape (n,)
-    gate : Gate
-        Of the map.
-
-    Returns
-    -------
-    owner : ndarray of int64, shape (m,)
-        Scatterer of each place: first the n scatterers at their own places, then
-        their lobes.
-    place : ndarray of float64, shape (m,)
-        Doppler bins.
+    Returned are the scatterer of each place (m,), first the n scatterers at their own places, then their
+    lobes; and the Doppler bins (m,) of the places.
     """
     n, reach = doppler_bin.size, gate.reachable_doppler
     slowest, fastest = gate.doppler_bins[reach.start] - 0.5, gate.doppler_bins[reach.stop - 1] + 0.5
@@ -348,21 +325,11 @@ def lobes_within(doppler_bin: Floats, bursts: SymbolBursts, gate: Gate) -> tuple
 
 
 def best_lobes(matched: Complex, response: NDArray[np.inexact[Any]], owner: Integers) -> Integers:
-    """Choose for each scatterer the place where the map, less all others' echoes, shows it most.
+    """Choose for each of n scatterers the place where the map, less all others' echoes, shows it most.
 
-    Parameters
-    ----------
-    matched : ndarray of complex128, shape (m,)
-        Outputs of the matched filters of all places, of comparable scale.
-    response : ndarray, shape (m, m)
-        Of filter i to a scatterer at place j, 1 at its own.
-    owner : ndarray of int64, shape (m,)
-        Scatterer of each place, the first n of them 0 to n - 1.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Place of each scatterer.
+    `matched` (m,) are outputs of the matched filters of all places, of comparable scale; `response` (m, m) is
+    that of filter i to a scatterer at place j, 1 at its own; `owner` (m,) is the scatterer of each place, the
+    first n of them 0 to n - 1.
     """
     n, everywhere = int(owner.max(initial=-1)) + 1, np.arange(owner.size)
     current = np.arange(n)

@@ -144,16 +144,10 @@ class WaveFit(NamedTuple):
 
 
 def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
-    """Fit the plane waves of each cell at given directions.
+    """Fit the plane waves of each cell at given direction cosines (n, k).
 
-    Parameters
-    ----------
-    snapshots : ndarray of complex128, shape (n, s, P, Q)
-        s snapshots of each cell, in each of which amplitudes are free.
-    u, w : ndarray of float64, shape (n, k)
-        Direction cosines.
-    found : ndarray of bool, shape (n, k)
-        Mask of the plane waves; the other entries only fill the row.
+    Snapshots have the shape (n, s, P, Q); amplitudes are free in each of the s. Directions outside of the
+    mask `found` (n, k) only fill the row.
     """
     k = found.shape[1]
     power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))

@@ -113,15 +113,7 @@ class BeamSpace:
 
     @classmethod
     def from_map(cls, atom_map: AtomMap, gate: Gate, cosine_limits: tuple[Interval, Interval]) -> BeamSpace:
-        """Form the beams.
-
-        Parameters
-        ----------
-        gate : Gate
-            Of the map.
-        cosine_limits : (Interval, Interval)
-            Lowest and highest u, and w.
-        """
+        """Form the beams within the lowest and highest u, and w."""
         u, w = (
             np.arange(np.floor(lower / step), np.ceil(upper / step) + 1) / BEAMS_A_CELL
             for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:] / BEAMS_A_CELL, strict=True)
@@ -193,18 +185,7 @@ class BeamSpace:
         return places, energy
 
     def mean_around(self, residual: Complex, places: Floats) -> Floats:
-        """Average the energy of a residual's beams within about 1.5 Rayleigh cells of places.
-
-        Parameters
-        ----------
-        residual : ndarray of complex128
-            From `residual`.
-        places : ndarray of float64, shape (n, 4)
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-        """
+        """Average the energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
         energy = residual.real**2 + residual.imag**2
         n_beams = 2 * BEAMS_A_CELL - 1
         mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
@@ -263,43 +244,20 @@ def descending(energy: Floats) -> Integers:
 
 
 def unwrapped(places: Floats, reference: Floats, periods: Floats) -> Floats:
-    """Of all places where atoms are the same, those nearest to a reference.
+    """Of all places (..., 4) where atoms are the same, those nearest to a reference, in Rayleigh cells.
 
-    Elements half a wavelength apart cannot tell u = 1 from u = -1, nor
-    sampled symbols one end of the Doppler bins from the other.
-
-    Parameters
-    ----------
-    places, reference : ndarray of float64, shapes (..., 4)
-        In Rayleigh cells.
-    periods : ndarray of float64, shape (4,)
-        `AtomMap.periods`.
-
-    Returns
-    -------
-    ndarray of float64, shape (..., 4)
+    Elements half a wavelength apart cannot tell u = 1 from u = -1, nor sampled symbols one end of the Doppler
+    bins from the other. `periods` (4,) are `AtomMap.periods`.
     """
     return places - periods * np.rint((places - reference) / periods)
 
 
 def noise_maximum(n_independent: float, chance: float) -> float:
-    """Level that the highest matched-filter output of noise, off any grid, exceeds with a small chance.
+    """Level over the mean energy that the highest matched-filter output of noise exceeds by a small chance.
 
-    The output over all four coordinates is a smooth field. Along one, a
-    Rayleigh cell holds sqrt(πx/3) exp(-x) upcrossings of a level of x times
-    the mean, and to first order as many per coordinate multiply.
-
-    Parameters
-    ----------
-    n_independent : float
-        Rayleigh cells.
-    chance : float
-        Less than 1.
-
-    Returns
-    -------
-    float
-        Of the mean energy.
+    The output over all four coordinates, off any grid, is a smooth field. Along one, a Rayleigh cell holds
+    sqrt(πx/3) exp(-x) upcrossings of a level of x times the mean, and to first order as many per coordinate
+    multiply. `n_independent` is the number of Rayleigh cells.
 
     References
     ----------
@@ -315,19 +273,7 @@ def noise_maximum(n_independent: float, chance: float) -> float:
 
 
 def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floats:
-    """Bound the amplitude response of an atom.
-
-    Parameters
-    ----------
-    distance : ndarray of float64, shape (..., 4)
-        From the atom, in Rayleigh cells.
-    bursts : SymbolBursts
-        Symbols that are sensed with.
-
-    Returns
-    -------
-    ndarray of float64, shape (...)
-    """
+    """Bound the amplitude response of an atom at distances (..., 4) from it, in Rayleigh cells."""
     envelope = np.ones(distance.shape[:-1])
     for axis in range(N_COORDINATES):
         along = distance[..., axis]
@@ -339,23 +285,9 @@ def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floa
 def sidelobe_energy(
     places: Floats, others: Floats, energy: Floats, bursts: SymbolBursts = UNGAPPED, least_range: float = 0.0
 ) -> Floats:
-    """Most that echoes at other places show of their sidelobes, all in phase.
+    """Most that echoes at other places (m, 4) show of their sidelobes at places (n, 4), all in phase.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        In Rayleigh cells.
-    others : ndarray of float64, shape (m, 4)
-    energy : ndarray of float64, shape (m,)
-        Of the echoes at the other places.
-    bursts : SymbolBursts
-        Symbols that are sensed with.
-    least_range : float
-        Distance along range below which an echo does not count.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
+    `energy` (m,) is theirs. Places are in Rayleigh cells. An echo nearer along range than `least_range` does not count.
     """
     if len(places) > (most := MOST_PAIRS // max(len(others), 1)):
         parts = np.split(places, range(most, len(places), most))
@@ -367,25 +299,11 @@ def sidelobe_energy(
 
 
 def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
-    """Bound the energy that the strongest atom shows at places.
+    """Bound the energy that the strongest atom of a fit shows at places (n, 4), in Rayleigh cells.
 
-    The larger of two: sidelobes of an atom anywhere, and all of the energy of
-    one within two bins in range and Doppler, whose misfit has every direction.
-    The energy of an atom is what the map shows of it (`AtomFit.shown`). Atoms do
-    not count at their own place.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        In Rayleigh cells.
-    fit : AtomFit
-        Of the atoms.
-    bursts : SymbolBursts
-        Symbols that are sensed with.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
+    The larger of two: sidelobes of an atom anywhere, and all of the energy of one within two bins in range
+    and Doppler, whose misfit has every direction. The energy of an atom is what the map shows of it
+    (`AtomFit.shown`). Atoms do not count at their own place.
     """
     if len(places) > (most := MOST_PAIRS // len(fit)):
         parts = np.split(places, range(most, len(places), most))
@@ -405,24 +323,12 @@ def split_gains(
 ) -> tuple[Floats, Floats]:
     """Energy that two atoms for one would explain, from the products of the residual with its derivatives.
 
-    Two echoes less than a Rayleigh cell apart differ from one by its first
-    derivative in quadrature, and by its second: the one leads where their
-    phases differ, the other where they do not.
+    Two echoes less than a Rayleigh cell apart differ from one by its first derivative in quadrature, and by
+    its second: the one leads where their phases differ, the other where they do not. `residual_around` (n,)
+    is the mean energy of the residual around each atom, and noise does not reach a gain of `least_energy`.
 
-    Parameters
-    ----------
-    residual_around : ndarray of float64, shape (n,)
-        Mean energy of the residual around each atom.
-    least_energy : float
-        Gain that noise does not reach.
-
-    Returns
-    -------
-    offsets : ndarray of float64, shape (n, 4)
-        Distances of the two atoms from the one, along the coordinate that
-        gains most.
-    gain : ndarray of float64, shape (n,)
-        Energies gained; 0 of atoms that are not to be split.
+    Returned are the distances (n, 4) of the two atoms from the one, along the coordinate that gains most, and
+    the energies gained (n,), 0 of atoms that are not to be split.
     """
     n = len(fit)
     lines, axes = atom_map.lines(fit.places), range(N_COORDINATES)
@@ -450,20 +356,10 @@ def split_gains(
 def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """Atoms that noise or rounding leaves without a place of their own, by the joint Cramér-Rao bound.
 
-    Parameters
-    ----------
-    noise : float
-        Noise power.
-
-    Returns
-    -------
-    drop : ndarray of bool, shape (n,)
-        The weaker half of the atoms without a place; if all have one, the
-        weaker one of each pair that noise or rounding does not tell apart:
-        without noise two atoms are one from 0.01 Rayleigh cells in
-        phase, from 0.001 in quadrature (`AtomFit.blurred`).
-    places : ndarray of float64, shape (n, 4)
-        Those of the atoms that stay, each moved to the mean of its pair.
+    Returned is a mask (n,) of atoms to drop: the weaker half of those without a place, or if all have one,
+    the weaker one of each pair that noise or rounding does not tell apart. Without noise two atoms are one
+    from 0.01 Rayleigh cells in phase, from 0.001 in quadrature (`AtomFit.blurred`). The places (n, 4) of
+    those that stay are moved to the mean of their pair.
     """
     n, power, places = len(fit), fit.power, fit.places.copy()
     drop = np.zeros(n, dtype=np.bool_)
@@ -500,16 +396,7 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
 
 
 def reachable_places(places: Floats, gate: Gate) -> Mask:
-    """Tell which places lie within a bin of the ranges and speeds of the region.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Tell which places (n, 4) lie within a bin of the ranges and speeds of the region."""
     inside = np.ones(len(places), dtype=np.bool_)
     for axis, bins, reach in (
         (0, gate.range_bins, gate.reachable_range),
@@ -524,20 +411,8 @@ def above_sidelobes(
 ) -> Integers:
     """Keep the candidates that are not sidelobes of peaks which no move explains.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        Peaks of the residual.
-    gain : ndarray of float64, shape (n,)
-    candidates : ndarray of int64, shape (c,)
-        Indices of peaks that can become atoms, by descending gain.
-    left : ndarray of int64, shape (m,)
-        Indices of peaks that no move explains, at most `MOST_LEFT`.
-
-    Returns
-    -------
-    ndarray of int64
-        Some of the candidates, in their order.
+    Places (n, 4) and gains (n,) are of the peaks of the residual; candidates are indices of those that can
+    become atoms, by descending gain, and `left` of those that no move explains, at most `MOST_LEFT`.
     """
     shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
     return candidates[gain[candidates] >= shown]
@@ -546,21 +421,10 @@ def above_sidelobes(
 def drop_lobe_images(
     places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
-    """Drop the peaks that are grating lobes of the best candidates.
+    """Drop the peaks in `left` that are grating lobes of the best candidates.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        Peaks of the residual.
-    gain : ndarray of float64, shape (n,)
-    candidates, left : ndarray of int64
-        Indices of peaks that can become atoms, and of others, both by descending gain.
-
-    Returns
-    -------
-    ndarray of int64
-        Some of `left`; all of it if the whole frame is used for sensing, because
-        there are no grating lobes then.
+    Arguments are those of `above_sidelobes`. If the whole frame is used for sensing there are no grating
+    lobes, and all peaks stay.
     """
     if bursts.is_whole_frame:
         return left
@@ -571,54 +435,20 @@ def drop_lobe_images(
 
 
 def are_near(places: Floats, others: Floats, distance: float) -> Mask:
-    """Tell which places have another one nearer than a distance along every coordinate.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-    others : ndarray of float64, shape (m, 4)
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Tell which places (n, 4) have another one of (m, 4) nearer than a distance along every coordinate."""
     return np.any(np.all(np.abs(places[:, None] - others) < distance, axis=2), axis=1)
 
 
 def are_split(centres: Floats, places: Floats) -> Mask:
-    """Tell which split atoms have become two: at least two atoms lie around their place.
-
-    Parameters
-    ----------
-    centres : ndarray of float64, shape (n, 4)
-        Places of the atoms that were split.
-    places : ndarray of float64, shape (m, 4)
-        Places of the present atoms.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Tell which atoms, split at centres (n, 4), have become two: around each lie two of the places (m, 4)."""
     around: Integers = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
     return around >= 2
 
 
 def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, room: int) -> Integers:
-    """Choose the best moves of a round, apart from each other, without sidelobes of better ones.
+    """Choose at most `room` moves, the best first, apart from each other, without sidelobes of better ones.
 
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        Places of new atoms, and of atoms that may be split.
-    gain : ndarray of float64, shape (n,)
-    is_new : ndarray of bool, shape (n,)
-    room : int
-        Largest number of moves.
-
-    Returns
-    -------
-    ndarray of int64
-        Indices of moves, the best first.
+    Places (n, 4) are those of new atoms (`is_new`), and of atoms that may be split. Returned are indices.
     """
     if not gain.max(initial=0) > 0:
         return np.empty(0, dtype=np.int64)
