@@ -151,19 +151,9 @@ class SymbolBursts:
         return f * g, f * g1 + f1 * g, f * g2 + 2 * f1 * g1 + f2 * g
 
     def sidelobe_drop(self, distance: Floats) -> Floats:
-        """Least ratio of a kernel's peak to its amplitude at a distance.
+        """Least ratio, 1 and more, of a kernel's peak to its amplitude at a distance in bins.
 
         Of bursts, the envelope is taken half a bin nearer: peaks are read there.
-
-        Parameters
-        ----------
-        distance : ndarray of float64, any shape
-            In bins.
-
-        Returns
-        -------
-        ndarray of float64, same shape
-            1 and more.
         """
         if self.is_whole_frame:
             return np.maximum(np.pi * np.abs(distance), 1)
@@ -174,34 +164,14 @@ class SymbolBursts:
         return drop
 
     def fractional_bin(self, own: Floats, other: Floats) -> Floats:
-        """Offset of an echo from its strongest bin, from the amplitudes there and in the next bin.
-
-        Parameters
-        ----------
-        own, other : ndarray of float64, same shape
-
-        Returns
-        -------
-        ndarray of float64, same shape
-            Bins towards the other, 0 to 1; 1/2 at equal amplitudes.
-        """
+        """Offset of an echo from its strongest bin towards the next, from 0 to 1, by the amplitudes in both."""
         offsets = np.linspace(0, 1, OFFSETS)
         kernel = np.abs(self.slopes(offsets)[0])
         share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
         return np.interp(share, kernel[::-1] / (kernel + kernel[::-1]), offsets)
 
     def to_lobe(self, distance: Floats) -> Floats:
-        """Distance from the nearest mainlobe or grating lobe.
-
-        Parameters
-        ----------
-        distance : ndarray of float64, any shape
-            From the mainlobe in bins, 0 and more.
-
-        Returns
-        -------
-        ndarray of float64, same shape
-        """
+        """Distance from the nearest mainlobe or grating lobe, for a distance from the mainlobe in bins."""
         if self.n_bursts == 1:
             return distance
         return np.abs(distance - self.lobe_period * np.rint(distance / self.lobe_period))
@@ -222,15 +192,7 @@ def whole_frame(n_symbols: int) -> SymbolBursts:
 def symbol_bursts(system: System, sensing: Sensing) -> SymbolBursts:
     """Bursts of symbols that are sensed with.
 
-    Parameters
-    ----------
-    sensing : {"all", "prs"}
-
-    Raises
-    ------
-    InputError
-        If `sensing` is neither, no symbol is sensed with, or bursts differ in
-        length or spacing, which gives another kernel.
+    Refused where no symbol is, or where bursts differ in length or spacing, which gives another kernel.
     """
     if sensing == "all":
         return whole_frame(system.n_symbols)

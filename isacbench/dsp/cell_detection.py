@@ -81,20 +81,9 @@ class DetectedCells:
 
 
 def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
-    """Power of range-Doppler cells and the number of looks it averages.
+    """Power of cells (n_range, n_doppler, *elements), and the number of looks it averages.
 
-    Parameters
-    ----------
-    cells : ndarray of complex, shape (n_range, n_doppler, *elements)
-        Cells of any elements of the array, element (0, 0) first.
-    integration : {"element", "noncoherent", "binary"}
-        Power of the first element, or the average over all elements.
-
-    Returns
-    -------
-    power : ndarray of float64, shape (n_range, n_doppler)
-    looks : int
-        Number of independent noise powers averaged.
+    With `integration` "element" that of the first element, (0, 0); else the average over all.
     """
     n_looks = prod(cells.shape[2:])
     elements = np.ascontiguousarray(cells).reshape(*cells.shape[:2], n_looks)
@@ -108,21 +97,9 @@ def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
 def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> float | None:
     """Measure the noise power in Doppler bins, or range bins, that no echo of the region reaches.
 
-    Parameters
-    ----------
-    power : ndarray of float64, shape (n_range, n_doppler)
-    gate : Gate
-        Bins of the map.
-    sees_lobes : bool, default False
-        True if every echo shows in grating lobes along all Doppler bins: noise
-        is then measured in range bins.
-
-    Returns
-    -------
-    float or None
-        Median over those bins of their mean along the other axis, so that a
-        mover beyond the region's speeds does not count as noise; None if the
-        gate has no such bins.
+    The median over those bins of their mean along the other axis, so that a mover beyond the region's speeds
+    does not count as noise; None if the gate has no such bins. If `sees_lobes`, every echo shows in grating
+    lobes along all Doppler bins: noise is then measured in range bins.
     """
     axis, outside = _clear_bins(gate, sees_lobes)
     clear = power.take(outside, axis=axis)
@@ -140,12 +117,8 @@ def _clear_bins(gate: Gate, sees_lobes: bool) -> tuple[int, Integers]:
 def white_noise(gated: GatedMap) -> float:
     """Measure the noise power of an untapered map, per cell and element.
 
-    Returns
-    -------
-    float
-        Measured in the bins of `reference_noise`, after a Hann window along
-        Doppler, which keeps the sidelobes of strong echoes out of them. Without
-        such bins, the median power of the map.
+    In the bins of `reference_noise`, after a Hann window along Doppler, which keeps the sidelobes of strong
+    echoes out of them. Without such bins, the median power of the map.
     """
     reaches = (reach("hann"), 0) if gated.sees_lobes else (0, reach("hann"))
     with stage("rdm"):
@@ -265,15 +238,8 @@ def detect_cells(
 ) -> DetectedCells:
     """Detect cells of a gated range-Doppler map.
 
-    Parameters
-    ----------
-    integration : {"element", "noncoherent", "binary"}
-    dynamic_range_db : float
-        Range below the strongest cells in which echoes can be distinguished
-        from their leakage.
-    m_of_n : int, default 1
-        Elements that must detect a cell, with `integration` "binary"; one of
-        them must lie above the floor.
+    Echoes within `dynamic_range_db` of the strongest cells can be distinguished from their leakage. With
+    `integration` "binary", `m_of_n` elements must detect a cell, and one of them must lie above the floor.
     """
     gate = gated.gate
     power, looks = power_map(gated.cells, integration)

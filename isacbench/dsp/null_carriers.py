@@ -90,18 +90,7 @@ class NullCarriers(NamedTuple):
         return of_all * self.used
 
     def missed_at(self, range_bins: ArrayLike) -> Floats:
-        """Bound the amplitude that the estimate leaves of echoes in other range bins.
-
-        Parameters
-        ----------
-        range_bins : array_like, shape (k,)
-            Of the band.
-
-        Returns
-        -------
-        ndarray of float64, shape (k,)
-            Over the amplitude of the echo.
-        """
+        """Bound the amplitude that the estimate leaves of echoes in range bins of the band, over theirs."""
         band = self.used[used_band(self.used)]
         return _missed(self.weights, np.ones(self.null.size), checked_array("bins", range_bins), band.size)
 

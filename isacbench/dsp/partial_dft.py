@@ -46,32 +46,12 @@ FEW_ELEMENTS = 16
 
 
 def range_rows(bins: ArrayLike, n_subcarriers: int) -> Complex:
-    """Rows of the unitary inverse DFT over subcarriers.
-
-    Parameters
-    ----------
-    bins : array_like of int, shape (r,)
-        Range bins, of either sign.
-
-    Returns
-    -------
-    ndarray of complex128, shape (r, n_subcarriers)
-    """
+    """Rows (r, n_subcarriers) of the unitary inverse DFT over subcarriers, for range bins of either sign."""
     return _rows(bins, n_subcarriers)
 
 
 def doppler_rows(bins: ArrayLike, n_symbols: int) -> Complex:
-    """Rows of the unitary DFT over symbols.
-
-    Parameters
-    ----------
-    bins : array_like of int, shape (d,)
-        Doppler bins, positive when approaching.
-
-    Returns
-    -------
-    ndarray of complex128, shape (d, n_symbols)
-    """
+    """Rows (d, n_symbols) of the unitary DFT over symbols, for Doppler bins, positive when approaching."""
     return _rows(bins, n_symbols).conj()
 
 
@@ -101,17 +81,7 @@ class DopplerSums:
     sign: Integers | None
 
     def rows_in(self, dtype: DTypeLike) -> NDArray[Any]:
-        """Convert the rows to the precision of a complex type.
-
-        Parameters
-        ----------
-        dtype : dtype
-            Complex; real rows get the precision of its real part.
-
-        Returns
-        -------
-        ndarray of float or complex, shape (k, n_symbols)
-        """
+        """Convert the rows (k, n_symbols) to the precision of a complex type, or of its real part."""
         return self.rows.astype(dtype if np.iscomplexobj(self.rows) else np.empty(0, dtype).real.dtype)
 
     def bins(self, sums: Complex) -> Complex:
@@ -151,54 +121,22 @@ def doppler_sums(bins: ArrayLike, n_symbols: int) -> DopplerSums:
 def range_method(
     n_bins: int, n_subcarriers: int, lines: Literal["contiguous", "strided"] = "strided"
 ) -> RangeMethod:
-    """Choose the faster way to the range bins of a gate.
+    """Choose the faster way to the range bins of a gate: some rows of the DFT ("partial"), or an FFT.
 
-    Parameters
-    ----------
-    n_bins, n_subcarriers : int
-        Range bins of the gate, and of the whole map.
-    lines : {"contiguous", "strided"}
-        Layout in memory of the subcarriers of one symbol and element.
-
-    Returns
-    -------
-    {"partial", "fft"}
-        A product with rows of the DFT matrix, 8 N operations a bin, or an FFT,
-        5 N log2 N operations for all of them.
+    The rows take 8 N operations a bin, an FFT 5 N log2 N for all of them. `lines` is the layout in memory of
+    the subcarriers of one symbol and element.
     """
     fft_cost = FFT_OPERATION_COST[lines] * 5 * np.log2(max(n_subcarriers, 2))
     return "partial" if 8 * n_bins <= fft_cost else "fft"
 
 
 def is_element_major(block: Complex) -> bool:
-    """Compare the distances in memory of subcarriers and of elements.
-
-    Parameters
-    ----------
-    block : ndarray of complex, shape (n, m, e)
-        Subcarriers, symbols and elements.
-
-    Returns
-    -------
-    bool
-        True if subcarriers are closer.
-    """
+    """Tell if subcarriers of a block (n, m, e) are closer in memory than its elements."""
     return block.strides[0] < block.strides[2]
 
 
 def with_few_elements_outermost(block: Complex) -> Complex:
-    """Copy a block if products with so few elements side by side would be slow.
-
-    Parameters
-    ----------
-    block : ndarray of complex, shape (n, m, e)
-        Subcarriers, symbols and elements.
-
-    Returns
-    -------
-    ndarray of complex, same shape
-        The block itself if products are fast.
-    """
+    """Copy a block (n, m, e) if products with so few elements side by side would be slow."""
     if is_element_major(block) or block.shape[2] >= min(FEW_ELEMENTS, block.shape[0]):
         return block
     return np.ascontiguousarray(block.transpose(2, 1, 0)).transpose(2, 1, 0)
@@ -207,24 +145,12 @@ def with_few_elements_outermost(block: Complex) -> Complex:
 def transform_block(
     block: Complex, along_doppler: NDArray[Any], along_range: Complex | None = None
 ) -> Complex:
-    """Share of a block of the resource grid in the cells of a gate.
+    """Share of a block (n, m, e) of subcarriers, symbols and elements in the cells of a gate.
 
-    Parameters
-    ----------
-    block : ndarray of complex, shape (n, m, e)
-        Some subcarriers, symbols and elements. Fast where elements or
-        subcarriers are contiguous.
-    along_doppler : ndarray of complex or float, shape (k, m)
-        Columns of `doppler_rows` or of the rows of `DopplerSums`, those of the
-        block's symbols.
-    along_range : ndarray of complex, shape (r, n), optional
-        Columns of `range_rows`, those of the block's subcarriers; without it
-        only the symbols are transformed.
-
-    Returns
-    -------
-    ndarray of complex, shape (r, k, e), or (n, k, e) without `along_range`
-        In the precision of the last matrix; the cells are the sum over all blocks.
+    `along_doppler` (k, m) are the columns of `doppler_rows` or of the rows of `DopplerSums` for the block's
+    symbols, `along_range` (r, n) those of `range_rows` for its subcarriers; without it only the symbols are
+    transformed. The result is (r, k, e), or (n, k, e), in the precision of the last matrix; the cells are the
+    sum over all blocks. Fast where elements or subcarriers are contiguous.
     """
     if not is_element_major(block):
         at_doppler = _product(along_doppler, block)
@@ -240,20 +166,10 @@ def transform_block(
 
 
 def transform_lines(block: Complex, along_doppler: NDArray[Any], bins: ArrayLike) -> Complex:
-    """Share of whole lines of subcarriers in the cells of a gate, by FFTs in double precision.
+    """Share (r, k, e) of whole lines of subcarriers in the cells of a gate, by FFTs in double precision.
 
-    Parameters
-    ----------
-    block : ndarray of complex, shape (n_subcarriers, m, e)
-        All subcarriers of some symbols and elements, element-major.
-    along_doppler : ndarray of complex or float, shape (k, m)
-        As for `transform_block`.
-    bins : array_like of int, shape (r,)
-        Range bins.
-
-    Returns
-    -------
-    ndarray of complex128, shape (r, k, e)
+    The block (n_subcarriers, m, e) holds all subcarriers, element-major. `along_doppler` is as for
+    `transform_block`.
     """
     lines = _product(along_doppler, block.transpose(2, 1, 0)).astype(np.complex128, copy=False)
     ranges = scipy.fft.ifft(lines, axis=2, norm="ortho", overwrite_x=True)
@@ -269,20 +185,7 @@ def _product(rows: NDArray[Any], blocks: Complex) -> Complex:
 
 
 def range_bins_by_fft(at_doppler: Complex, bins: ArrayLike, workers: int = 1) -> Complex:
-    """Range bins of lines of subcarriers, by a unitary inverse FFT of all of them.
-
-    Parameters
-    ----------
-    at_doppler : ndarray of complex, shape (n_subcarriers, d, e)
-        Overwritten.
-    bins : array_like of int, shape (r,)
-    workers : int
-        Threads.
-
-    Returns
-    -------
-    ndarray of complex, shape (r, d, e)
-    """
+    """Range bins (r, d, e) of lines (n_subcarriers, d, e), which are overwritten, by a unitary FFT."""
     index = checked_array("bins", bins, np.int64) % len(at_doppler)
     cells = np.empty((index.size, *at_doppler.shape[1:]), dtype=at_doppler.dtype)
     # One Doppler bin at a time, so that no second copy of all lines is held.

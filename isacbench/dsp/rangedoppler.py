@@ -113,18 +113,10 @@ class GatedMap:
         return whole_frame(n_symbols) if self.bursts is None else self.bursts
 
     def doppler_taper(self, window: Window) -> Window:
-        """Choose the window along Doppler.
+        """Choose the window along Doppler: that of a whole frame, or "rect" for bursts.
 
-        Parameters
-        ----------
-        window : {"rect", "soft", "hamming", "hann", "blackman"}
-            Window for a whole frame.
-
-        Returns
-        -------
-        {"rect", "soft", "hamming", "hann", "blackman"}
-            "rect" for bursts: between one grating lobe and the next there are
-            no sidelobes to lower, and a taper widens all lobes until they meet.
+        Between one grating lobe of bursts and the next there are no sidelobes to lower, and a taper widens
+        all lobes until they meet.
         """
         return "rect" if self.sees_lobes else window
 
@@ -181,17 +173,7 @@ class GatedMap:
         return self if added == [0, 0] else replace(self, cells=cells, gate=self.gate.extend(*added))
 
     def surrounds(self, bins: Bins) -> Mask:
-        """Tell the bins that lie in the map with all four neighbours.
-
-        Parameters
-        ----------
-        bins : (ndarray of int64, ndarray of int64)
-            Absolute range and Doppler bins, shape (n,).
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-        """
+        """Tell the absolute range and Doppler bins that lie in the map with all four neighbours."""
         (rows, columns), (n_rows, n_columns) = self.index(bins), self.gate.shape
         return (rows >= 1) & (rows < n_rows - 1) & (columns >= 1) & (columns < n_columns - 1)
 

@@ -15,24 +15,10 @@ LIMIT = 2.0**510
 
 
 def scale_to_unit(cells: Complex) -> tuple[Complex, float]:
-    """Convert cells to a unit near their largest amplitude, exactly.
+    """Divide finite cells by a power of two near their largest amplitude, exactly; return them and that unit.
 
-    Parameters
-    ----------
-    cells : ndarray of complex, shape (n_range, n_doppler, *elements)
-        Finite.
-
-    Returns
-    -------
-    cells : ndarray of complex, same shape and precision
-        The array itself where the unit is 1.
-    unit : float
-        A power of two; 1 where the squares of all amplitudes are harmless.
-
-    Raises
-    ------
-    InputError
-        If powers would overflow.
+    The unit is 1, and the array itself is returned, where the squares of all amplitudes are harmless. An
+    `InputError` if powers would overflow.
     """
     parts = np.ascontiguousarray(cells).view(cells.real.dtype)
     largest = float(max(parts.max(initial=0), -parts.min(initial=0)))

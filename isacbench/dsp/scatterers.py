@@ -149,12 +149,8 @@ class ScatterersInCells:
     def in_own_cell(self, range_excess: float, doppler_excess: float) -> ScatterersInCells:
         """Select the scatterers that pass the own-cell test.
 
-        Parameters
-        ----------
-        range_excess, doppler_excess : float
-            Largest amplitude of a plane wave in the next cell over that in its
-            own, along range and along Doppler. 1 keeps local maxima only,
-            which breaks up lines of scatterers.
+        The excesses are the largest amplitude of a plane wave in the next cell over that in its own, along
+        range and along Doppler. 1 keeps local maxima only, which breaks up lines of scatterers.
         """
         nearer, own, farther = self.along_range.T
         slower, _, faster = self.along_doppler.T
@@ -167,22 +163,13 @@ class ScatterersInCells:
     def above_sidelobes(self, excess: float, least_left: float, system: System) -> ScatterersInCells:
         """Select the scatterers that the echoes of stronger ones, found in other cells, do not explain.
 
-        An echo shows in all cells and directions, by the tapered kernels of
-        range and Doppler and the beam of the array. The strongest decide
-        first, those of a family together, and what they drop explains nothing.
+        An echo shows in all cells and directions, by the tapered kernels of range and Doppler and the beam of
+        the array. The strongest decide first, those of a family together, and what they drop explains
+        nothing.
 
-        Parameters
-        ----------
-        excess : float
-            Least amplitude over what each stronger one shows there.
-        least_left : float
-            Least share of the amplitude that is left when what all stronger ones
-            show there, with its phases, is subtracted.
-
-        Returns
-        -------
-        ScatterersInCells
-            The strongest first.
+        `excess` is the least amplitude over what each stronger one shows there, `least_left` the least share
+        of it that is left when what all stronger ones show there, with its phases, is subtracted. The
+        strongest are first in the result.
         """
         ranked = self.select(_strongest_first(self.scatterers))
         found, own = ranked.scatterers, ranked.amplitudes

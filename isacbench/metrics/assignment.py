@@ -49,20 +49,7 @@ class Pairs(NamedTuple):
 
 
 def near_pairs(first: cKDTree, second: cKDTree, radius_m: float, what: str) -> Pairs | None:
-    """Find all pairs of points within a radius.
-
-    Parameters
-    ----------
-    first, second : cKDTree
-        Points of two clouds.
-    what : str
-        The score, for the message.
-
-    Returns
-    -------
-    Pairs or None
-        None, with an `InputWarning`, where there are more than `MOST_PAIRS`.
-    """
+    """Find all pairs of points within a radius; None, with a warning, for more than `MOST_PAIRS`."""
     n_near = int(first.count_neighbors(second, radius_m))
     if n_near > MOST_PAIRS:
         warnings.warn(
@@ -140,17 +127,7 @@ def most_pairs(pairs: Pairs) -> int:
 
 
 def connected_pieces(places: Floats) -> list[Indices]:
-    """Divide points into pieces: a point within 1 of another in all coordinates is in the same piece.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, k)
-
-    Returns
-    -------
-    list of ndarray of int
-        Indices of the points of each piece.
-    """
+    """Divide points into pieces: a point within 1 of another in all coordinates is in the same piece."""
     n = len(places)
     ends = cKDTree(places).query_pairs(1.0, p=np.inf, output_type="ndarray").astype(np.int32)
     graph = csr_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))

@@ -78,17 +78,6 @@ def expanded(columns: Iterable[ScoreColumn], kinds: Iterable[str]) -> dict[str, 
 
 
 def object_kind(name: str) -> str:
-    """Kind of an object, as columns are named by it.
-
-    Parameters
-    ----------
-    name : str
-        Of the object, such as ``lamp_post 2``.
-
-    Returns
-    -------
-    str
-        Empty for points that belong to no object.
-    """
+    """Kind of an object such as ``lamp_post 2``, as columns are named by it; empty for points of none."""
     kind = re.sub(r"\W+", "_", re.sub(r"\W*\d+$", "", name).strip()).lower()
     return "" if kind == "points" else kind

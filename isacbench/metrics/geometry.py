@@ -164,27 +164,12 @@ def hausdorff_m(a: Floats, b: Floats) -> float:
 
 
 def box_diagonal_m(xyz: Floats, region: Region | None, axes: Sequence[int] = (0, 1, 2)) -> float:
-    """Diagonal of the box that holds the region and the points, along some of the axes.
+    """Diagonal in m, at least 1, of the box that holds the region and points (n, 3), along some axes.
 
-    It bounds the distance from each of the points to any other of them, and to
-    any place in the region. An empty cloud scores it in place of a distance.
-    Without a region, the box is that of the points, grown on every side by the
-    unambiguous range of Table I, 624.6 m: from a base station with that radar,
-    truth and estimates are no farther apart.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Points in metres, at least one.
-    region : Region or None
-        Region of the scenario, if there is one.
-    axes : sequence of int
-        Axes of the projection.
-
-    Returns
-    -------
-    float
-        Diagonal in metres, at least 1 m.
+    It bounds the distance from each of the points to any other of them, and to any place in the region. An
+    empty cloud scores it in place of a distance. Without a region, the box is that of the points, grown on
+    every side by the unambiguous range of Table I, 624.6 m: from a base station with that radar, truth and
+    estimates are no farther apart.
     """
     if region is None:
         size_m = np.ptp(xyz, axis=0) + 2 * System().unambiguous_range_m
@@ -194,20 +179,7 @@ def box_diagonal_m(xyz: Floats, region: Region | None, axes: Sequence[int] = (0,
 
 
 def projected_hausdorff_m(pair: CloudPair, axes: Sequence[int]) -> float:
-    """Symmetric Hausdorff distance of the clouds projected on some axes.
-
-    Parameters
-    ----------
-    pair : CloudPair
-        Truth and estimate.
-    axes : sequence of int
-        Axes of the projection.
-
-    Returns
-    -------
-    float
-        Distance in metres, finite; of an empty estimate `box_diagonal_m`.
-    """
+    """Symmetric Hausdorff distance in m of the clouds on some axes; of an empty estimate `box_diagonal_m`."""
     truth, estimate = pair.truth.xyz, pair.estimate.xyz
     if not len(estimate):
         return box_diagonal_m(truth, pair.region, axes)

@@ -49,15 +49,7 @@ class Occupancy:
 def occupancy_pictures(pair: CloudPair, axes: tuple[int, int]) -> tuple[Floats, Floats]:
     """Draw truth and estimate as occupancy: smooth spots of height 1, which do not add up beyond 1.
 
-    Parameters
-    ----------
-    axes : (int, int)
-        Axes of the projection.
-
-    Returns
-    -------
-    truth, estimate : ndarray of float64
-        Over the region, or the truth's bounding box where there is none.
+    On two axes, over the region, or over the truth's bounding box where there is none.
     """
     corners = [] if pair.region is None else [pair.region.lower_m, pair.region.upper_m]
     held = np.vstack([pair.truth.xyz, *corners])[:, list(axes)]

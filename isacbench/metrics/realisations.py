@@ -49,14 +49,8 @@ def score_realisations(
 ) -> RealisationScores:
     """Score several clouds of one truth, and average.
 
-    Parameters
-    ----------
-    pairs : sequence of CloudPair
-        At least one, of one truth.
-    paper : callable
-        Gives counts and the columns of ``paper``.
-    score : callable
-        Gives those of all metrics. Every fourth pair is scored by all.
+    `paper` gives counts and the columns of ``paper``, `score` those of all metrics. Every fourth pair is
+    scored by all.
     """
     rows = [(score if number % EVERY == 0 else paper)(pair) for number, pair in enumerate(pairs)]
     columns = {name: [row[name] for row in rows if name in row] for name in rows[0]}

@@ -44,37 +44,14 @@ def require_places(name: str, values: ArrayLike) -> None:
 
 
 def require_all(name: str, values: ArrayLike, allowed: ArrayLike, limits: str) -> None:
-    """Refuse numbers of which some are not allowed.
-
-    Parameters
-    ----------
-    allowed : array_like of bool, same shape
-    limits : str
-        Allowed values, in words.
-
-    Raises
-    ------
-    InputError
-        Naming them and the first that is not allowed.
-    """
+    """Refuse numbers of which some are not allowed, naming the first one and, in words, the limits."""
     faulty = ~np.asarray(allowed, dtype=np.bool_)
     if faulty.any():
         raise InputError(f"{name} holds {np.asarray(values)[faulty].flat[0]:g}; allowed are {limits}")
 
 
 def require_interval(name: str, limits: tuple[float, float], largest: float) -> None:
-    """Refuse limits that are not two ascending numbers up to some magnitude.
-
-    Parameters
-    ----------
-    largest : float
-        Largest magnitude.
-
-    Raises
-    ------
-    InputError
-        Naming them.
-    """
+    """Refuse limits that are not two ascending numbers up to some magnitude."""
     values = np.asarray(limits, dtype=np.float64)
     fits = values.shape == (2,) and bool(-largest <= values[0] <= values[1] <= largest)
     require(fits, name, limits, f"two ascending numbers, none beyond {largest:g}")

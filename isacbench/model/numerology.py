@@ -159,23 +159,10 @@ def prs_elements(system: System) -> Mask:
 
 
 def resource_elements(system: System, sensing: Sensing) -> Mask:
-    """Resource elements that are sensed with.
+    """Resource elements (n_subcarriers, n_symbols) that are sensed with.
 
-    Parameters
-    ----------
-    sensing : {"all", "prs"}
-
-    Returns
-    -------
-    ndarray of bool, shape (n_subcarriers, n_symbols)
-        Of the PRS the slots that the frame holds whole, because what bursts of
-        different length leave of an echo has no simple form; where it holds
-        none, what there is of the first.
-
-    Raises
-    ------
-    InputError
-        If `sensing` is neither.
+    Of the PRS the slots that the frame holds whole, because what bursts of different length leave of an echo
+    has no simple form; where it holds none, what there is of the first.
     """
     if sensing == "prs":
         mask = prs_elements(system)

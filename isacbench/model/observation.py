@@ -182,34 +182,13 @@ def _unfolded(places: Floats, limits: Interval, size: float, n_bins: int) -> Flo
 
 
 def cross_elements(shape: tuple[int, int]) -> Integers:
-    """Indices of the elements of one column and one row of the array.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Elements P along u and Q along w.
-
-    Returns
-    -------
-    ndarray of int64, shape (P + Q - 1, 2)
-        (p, 0) by ascending p, then (0, q) from q = 1.
-    """
+    """Indices (P + Q - 1, 2) of the elements of one column and one row: (p, 0), then (0, q) from q = 1."""
     n_p, n_q = shape
     p, q = np.arange(n_p), np.arange(1, n_q)
     return np.stack([np.r_[p, np.zeros_like(q)], np.r_[np.zeros_like(p), q]], axis=1)
 
 
 def cross_of(cells: Complex) -> Complex:
-    """Take one column and one row of the array.
-
-    Parameters
-    ----------
-    cells : ndarray of complex, shape (..., P, Q)
-
-    Returns
-    -------
-    ndarray of complex, shape (..., P + Q - 1)
-        In the order of `cross_elements`, a new array.
-    """
+    """Take one column and one row of the array (..., P, Q), in the order of `cross_elements`."""
     p, q = cross_elements((cells.shape[-2], cells.shape[-1])).T
     return cells[..., p, q]

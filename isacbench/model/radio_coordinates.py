@@ -25,18 +25,7 @@ Radio = Scenario | Observation
 
 
 def rayleigh_cells(radio: Radio) -> Floats:
-    """Sizes of a Rayleigh cell.
-
-    Parameters
-    ----------
-    radio : Radio
-        Scenario or observation.
-
-    Returns
-    -------
-    ndarray of float64, shape (4,)
-        Range bin in m, velocity bin in m/s, 2/P and 2/Q.
-    """
+    """Size of a Rayleigh cell: range bin in m, velocity bin in m/s, 2/P and 2/Q."""
     system, (n_p, n_q) = radio.system, radio.array.shape
     return np.array([system.range_bin_m, system.velocity_bin_mps, 2 / n_p, 2 / n_q])
 
@@ -74,17 +63,9 @@ def median_gain_db(scenario: Scenario) -> float:
 
 
 def radio_places(radio: Radio, points: PointCloud | Scatterers) -> Floats:
-    """Places of points as the radio sees them.
+    """Places (n, 4) of points as the radio sees them: range in m, velocity in m/s, direction cosines u and w.
 
-    Parameters
-    ----------
-    radio : Radio
-        Scenario or observation.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 4)
-        Range in m, velocity in m/s, direction cosines u and w, which are 0 at the base station itself.
+    The cosines are 0 at the base station itself.
     """
     offset_m = points.xyz - radio.base_station_m
     range_m = np.linalg.norm(offset_m, axis=1)
@@ -95,46 +76,19 @@ def radio_places(radio: Radio, points: PointCloud | Scatterers) -> Floats:
 
 
 def space_places(scenario: Scenario, places: ArrayLike) -> tuple[Floats, Floats]:
-    """Positions and velocities of places as the radio sees them.
+    """Positions (n, 3) in m and velocities in m/s of places (n, 4) as the radio sees them.
 
-    Parameters
-    ----------
-    places : array_like, shape (n, 4)
-        Range in m, velocity in m/s, direction cosines u and w.
-
-    Returns
-    -------
-    positions : ndarray of float64, shape (n, 3)
-        In m; NaN for directions outside the visible region.
-    velocities : ndarray of float64, shape (n,)
-        In m/s.
+    Positions are NaN for directions outside of the visible region.
     """
     range_m, velocity, u, w = np.asarray(places, dtype=np.float64).T
     return scenario.base_station_m + scenario.frame.offsets(range_m, u, w), velocity
 
 
 def draw_place(scenario: Scenario, trial: int, seed: int, margin_cells: float) -> Floats:
-    """Draw a place off any grid: uniform in space and in speed, away from the region's border.
+    """Draw a place off any grid, uniform in space and in speed: range in m, velocity in m/s, u and w.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Has the region; its scatterers do not matter.
-    trial, seed : int
-        Determine the place, together with the scenario's name.
-    margin_cells : float
-        Distance from the border in Rayleigh cells, along each of range,
-        velocity, u and w.
-
-    Returns
-    -------
-    ndarray of float64, shape (4,)
-        Range in m, velocity in m/s, u and w.
-
-    Raises
-    ------
-    InputError
-        If the region has no room for it.
+    Trial, seed and the scenario's name determine it. It is `margin_cells` Rayleigh cells away from the
+    border, along each of range, velocity, u and w; an `InputError` if the region has no room for it.
     """
     region, margin = scenario.region, margin_cells * rayleigh_cells(scenario)
     rng = random_stream(scenario.name, trial, seed, "place")

@@ -193,19 +193,7 @@ class Scenario(Displayed):
         self._warn_of_interference()
 
     def require_default(self, task: str, *options: str) -> None:
-        """Refuse options of the radio where they are not modelled.
-
-        Parameters
-        ----------
-        task : str
-            What does not model them.
-        *options : {"noise", "mimo", "leakage_db"}
-
-        Raises
-        ------
-        InputError
-            Naming the option.
-        """
+        """Refuse options of the radio that a task does not model: "noise", "mimo" or "leakage_db"."""
         for option in options:
             table, default = PLAIN_RADIO[option]
             value = getattr(getattr(self, table), option)

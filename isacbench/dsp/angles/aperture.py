@@ -96,16 +96,7 @@ class Responses(ABC):
 
     @abstractmethod
     def matched_intersections(self, snapshots: Complex) -> Complex:
-        """The same of all pairs of one of the i cosines u and one of the j cosines w.
-
-        Parameters
-        ----------
-        snapshots : ndarray of complex, shape (n, *elements)
-
-        Returns
-        -------
-        ndarray of complex, shape (n, i, j)
-        """
+        """The same, shape (n, i, j), of all pairs of one of the i cosines u and one of the j cosines w."""
 
     @abstractmethod
     def beams(self, snapshots: Complex) -> Complex:
@@ -123,16 +114,7 @@ class Responses(ABC):
 
     @abstractmethod
     def synthesis(self, amplitude: Complex) -> Complex:
-        """Sum of the plane waves.
-
-        Parameters
-        ----------
-        amplitude : ndarray of complex, shape (n, k)
-
-        Returns
-        -------
-        ndarray of complex, shape (n, *elements)
-        """
+        """Sum of the plane waves of amplitudes (n, k), shape (n, *elements)."""
 
     @staticmethod
     @abstractmethod

@@ -59,20 +59,9 @@ def capon_spectrum(
 ) -> BeamformerSpectrum:
     """Power 1 / (a^H R^-1 a) behind the filters that pass a direction and least of all else (MVDR).
 
-    Parameters
-    ----------
-    snapshots : ndarray of complex, shape (n, P, Q)
-    subarray : (int, int)
-        Elements L, M of the subarrays over which R is smoothed, forwards and
-        backwards.
-    loading : float
-        Power added to the diagonal of R.
-    u, w : ndarray of float64, shapes (g,) and (h,)
-
-    Returns
-    -------
-    BeamformerSpectrum
-        In white noise of power σ² (loading included) it is σ² / (L M).
+    Snapshots have the shape (n, P, Q). R is smoothed over subarrays of L, M elements, forwards and backwards,
+    and `loading` is added to its diagonal. In white noise of power σ² (loading included) the spectrum is σ² /
+    (L M).
     """
     data = checked_array("snapshots", snapshots, np.complex128)
     n_sensors = subarray[0] * subarray[1]
@@ -93,26 +82,15 @@ def capon_spectrum(
 def iaa_spectrum(
     snapshots: Complex, noise: float, n_iterations: int, u: Floats, w: Floats
 ) -> AngularSpectrum:
-    """Power by the iterative adaptive approach, from one snapshot a cell.
+    """Power by the iterative adaptive approach, from one snapshot (n, P, Q) a cell.
 
-    Starting from Bartlett's spectrum P, each iteration models the covariance,
-    R = Σ P a a^H + σ² I over all directions of the grid, and estimates P anew,
-    |a^H R^-1 x|² / (a^H R^-1 a)². The published R has no σ² I: the known
-    noise keeps it regular where few directions have power.
+    Starting from Bartlett's spectrum P, each iteration models the covariance, R = Σ P a a^H + σ² I over all
+    directions of the grid, and estimates P anew, |a^H R^-1 x|² / (a^H R^-1 a)². The published R has no σ² I:
+    the known noise, above 0, keeps it regular where few directions have power.
 
-    Parameters
-    ----------
-    snapshots : ndarray of complex, shape (n, P, Q)
-    noise : float
-        Power σ² of white noise, positive.
-    u, w : ndarray of float64, shapes (g,) and (h,)
-
-    Notes
-    -----
-    Snapshots are read in the dimensions that the steering vectors of the grid
-    span (`NEGLIGIBLE`): noise in the others tells nothing about P. As R is a
-    sum over a grid, it and all quadratic forms with its inverse are products
-    of matrices along u and along w.
+    Snapshots are read in the dimensions that the steering vectors of the grid span (`NEGLIGIBLE`): noise in
+    the others tells nothing about P. As R is a sum over a grid, it and all quadratic forms with its inverse
+    are products of matrices along u and along w.
     """
     a, into_u = _spanned(real_steering(snapshots.shape[1], u))
     b, into_w = _spanned(real_steering(snapshots.shape[2], w))
@@ -158,17 +136,7 @@ def _spanned(steering: Floats) -> tuple[Floats, Floats]:
 
 
 def real_columns(snapshots: Complex) -> Floats:
-    """Read complex snapshots as two real ones each, sensors after the unitary transform.
-
-    Parameters
-    ----------
-    snapshots : ndarray of complex, shape (n, P, Q)
-
-    Returns
-    -------
-    ndarray of float64, shape (n, P, Q, 2)
-        Real and imaginary parts, in the precision of the snapshots.
-    """
+    """Real and imaginary parts (n, P, Q, 2) of complex snapshots (n, P, Q), after the unitary transform."""
     snapshots = checked_array("snapshots", snapshots, np.complex64)
     into_u, into_w = (
         unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in snapshots.shape[1:]

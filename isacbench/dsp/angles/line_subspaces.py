@@ -97,17 +97,8 @@ def with_rounding(values: Floats, vectors: Floats) -> Eigenpairs:
 def separated_order(rotation: Floats, order: Integers) -> Integers:
     """Limit the dimensions of signal subspaces to those that are determined despite rounding.
 
-    Parameters
-    ----------
-    rotation : ndarray of float64, shape (n, m)
-        `Eigenpairs.rotation`.
-    order : ndarray of int64, shape (n,)
-        Orders asked for, 0 to m.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        Largest determined order up to the one asked for; 0 where none is determined.
+    From `Eigenpairs.rotation` (n, m) and the orders asked for (n,), 0 to m: the largest determined order up
+    to that one, 0 where none is determined.
     """
     orders = np.arange(1, rotation.shape[1] + 1)
     determined = (rotation <= MOST_ROTATION) & (orders <= order[:, None])
@@ -177,14 +168,7 @@ def unitary_transform(n: int) -> Complex:
 def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
     """Steering vectors of a subarray, referred to its middle, after the same unitary transform.
 
-    Parameters
-    ----------
-    cosine : array_like, shape (g,)
-
-    Returns
-    -------
-    ndarray of float64, shape (n_subarray, g)
-        Columns of squared norm n_subarray.
+    Columns of squared norm `n_subarray`, shape (n_subarray, g), for cosines (g,).
     """
     half = n_subarray // 2
     arm = (n_subarray - 1) / 2 - np.arange(half)
@@ -194,18 +178,7 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
 
 
 def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Floats, Floats]:
-    """Real steering vectors, and their first and second derivatives.
-
-    Parameters
-    ----------
-    cosine : ndarray of float64, any shape (...)
-
-    Returns
-    -------
-    tuple of ndarray of float64, each of shape (..., n_subarray)
-        Steering vectors as `real_steering` has them, first and second
-        derivatives per unit cosine.
-    """
+    """Real steering vectors (..., n_subarray) of cosines (...), and their first and second derivatives."""
     steered = real_steering(n_subarray, cosine.ravel()).T.reshape(*cosine.shape, n_subarray)
     half = n_subarray // 2
     rate = np.pi * ((n_subarray - 1) / 2 - np.arange(half))
@@ -251,24 +224,11 @@ def _signal_basis(eigenvectors: Floats, order: Integers) -> Floats:
 def music_null_minima(
     eigenvectors: Floats, order: Integers, place: Floats, found: Mask, reach: float
 ) -> Floats:
-    """Local minima of null spectra, by Newton's method from places near them.
+    """Local minima of null spectra, by Newton's method from places (n, m) near them.
 
-    Parameters
-    ----------
-    eigenvectors : ndarray of float64, shape (n, L, L)
-        Columns by descending eigenvalue.
-    order : ndarray of int64, shape (n,)
-        Dimension of the signal subspace.
-    place : ndarray of float64, shape (n, m)
-        Direction cosines, from peaks on a grid for example.
-    found : ndarray of bool, shape (n, m)
-        Mask of the entries to move; the others stay.
-    reach : float
-        Largest distance of a minimum from its place; half of it bounds a step.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, m)
+    Eigenvectors (n, L, L) are columns by descending eigenvalue, `order` (n,) the dimensions of signal
+    subspaces. Places outside of the mask `found` stay. A minimum is at most `reach` from its place; half of
+    it bounds a step.
     """
     cell, entry = np.nonzero(found)
     basis = _signal_basis(eigenvectors, order)[cell]

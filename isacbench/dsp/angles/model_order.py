@@ -40,18 +40,10 @@ NOISE_WEIGHT_STEPS = 100
 
 
 def noise_edge(n_subarray: int, n_snapshots: int) -> float:
-    """Largest eigenvalue of a noise covariance of unit power, for many sensors and snapshots.
+    """Largest eigenvalue of a noise covariance of unit power, for many sensors and independent snapshots.
 
-    Parameters
-    ----------
-    n_snapshots : int
-        Independent snapshots; overlapping subarrays do not count.
-
-    Returns
-    -------
-    float
-        Upper edge (1 + sqrt(n_subarray / n_snapshots))² of the
-        Marchenko-Pastur law.
+    Upper edge (1 + sqrt(n_subarray / n_snapshots))² of the Marchenko-Pastur law. Overlapping subarrays do not
+    count.
     """
     return float((1 + np.sqrt(n_subarray / n_snapshots)) ** 2)
 
@@ -109,20 +101,10 @@ def _noise_weight(n: int, n_subarray: int) -> float:
 
 
 def noise_order(eigenvalues: Floats, largest_noise: float | Floats) -> Integers:
-    """Model order of each cell: eigenvalues that noise does not reach.
+    """Model order (n,), 1 to L - 1: eigenvalues (n, L), descending, that noise does not reach.
 
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (n, L)
-        Descending.
-    largest_noise : float or ndarray of float64, shape (n, 1)
-        Largest eigenvalue of the noise, of each cell where they differ.
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
-        1 to L - 1: a detected cell holds one source at least, and one
-        dimension is left to the noise.
+    A detected cell holds one source at least, and one dimension is left to the noise. `largest_noise` is one
+    number, or one a cell, (n, 1).
     """
     return _bounded(np.sum(eigenvalues > largest_noise, axis=1), eigenvalues)
 
@@ -200,23 +182,10 @@ def information_order(
 def source_count(
     pairs: Eigenpairs, method: ModelOrder, largest_noise: float, pfa: float, n_independent: float
 ) -> Integers:
-    """Count the eigenvalues that belong to sources, by one of the four tests.
+    """Count (n,) the eigenvalues of smoothed covariances that belong to sources, by one of the four tests.
 
-    Parameters
-    ----------
-    pairs : Eigenpairs
-        Of n smoothed covariances.
-    method : {"noise", "eigenvalue_cfar", "mdl", "aic"}
-    largest_noise : float
-        Largest eigenvalue of the noise, for "noise".
-    pfa : float
-        For "eigenvalue_cfar".
-    n_independent : float
-        Independent complex snapshots, for "mdl" and "aic".
-
-    Returns
-    -------
-    ndarray of int64, shape (n,)
+    `largest_noise` is for "noise", `pfa` for "eigenvalue_cfar", and `n_independent`, the number of
+    independent complex snapshots, for "mdl" and "aic".
     """
     rounding = pairs.rounding[:, None]
     eigenvalues = np.maximum(pairs.values, rounding)

@@ -31,21 +31,8 @@ def within_period(cosine: Floats) -> Floats:
 def cosine_samples(limits: Interval, widest: float) -> Floats:
     """Sample direction cosines between two limits and once beyond either, or the whole circle.
 
-    The circle is sampled where the samples beyond the limits would meet or
-    overlap: a plane wave then has one place among them, not two.
-
-    Parameters
-    ----------
-    limits : (float, float)
-        Lowest and highest cosine.
-    widest : float
-        Largest distance of two samples.
-
-    Returns
-    -------
-    ndarray of float64, shape (g,)
-        Equidistant; the limits are the second and the last but one, but for
-        the circle, which begins at -1.
+    Samples are equidistant, at most `widest` apart. The circle, which begins at -1, is sampled where the
+    samples beyond the limits would meet or overlap: a plane wave then has one place among them, not two.
     """
     span = limits[1] - limits[0]
     n_steps = max(int(np.ceil(span / widest * (1 - np.finfo(np.float64).eps))), 1)
@@ -57,20 +44,10 @@ def cosine_samples(limits: Interval, widest: float) -> Floats:
 
 
 def with_neighbours(spectra: Spectra, grids: Sequence[Floats]) -> tuple[Spectra, list[Floats]]:
-    """Give spectra over a whole circle the samples beyond either end that other spectra have.
+    """Give spectra (n, *samples) over a whole circle the samples beyond either end that other spectra have.
 
-    Parameters
-    ----------
-    spectra : ndarray, shape (n, *samples)
-    grids : sequence of ndarray of float64
-        Cosines along each axis, from `cosine_samples`.
-
-    Returns
-    -------
-    spectra : ndarray
-        With the last sample before the first, and the first behind the last, along circles.
-    grids : list of ndarray of float64
-        Cosines of these samples.
+    The last sample then stands before the first as well, and the first behind the last. Grids are from
+    `cosine_samples`, one an axis.
     """
     framed = []
     for axis, grid in enumerate(grids, start=1):
@@ -148,38 +125,18 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, allowed: Mask |
 
 
 def plane_maxima(power: Floats) -> Mask:
-    """Find the local maxima of periodic two-dimensional spectra.
+    """Find the local maxima of two-dimensional spectra (n, g, h) whose axes are circles, as those of a DFT.
 
-    Parameters
-    ----------
-    power : ndarray of float64, shape (n, g, h)
-        Both axes are circles, as those of a DFT are.
-
-    Returns
-    -------
-    ndarray of bool, same shape
-        Samples that none of their eight neighbours exceeds.
+    None of the eight neighbours exceeds them.
     """
     return power >= maximum_filter(power, size=(1, 3, 3), mode="wrap")
 
 
 def plane_peaks(power: Floats, is_peak: Mask, n_most: int) -> tuple[Floats, Floats, Mask]:
-    """Place the strongest peaks of periodic two-dimensional spectra between the samples.
+    """Place the strongest peaks of periodic two-dimensional spectra (n, g, h) between the samples.
 
-    Parameters
-    ----------
-    power : ndarray of float64, shape (n, g, h)
-    is_peak : ndarray of bool, same shape
-        Local maxima that are peaks.
-    n_most : int
-        Most peaks to return of each spectrum.
-
-    Returns
-    -------
-    row, column : ndarray of float64, shape (n, k)
-        Places, strongest peak first.
-    found : ndarray of bool, shape (n, k)
-        Mask of the peaks; the other entries only fill the row.
+    `is_peak` marks local maxima. Returned are rows and columns (n, k), the strongest peak first, at most
+    `n_most`, and the mask (n, k) of the peaks; other entries only fill the row.
     """
     n, n_rows, n_columns = power.shape
     height = np.where(is_peak, power, -np.inf).reshape(n, n_rows * n_columns)

@@ -109,16 +109,9 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
 
 
 def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: int) -> Eigenpairs:
-    """Largest eigenpairs of smoothed covariances.
+    """Largest eigenpairs, 1 to L M, of the smoothed covariances of snapshots (n, s, P, Q).
 
-    Parameters
-    ----------
-    snapshots : ndarray of complex, shape (n, s, P, Q)
-        s snapshots of each cell, that share a covariance.
-    subarray : (int, int)
-        Elements L, M of a subarray, 1 to P and 1 to Q.
-    n_pairs : int
-        Pairs to return, 1 to L M.
+    The s snapshots of a cell share a covariance; subarrays have 1 to P and 1 to Q elements.
     """
     snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_cells, n_snapshots, n_p, n_q = snapshots.shape
@@ -128,22 +121,10 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
 
 
 def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats]:
-    """Largest eigenvalues and their eigenvectors, by subspace iteration.
+    """Largest eigenvalues (n, n_pairs), descending, and eigenvectors (n, L, n_pairs), by subspace iteration.
 
-    Parameters
-    ----------
-    covariance : ndarray of float64, shape (n, L, L)
-        Symmetric, non-negative definite.
-    n_pairs : int
-        Pairs to return, 1 to L.
-
-    Returns
-    -------
-    eigenvalues : ndarray of float64, shape (n, n_pairs)
-        Descending.
-    eigenvectors : ndarray of float64, shape (n, L, n_pairs)
-        Orthonormal columns. Errors fall as (d / λ)^4, d the eigenvalue four
-        places behind the last one asked for.
+    Covariances (n, L, L) are symmetric and non-negative definite. Errors fall as (d / λ)^4, d the eigenvalue
+    four places behind the last one asked for.
     """
     covariance = checked_array("covariance", covariance, np.float32)
     n_sensors = covariance.shape[1]
@@ -187,21 +168,9 @@ def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
 def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Minima:
     """Deepest local minima of joint null spectra, placed off the grid by Newton's method.
 
-    Parameters
-    ----------
-    basis : ndarray of float64, shape (n, L, M, k)
-        As for `planar_null_spectrum`.
-    u, w : ndarray of float64, shapes (g,) and (h,)
-        Equidistant samples, three and more. Samples on their border are no
-        minima: the spectrum may fall beyond.
-    n_minima : ndarray of int64, shape (n,)
-        Most minima to return of each cell.
-
-    Returns
-    -------
-    Minima
-        Those that hold half of their steering vector, and the deepest in any
-        case.
+    The basis is as for `planar_null_spectrum`. u (g,) and w (h,) are three or more equidistant samples; those
+    on their border are no minima, for the spectrum may fall beyond. Returned are at most `n_minima` (n,) of
+    each cell that hold half of their steering vector, and the deepest in any case.
     """
     with stage("spectrum"):
         null = planar_null_spectrum(basis, u, w)

@@ -76,22 +76,9 @@ class EchoSlopes:
     def in_units(
         self, shape: tuple[int, ...], range_m: ArrayLike, velocity_mps: ArrayLike, u: ArrayLike, w: ArrayLike
     ) -> Floats:
-        """Convert places to range bins, velocity bins, u and w.
+        """Convert places (K,) to range bins, velocity bins, u and w, shape (4, K).
 
-        Parameters
-        ----------
-        shape : tuple of int
-            Of the amplitudes, to be (K,).
-        range_m, velocity_mps, u, w : array_like, shape (K,)
-
-        Returns
-        -------
-        ndarray of float64, shape (4, K)
-
-        Raises
-        ------
-        InputError
-            If there are not as many places as amplitudes, or they are not finite.
+        Refused if there are not as many as amplitudes, whose shape is to be (K,), or they are not finite.
         """
         places = {"range_m": range_m, "velocity_mps": velocity_mps, "u": u, "w": w}
         for name, values in places.items():
@@ -110,16 +97,9 @@ class EchoSlopes:
         return np.asarray(gram[:, :, 0, 0].real, dtype=np.float64)
 
     def gram(self, places: Floats) -> Complex:
-        """Multiply echoes of amplitude 1, and these times each slope, with each other.
+        """Products (5, 5, K, K) of echoes of amplitude 1, and these times each slope, with each other.
 
-        Parameters
-        ----------
-        places : ndarray, shape (4, K)
-            In range bins, velocity bins, u and w.
-
-        Returns
-        -------
-        ndarray of complex128, shape (5, 5, K, K)
+        Places (4, K) are in range bins, velocity bins, u and w.
         """
         # Only differences of places count; small ones keep their digits.
         range_bin, doppler_bin, u, w = places - places.mean(axis=1, keepdims=True)
@@ -142,16 +122,7 @@ class EchoSlopes:
 def echo_slopes(system: System, array_shape: tuple[int, int], sensing: Sensing) -> EchoSlopes:
     """Prepare the slopes of all sensed elements; those of the last few calls are kept.
 
-    Parameters
-    ----------
-    array_shape : (int, int)
-        Virtual elements (P, Q), at least 2 each.
-    sensing : {"all", "prs"}
-
-    Raises
-    ------
-    InputError
-        If the elements do not determine all four parameters of a scatterer alone.
+    An `InputError` if the elements do not determine all four parameters of a scatterer alone.
     """
     return EchoSlopes(system, array_shape, sensing)
 
@@ -277,19 +248,9 @@ class KnownPart:
 
 
 def inverse_where_known(known: KnownPart, n_nuisance: int = 0) -> Floats:
-    """Invert a Fisher matrix, with infinite variances for scatterers that cannot be resolved.
+    """Invert a Fisher matrix; scatterers that cannot be resolved have infinite variances, NaN beside them.
 
-    Parameters
-    ----------
-    known : KnownPart
-        Of the Fisher matrix.
-    n_nuisance : int
-        Unknowns, the first ones, that are not asked for.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_unknowns - n_nuisance, K, n_unknowns - n_nuisance, K)
-        Block of the inverse. Merged scatterers have infinite variances and NaN elsewhere.
+    The first `n_nuisance` unknowns are not asked for: the result is the block (m, K, m, K) of the m others.
     """
     wanted = known.vector[n_nuisance:].real
     n_wanted, n = wanted.shape[:2]

@@ -42,71 +42,27 @@ _MANY_LOOKS = 8
 
 
 def check_pfa(pfa: float) -> None:
-    """Refuse a probability of false alarm outside (0, 1).
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm per cell.
-
-    Raises
-    ------
-    InputError
-        If `pfa` is not a number strictly between 0 and 1.
-    """
+    """Refuse a probability of false alarm that is not a number strictly between 0 and 1."""
     if not isinstance(pfa, Real) or not 0 < pfa < 1:
         raise InputError(f"pfa = {pfa!r}: a probability of false alarm lies strictly between 0 and 1")
 
 
 def checked_looks(looks: int) -> int:
-    """Check a number of looks and convert it to int, whose products cannot overflow.
-
-    Parameters
-    ----------
-    looks : int
-        Independent noise powers that each cell averages.
-
-    Raises
-    ------
-    InputError
-        If `looks` is not a whole number or is below 1.
-    """
+    """Check a number of looks, 1 or more, and convert it to int, whose products cannot overflow."""
     if not isinstance(looks, Integral) or looks < 1:
         raise InputError(f"looks = {looks!r}: a whole number of averaged powers, at least 1, is allowed")
     return int(looks)
 
 
 def checked_training(n_training: int) -> int:
-    """Check a number of training cells and convert it to int, whose products cannot overflow.
-
-    Parameters
-    ----------
-    n_training : int
-        Number of training cells.
-
-    Raises
-    ------
-    InputError
-        If `n_training` is not a whole number or is below 1.
-    """
+    """Check a number of training cells, 1 or more, and convert it to int, whose products cannot overflow."""
     if not isinstance(n_training, Integral) or n_training < 1:
         raise InputError(f"n_training = {n_training!r}: at least one training cell is needed")
     return int(n_training)
 
 
 def checked_factor(factor: float, pfa: float) -> float:
-    """Check that a factor is finite.
-
-    Parameters
-    ----------
-    pfa : float
-        Probability of false alarm that it belongs to, for the message.
-
-    Raises
-    ------
-    InputError
-        If `factor` is not finite.
-    """
+    """Refuse a factor that is not finite; `pfa` is for the message."""
     if not math.isfinite(factor):
         raise InputError(
             f"pfa = {pfa}: the factor overflows float64, take a larger rate or more training cells"
@@ -117,25 +73,9 @@ def checked_factor(factor: float, pfa: float) -> float:
 def solve_factor(rate: Callable[[float], float], pfa: float, near: float | None = None) -> float:
     """Find the factor of a false-alarm rate, in log-log coordinates, in which the rate is nearly straight.
 
-    Parameters
-    ----------
-    rate : callable
-        False-alarm rate as a decreasing function of the factor.
-    pfa : float
-        Rate to find, `LEAST_PFA` to `MOST_PFA`.
-    near : float, optional
-        Guess of the factor, for rates that are slow to compute: few of them
-        are computed then, and the factor is found to 1e-10 instead of 1e-13.
-
-    Returns
-    -------
-    float
-        Factor with that rate.
-
-    Raises
-    ------
-    InputError
-        If `pfa` is out of range.
+    The rate is a decreasing function of the factor, and `pfa` from `LEAST_PFA` to `MOST_PFA`; others are an
+    `InputError`. `near` is a guess of the factor, for rates that are slow to compute: few of them are
+    computed then, and the factor is found to 1e-10 instead of 1e-13.
     """
     check_pfa(pfa)
     if not LEAST_PFA <= pfa <= MOST_PFA:

@@ -44,20 +44,7 @@ _MOST_VALUES = 2**19
 
 
 def check_cells(name: str, sizes: CellsPerSide) -> None:
-    """Refuse numbers of cells per side that are not whole numbers of at least 0.
-
-    Parameters
-    ----------
-    name : str
-        Name of the parameter, for the message; "training" must not be 0 on all axes.
-    sizes : int or tuple of int
-        Cells per side, for all axes or for each.
-
-    Raises
-    ------
-    InputError
-        If a number is negative or not whole, or "training" is 0 on all axes.
-    """
+    """Refuse cells per side that are not whole numbers of at least 0; "training" is not 0 on all axes."""
     per_axis = sizes if isinstance(sizes, tuple) else (sizes,)
     if not per_axis or not all(isinstance(size, Integral) and size >= 0 for size in per_axis):
         raise InputError(f"{name} = {sizes!r}: cells per side are whole numbers >= 0, one or a tuple")
@@ -66,56 +53,19 @@ def check_cells(name: str, sizes: CellsPerSide) -> None:
 
 
 def check_threshold(threshold: str) -> None:
-    """Refuse an unknown kind of threshold factor.
-
-    Parameters
-    ----------
-    threshold : str
-        Kind of factor.
-
-    Raises
-    ------
-    InputError
-        If it is neither "exact" nor "paper".
-    """
+    """Refuse a kind of threshold factor that is neither "exact" nor "paper"."""
     if threshold not in ("exact", "paper"):
         raise InputError(f'threshold = {threshold!r}: "exact" or "paper" is allowed')
 
 
 def check_fraction(name: str, fraction: float, lowest: float, highest: float) -> None:
-    """Refuse a fraction of the training cells outside its limits.
-
-    Parameters
-    ----------
-    name : str
-        Name of the parameter, for the message.
-    lowest, highest : float
-        Limits, both allowed.
-
-    Raises
-    ------
-    InputError
-        If `fraction` is not a number within the limits.
-    """
+    """Refuse a fraction of the training cells that is not a number within limits, which are allowed."""
     if not isinstance(fraction, Real) or not lowest <= fraction <= highest:
         raise InputError(f"{name} = {fraction!r}: a fraction from {lowest:g} to {highest:g} is allowed")
 
 
 def checked_axis(name: str, axis: int, n_axes: int | None = None) -> int:
-    """Check the number of an axis that a detector treats differently.
-
-    Parameters
-    ----------
-    name : str
-        Name of the parameter, for the message.
-    n_axes : int, optional
-        Number of axes of the map; without it, any number of 0 and above is allowed.
-
-    Raises
-    ------
-    InputError
-        If the map has no axis of that number.
-    """
+    """Check the number of an axis that a detector treats differently; without a map, any from 0."""
     if not isinstance(axis, Integral) or axis < 0:
         raise InputError(f"{name} = {axis!r}: allowed are 0 (range) and above")
     if n_axes is not None and axis >= n_axes:
@@ -162,23 +112,8 @@ def checked_power(power: ArrayLike, looks: int) -> Floats:
 def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
     """Check a list of cells under test and convert it to arrays of indices.
 
-    Parameters
-    ----------
-    cells : tuple of array_like of int
-        One array of indices from 0 for each axis of the map, shape (n,), as
-        `numpy.nonzero` gives them.
-    shape : tuple of int
-        Shape of the map.
-
-    Returns
-    -------
-    tuple of ndarray of int, each shape (n,)
-
-    Raises
-    ------
-    InputError
-        If there is not one array for each axis, if they differ in length, or
-        if a cell lies outside the map.
+    One array of indices from 0 for each axis of the map, shape (n,), as `numpy.nonzero` gives them. Another
+    number of arrays, different lengths, and cells outside of the map are refused.
     """
     if not isinstance(cells, tuple) or len(cells) != len(shape):
         raise InputError(
@@ -276,20 +211,7 @@ class Axis:
 def window_axes(
     shape: tuple[int, ...], training: tuple[int, ...], guard: tuple[int, ...]
 ) -> tuple[Axis, ...]:
-    """Axes of a map with the window along each.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Shape of the map.
-    training, guard : tuple of int
-        Cells per side along each axis.
-
-    Raises
-    ------
-    InputError
-        If the window is larger than the map.
-    """
+    """Axes of a map with the cells per side of the window along each; too large a window is refused."""
     axes = tuple(Axis(*sizes) for sizes in zip(shape, training, guard, strict=True))
     if any(axis.n_window > axis.length for axis in axes):
         raise InputError(
@@ -385,17 +307,7 @@ def _training_places(axes: tuple[Axis, ...], place: tuple[int, ...]) -> Mask:
 def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[tuple[Index, Windows]]:
     """Windows of all cells of a map, or of listed ones, in parts that take little memory.
 
-    Parameters
-    ----------
-    axes : tuple of Axis
-        Window along each axis of the map.
-    cells : tuple of ndarray of int, each shape (n,), optional
-        Cells under test; default: all cells.
-
-    Yields
-    ------
-    where : tuple of slice or tuple of ndarray of int
-        Index of the part in arrays of the map's shape, or of shape (n,).
+    Yielded with each is its index in arrays of the map's shape, or of the shape (n,) of the list.
     """
     n_together = max(1, _MOST_VALUES // prod(axis.n_window for axis in axes))
     if cells is None:

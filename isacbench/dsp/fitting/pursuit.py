@@ -287,7 +287,8 @@ def sidelobe_energy(
 ) -> Floats:
     """Most that echoes at other places (m, 4) show of their sidelobes at places (n, 4), all in phase.
 
-    `energy` (m,) is theirs. Places are in Rayleigh cells. An echo nearer along range than `least_range` does not count.
+    `energy` (m,) is theirs. Places are in Rayleigh cells. An echo nearer along range than `least_range` does
+    not count.
     """
     if len(places) > (most := MOST_PAIRS // max(len(others), 1)):
         parts = np.split(places, range(most, len(places), most))
@@ -440,7 +441,7 @@ def are_near(places: Floats, others: Floats, distance: float) -> Mask:
 
 
 def are_split(centres: Floats, places: Floats) -> Mask:
-    """Tell which atoms, split at centres (n, 4), have become two: around each lie two of the places (m, 4)."""
+    """Tell which atoms, split at centres (n, 4), have become two: around each lie two places of (m, 4)."""
     around: Integers = np.all(np.abs(centres[:, None] - places) < PAIR_CELLS, axis=2).sum(axis=1)
     return around >= 2
 

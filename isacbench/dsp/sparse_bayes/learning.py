@@ -220,28 +220,12 @@ def _once(pairs: _Pairs) -> Floats:
 def learn_grid(
     dictionaries: Dictionaries, data: Complex, noise: Noise, first_power: Floats, n_steps: int
 ) -> Complex:
-    """Learn the amplitudes of atoms on a grid of three axes.
+    """Learn the amplitudes (a, b, c) of atoms on a grid of three axes: posterior means.
 
-    In double precision: in single precision the last digits, which differ from
-    processor to processor, would decide about centroids of the atoms.
-
-    Parameters
-    ----------
-    dictionaries : (ndarray, ndarray, ndarray)
-        Shapes (a, r), (b, d) and (c, w).
-    data : ndarray of complex128, shape (r, d, w)
-    first_power : ndarray of float64, shape (a, b, c)
-        First guess; an atom with 0 keeps it.
-
-    Returns
-    -------
-    ndarray of complex128, shape (a, b, c)
-        Posterior means.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the covariance is not positive definite: with noise of power 0.
+    Dictionaries have the shapes (a, r), (b, d) and (c, w), data (r, d, w). An atom whose first guess of its
+    power is 0 keeps it. In double precision: in single precision the last digits, which differ from processor
+    to processor, would decide about centroids of the atoms. With noise of power 0 NumPy's LinAlgError is
+    raised.
     """
     along_range, along_doppler, along_direction = (np.ascontiguousarray(each) for each in dictionaries)
     dictionaries = along_range, along_doppler, along_direction
@@ -267,19 +251,9 @@ def learn_grid(
 def learn_directions(
     dictionaries: tuple[Floats, Floats], cells: Complex, noise: Floats, n_steps: int
 ) -> Floats:
-    """Learn the powers of directions in many cells, each by itself.
+    """Learn the powers (n, b, c) of directions in cells (n, n_u, n_w), each by itself.
 
-    Parameters
-    ----------
-    dictionaries : (ndarray of float64, ndarray of float64)
-        Steering vectors along u and w, shapes (b, n_u) and (c, n_w).
-    cells : ndarray of complex128, shape (n, n_u, n_w)
-    noise : ndarray of float64, shape (n,)
-        Noise powers.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, b, c)
+    Dictionaries are steering vectors along u, (b, n_u), and w, (c, n_w); noise powers have the shape (n,).
     """
     along_u, along_w = dictionaries
     n, n_u, n_w = cells.shape
@@ -309,27 +283,12 @@ def learn_atoms(
 ) -> tuple[Integers, Complex]:
     """Learn the amplitudes of atoms at any places, from their products.
 
-    In the space of the atoms C^-1 becomes the inverse of I + D G D / N, with D
-    the roots of the powers and G the Gram matrix: as large as there are atoms,
-    however large the data.
+    In the space of the atoms C^-1 becomes the inverse of I + D G D / N, with D the roots of the powers, G the
+    Gram matrix (n, n) and N the noise power: as large as there are atoms, however large the data. `products`
+    (n,) are those of the atoms with the data, and first powers are above 0.
 
-    Parameters
-    ----------
-    gram : ndarray of float64, shape (n, n)
-        Products of the atoms with each other.
-    products : ndarray of complex128, shape (n,)
-        Products of the atoms with the data.
-    first_power : ndarray of float64, shape (n,)
-        First guess, above 0.
-    noise : float
-        Power N of white noise.
-
-    Returns
-    -------
-    index : ndarray of int64, shape (m,)
-        Atoms that are left (`PRUNED_DB`).
-    amplitude : ndarray of complex128, shape (m,)
-        Posterior means.
+    Returned are the indices (m,) of the atoms that are left (`PRUNED_DB`), and their amplitudes (m,),
+    posterior means.
     """
     index, power = np.arange(len(gram)), first_power
     for step in range(n_steps):
@@ -399,16 +358,8 @@ def learn_doppler_spectra(
 ) -> DopplerSpectra:
     """Learn the Doppler spectrum of each range bin.
 
-    Parameters
-    ----------
-    rows : ndarray of complex128, shape (n_range, n_doppler, n_elements)
-        In which Doppler lines are real (`AtomMap`).
-    doppler_bins : ndarray of float64, shape (v,)
-        Places of the lines.
-    kernels : ndarray of float64, shape (v, n_doppler)
-        Echoes of the lines.
-    noise : ndarray of float64, shape (n_range,)
-        Noise powers, above 0.
+    Rows (n_range, n_doppler, n_elements) are such that Doppler lines are real (`AtomMap`). Lines at Doppler
+    bins (v,) have the echoes `kernels` (v, n_doppler). Noise powers (n_range,) are above 0.
     """
     _, n_doppler, n_elements = rows.shape
     parts = np.ascontiguousarray(rows).view(np.float64)

@@ -136,21 +136,9 @@ def merge_neighbours(places: Floats, amplitude: Complex | Floats, box: Floats) -
 def strongest_near(places: Floats, amplitude: Floats, reach: tuple[float, float]) -> Floats:
     """Largest amplitude that atoms within some range and Doppler bins show at each atom, its own included.
 
-    Beyond half a cell along u or w an atom counts with the envelope of its
-    sidelobes, 1 / π d, but never with less than `LEAST_MISFIT_DB` below its
-    amplitude: its misfit has every direction.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-        In Rayleigh cells.
-    amplitude : ndarray of float64, shape (n,)
-    reach : (float, float)
-        Range and Doppler bins.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
+    Beyond half a cell along u or w an atom counts with the envelope of its sidelobes, 1 / π d, but never with
+    less than `LEAST_MISFIT_DB` below its amplitude: its misfit has every direction. Places (n, 4) are in
+    Rayleigh cells.
     """
     along_range, along_doppler = places[:, 0], places[:, 1]
     near = np.abs(along_range[:, None] - along_range) < reach[0]

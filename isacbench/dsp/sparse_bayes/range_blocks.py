@@ -101,17 +101,7 @@ class _Block:
 
 
 def learn_blocks(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
-    """Learn all atoms anew, block by block.
-
-    Parameters
-    ----------
-    atoms : Atoms
-        One at least.
-    reach : Reach
-        Where echoes can come from.
-    noise : float
-        Noise power.
-    """
+    """Learn all atoms anew, one at least, block by block."""
     first = float(np.floor(atoms.places[:, 0].min()))
     for start in _by_residual(atoms, first):
         atoms = _learn_block(atoms, reach, noise, start)

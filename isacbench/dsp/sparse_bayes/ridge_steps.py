@@ -70,21 +70,9 @@ MOST_ROUNDS = 3
 
 
 def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> AtomFit | None:
-    """Move atoms to where they explain the map best, and drop those that stand for its misfit.
+    """Move atoms from places (n, 4) to where they explain the map best, and drop those of its misfit.
 
-    Parameters
-    ----------
-    reach : Reach
-        Where echoes can come from.
-    places : ndarray of float64, shape (n, 4)
-        First places in Rayleigh cells, n at least 1.
-    noise : float
-        Noise power.
-
-    Returns
-    -------
-    AtomFit or None
-        None if no atom stands out.
+    None is returned if no atom stands out.
     """
     fit, damping = fit_atoms(atom_map, places, RIDGES[0]), FIRST_DAMPING
     keep = significant_atoms(fit, atom_map, reach, RIDGES[0])
@@ -120,19 +108,7 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
 def significant_atoms(
     fit: AtomFit, atom_map: AtomMap, reach: Reach, ridge: float, least_power: float = 0.0
 ) -> Mask:
-    """Tell which atoms lie in the region and are no misfit of others.
-
-    Parameters
-    ----------
-    ridge : float
-        Of the fit.
-    least_power : float
-        Least power of an atom.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Tell which atoms lie in the region, have a least power and are no misfit of others."""
     size = np.abs(_weighed(fit, ridge))
     power = size**2
     far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
@@ -144,19 +120,9 @@ def significant_atoms(
 def drop_model_error(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | None:
     """Drop atoms that are weak compared with both the sidelobes of other ranges and what is left around them.
 
-    Either alone says little: weak echoes lie among strong ones, and are wanted
-    where the map is explained; and a crowd's misfit lies among its echoes. The
-    misfit that an atom is compared with is their weighted geometric mean.
-
-    Parameters
-    ----------
-    fit : AtomFit
-        That has settled, with the last ridge.
-
-    Returns
-    -------
-    AtomFit or None
-        None if no atom stands out.
+    Either alone says little: weak echoes lie among strong ones, and are wanted where the map is explained;
+    and a crowd's misfit lies among its echoes. The misfit that an atom is compared with is their weighted
+    geometric mean. The fit has settled, with the last ridge. None if no atom stands out.
     """
     power = np.abs(_weighed(fit, RIDGES[-1])) ** 2
     far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
@@ -178,20 +144,10 @@ def _weighed(fit: AtomFit, ridge: float) -> Complex:
 
 
 def damped_step(fit: AtomFit, damping: float) -> Floats:
-    """Gauss-Newton step of all places, damped by the information that lone atoms would have.
+    """Gauss-Newton step (n, 4) of all places, damped by the information that lone atoms would have.
 
-    In a crowd the others explain most of what an atom's move would: its own
-    information is small, and a share of it no bound.
-
-    Parameters
-    ----------
-    fit : AtomFit
-        Of n atoms.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 4)
-        In Rayleigh cells, at most `LONGEST_STEP_CELLS` along each coordinate.
+    In a crowd the others explain most of what an atom's move would: its own information is small, and a share
+    of it no bound. A step is at most `LONGEST_STEP_CELLS` along each coordinate.
     """
     diagonal = fit.information.diagonal()
     load = damping * (diagonal + np.tile(fit.power, N_COORDINATES)) + 1e-12 * diagonal.max()

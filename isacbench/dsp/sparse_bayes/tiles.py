@@ -207,18 +207,9 @@ class DirectionGrid:
 
 
 def strong_dimensions(dictionary: Floats, least: float) -> Floats:
-    """Orthonormal basis of the dimensions in which a dictionary has strength.
+    """Orthonormal basis (n, m) of the dimensions, one at least, in which a dictionary (n_atoms, n) is strong.
 
-    Parameters
-    ----------
-    dictionary : ndarray of float64, shape (n_atoms, n)
-    least : float
-        Singular value, relative to the largest, from which a dimension counts, at most 1.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, m)
-        One dimension at least.
+    A dimension counts from a singular value of `least`, relative to the largest.
     """
     strength, basis = _dimensions(dictionary)
     return basis[:, strength >= least]
@@ -268,21 +259,9 @@ class MapTile:
 def learn_tile(
     tile: MapTile, atom_map: AtomMap, grid: DirectionGrid, reach: Reach, least_dimension: float
 ) -> tuple[Floats, Floats]:
-    """Learn the echoes of a tile.
+    """Learn the echoes of a tile: places (n, 4) in Rayleigh cells, and amplitudes (n,).
 
-    Parameters
-    ----------
-    reach : Reach
-        Where echoes can come from.
-    least_dimension : float
-        Singular value, relative to the largest, of dimensions that are kept.
-
-    Returns
-    -------
-    places : ndarray of float64, shape (n, 4)
-        In Rayleigh cells.
-    strength : ndarray of float64, shape (n,)
-        Amplitudes.
+    Dimensions are kept from a singular value of `least_dimension`, relative to the largest.
     """
     range_bins = np.arange(
         tile.range_bins[0] - RANGE_BEYOND_BINS,
@@ -367,15 +346,5 @@ def _first_power(dictionaries: tuple[Floats, Floats, Floats], data: Complex) -> 
 
 
 def within_dynamic_range(places: Floats, strength: Floats) -> Mask:
-    """Tell which atoms of a tile are no misfit of stronger ones nearby.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (n, 4)
-    strength : ndarray of float64, shape (n,)
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Tell which atoms of a tile are no misfit of stronger ones nearby."""
     return strength > strongest_near(places, strength, NEAR_BINS) * 10 ** (-DYNAMIC_RANGE_DB / 20)
