@@ -164,7 +164,7 @@ class SymbolBursts:
         return drop
 
     def fractional_bin(self, own: Floats, other: Floats) -> Floats:
-        """Offset of an echo from its strongest bin towards the next, from 0 to 1, by the amplitudes in both."""
+        """Offset of an echo from its strongest bin towards the next, 0 to 1, by the amplitudes in both."""
         offsets = np.linspace(0, 1, OFFSETS)
         kernel = np.abs(self.slopes(offsets)[0])
         share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
