@@ -31,19 +31,7 @@ MOST_LEAKAGE_DB = 200.0
 
 
 def rectangular_positions(shape: tuple[int, int], spacing: int) -> Integers:
-    """Element positions of a rectangular array in half wavelengths.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Elements along u and along w.
-    spacing : int
-        Distance of neighbours in half wavelengths.
-
-    Returns
-    -------
-    ndarray of int64, shape (shape[0] * shape[1], 2)
-    """
+    """Element positions (n, 2) of a rectangular array in half wavelengths, `spacing` apart."""
     p, q = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
     return spacing * np.stack([p.ravel(), q.ravel()], axis=1)
 
@@ -157,43 +145,18 @@ class VirtualArray:
         return int(n_p), int(n_q)
 
     def in_frame(self, elements: ArrayLike) -> Integers:
-        """Find where a frame holds elements.
-
-        Parameters
-        ----------
-        elements : array_like of int, shape (e, 2)
-            Places (p, q) in the virtual array.
-
-        Returns
-        -------
-        ndarray of int64, shape (e, 2)
-            Their indices in the last two axes of the frame.
-        """
+        """Indices in the last two axes of a frame of elements at places (e, 2) in the virtual array."""
         places, (n_p, n_q) = checked_array("elements", elements, np.int64), self.shape
         is_mirrored = [axis.startswith("+") for axis in self.ascending]
         return np.where(is_mirrored, (n_p - 1, n_q - 1) - places, places)
 
 
 def element_errors(name: str, gain_error_db: float, phase_error_deg: float, elements: ArrayLike) -> Complex:
-    """Draw complex factors of virtual elements that are not calibrated.
+    """Draw complex factors (e,) of virtual elements (e, 2) that are not calibrated.
 
-    The gain in dB and the phase of an element are normal, of mean 0. They
-    follow from the scenario's name and the element's place alone, and scale
-    with the standard deviations. They are the same on every machine.
-
-    Parameters
-    ----------
-    name : str
-        Name of the scenario.
-    gain_error_db, phase_error_deg : float
-        Standard deviations.
-    elements : array_like of int, shape (e, 2)
-        Places (p, q) in the virtual array.
-
-    Returns
-    -------
-    ndarray of complex128, shape (e,)
-        Exactly 1 where both standard deviations are 0.
+    The gain in dB and the phase of an element are normal, of mean 0. They follow from the scenario's name and
+    the element's place alone, and scale with the standard deviations. They are the same on every machine, and
+    exactly 1 where both standard deviations are 0.
     """
     places = checked_array("elements", elements, np.int64).reshape(-1, 2)
     if not (gain_error_db or phase_error_deg):

@@ -84,15 +84,9 @@ def echo_parameters(scenario: Scenario) -> EchoParameters:
 
 
 def central_phase(scenario: Scenario) -> Floats:
-    """Phase of every echo at the centre of the resource grid and of the array.
+    """Phase of every echo, from -π to π, at the centre of the resource grid and of the array.
 
-    Two equal echoes closer than a Rayleigh cell are hardest to tell apart
-    where they are in phase there.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In radians, from -π to π.
+    Two equal echoes closer than a Rayleigh cell are hardest to tell apart where they are in phase there.
     """
     echo = echo_parameters(scenario)
     system, (n_p, n_q) = scenario.system, scenario.array.shape
@@ -181,17 +175,7 @@ def is_negligible(values: Complex, echo: EchoParameters, largest: float) -> bool
 
 
 def element_responses(scenario: Scenario, echo: EchoParameters, elements: ArrayLike) -> Complex:
-    """Responses of elements of the virtual array to every echo, errors of gain and phase included.
-
-    Parameters
-    ----------
-    elements : array_like of int, shape (e, 2)
-        Places (p, q) in the virtual array.
-
-    Returns
-    -------
-    ndarray of complex128, shape (K, e)
-    """
+    """Responses (K, e) of elements (e, 2) to every echo, errors of gain and phase included."""
     p, q = np.asarray(elements).T
     directions: Complex = np.exp(-1j * np.pi * (np.outer(echo.u, p) + np.outer(echo.w, q)))
     if scenario.gain_error_db or scenario.phase_error_deg:
@@ -202,19 +186,10 @@ def element_responses(scenario: Scenario, echo: EchoParameters, elements: ArrayL
 
 
 def echo_responses(scenario: Scenario, elements: ArrayLike) -> tuple[EchoParameters, Complex]:
-    """Compute every echo and the responses of elements to it; the transmitters' leakage, if any, is the last.
+    """Compute all K echoes and the responses (K, e) of elements (e, 2) to them.
 
-    Parameters
-    ----------
-    elements : array_like of int, shape (e, 2)
-        Places (p, q) in the virtual array.
-
-    Returns
-    -------
-    echo : EchoParameters
-        Of K echoes. Leakage has no speed and no direction, and half a range bin.
-    responses : ndarray of complex128, shape (K, e)
-        The phases of leakage differ from element to element.
+    The transmitters' leakage, if any, is the last: it has no speed and no direction, and half a range bin,
+    and its phases differ from element to element.
     """
     echo, leakage_db = echo_parameters(scenario), scenario.array.leakage_db
     responses = element_responses(scenario, echo, elements)
@@ -272,15 +247,7 @@ def _superposed(
 def transmitted_noise(scenario: Scenario, trial: int, seed: int) -> Complex:
     """Draw noise of the transmitted signal, over that signal and the root of the power of all echoes.
 
-    Parameters
-    ----------
-    trial, seed : int
-        Not negative.
-
-    Returns
-    -------
-    ndarray of complex128, shape (n_subcarriers, n_symbols)
-        White and circular: the paper's noise is real in time, but its transform is divided by QPSK symbols.
+    White and circular: the paper's noise is real in time, but its transform is divided by QPSK symbols.
     """
     stream = random_stream(scenario.name, trial, seed, "transmitter")
     white = white_gaussian(stream, (scenario.system.n_subcarriers, scenario.system.n_symbols))

@@ -44,20 +44,9 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int, every: int = 1, first:
 
 
 def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Floats]:
-    """Dirichlet kernel referred to the middle of its aperture, and its first two derivatives.
+    """Dirichlet kernel sin(πx) / (n sin(πx/n)) at x bins, and its first two derivatives per bin.
 
-    Parameters
-    ----------
-    distance : array_like, any shape
-        In bins.
-    n : int
-        Transform length.
-
-    Returns
-    -------
-    tuple of ndarray of float64, each of the same shape
-        sin(πx) / (n sin(πx/n)) and its derivatives per bin; 1, 0 and
-        -π²(1 - n⁻²)/3 at x = 0.
+    At x = 0 they are 1, 0 and -π²(1 - n⁻²)/3: the kernel is referred to the middle of its aperture.
     """
     distance = np.asarray(distance, dtype=np.float64)
     turns = np.rint(distance / n)

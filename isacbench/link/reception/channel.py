@@ -232,16 +232,9 @@ class TappedDelay:
 def reflection_coefficient(
     sine: float, permittivity: float, conductivity_spm: float, carrier_hz: float, polarization: Polarization
 ) -> complex:
-    """Compute Fresnel's reflection coefficient of a smooth ground.
+    """Fresnel's reflection coefficient of a smooth ground, by the sine of the angle of the ray to it.
 
-    Parameters
-    ----------
-    sine : float
-        Of the angle between ray and ground.
-    permittivity, conductivity_spm : float
-        Of the ground: relative, and in S/m.
-    polarization : {"vertical", "horizontal"}
-        Electric field in the plane of incidence, or along the ground.
+    The electric field is in the plane of incidence ("vertical"), or along the ground.
     """
     relative = permittivity - 1j * conductivity_spm / (2 * np.pi * carrier_hz * constants.epsilon_0)
     refracted = np.sqrt(relative - (1 - sine**2))

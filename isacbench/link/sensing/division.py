@@ -115,21 +115,7 @@ def symbol_moduli(system: System, signal: Signal, trial: int = 0, seed: int = 0)
 
 
 def sensed_elements(system: System, sensing: Sensing) -> Mask:
-    """Find the resource elements used for sensing, and refuse a grid without any.
-
-    Parameters
-    ----------
-    sensing : {"all", "prs"}
-
-    Returns
-    -------
-    ndarray of bool, shape (n_subcarriers, n_symbols)
-
-    Raises
-    ------
-    InputError
-        If there is no such sensing, or no such element of the grid.
-    """
+    """Find the resource elements used for sensing, and refuse a grid without any."""
     sensed = resource_elements(system, sensing)
     if not sensed.any():
         raise InputError(

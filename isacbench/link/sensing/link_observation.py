@@ -37,17 +37,7 @@ PLAIN = Signal()
 
 
 def weighted_echo(scenario: Scenario, gate: Gate, weight: Floats) -> Complex:
-    """Compute the noise-free range-Doppler cells of the gate behind weights on the resource grid.
-
-    Parameters
-    ----------
-    weight : ndarray of float64, shape (n_subcarriers, n_symbols)
-        Factor of the echo on each resource element, 0 or more.
-
-    Returns
-    -------
-    ndarray of complex128, shape (n_range, n_doppler, P, Q)
-    """
+    """Compute the noise-free cells of the gate behind weights, 0 or more, of all resource elements."""
     system = scenario.system
     echo, responses = echo_responses(scenario, scenario.array.positions)
     coordinates, basis = _dimensions(responses)

@@ -50,38 +50,18 @@ MOST_NUMBERS = 2**22
 
 
 def noise_covariance(weight: Floats) -> Complex:
-    """Compute the covariance of weighted unit noise between range-Doppler cells.
+    """Compute the covariance of noise between cells of the map, from its amplitude on each resource element.
 
-    Parameters
-    ----------
-    weight : ndarray of float64, shape (n_subcarriers, n_symbols)
-        Amplitude q of the noise on each resource element.
-
-    Returns
-    -------
-    ndarray of complex128, same shape
-        E[Z(r + Δr, d + Δd) Z*(r, d)] at [Δr, Δd]; negative lags count from the end.
+    E[Z(r + Δr, d + Δd) Z*(r, d)] stands at [Δr, Δd]; negative lags count from the end.
     """
     return scipy.fft.fft(scipy.fft.ifft(weight**2, axis=0), axis=1, norm="forward")
 
 
 def coloured_noise(white: Complex, weight: Floats, stream: np.random.Generator) -> Complex:
-    """Give white noise of a gate the covariance that weights on the resource grid make.
+    """Give white noise of a gate, of unit power, the covariance that weights on the resource grid make.
 
-    Parameters
-    ----------
-    white : ndarray of complex128, shape (n_range, n_doppler, P, Q)
-        Circular noise of unit power.
-    weight : ndarray of float64, shape (n_subcarriers, n_symbols)
-        Amplitude q of the noise on each resource element, 0 or more.
-    stream : Generator
-        Random numbers for the part of a torus outside the gate.
-
-    Returns
-    -------
-    ndarray of complex128, same shape as `white`
-        A linear function of `white` and of what was drawn; `white` itself where
-        all weights are 1.
+    The result is a linear function of the white noise and of what is drawn from the stream, for the part of a
+    torus outside of the gate; the white noise itself where all weights are 1.
     """
     shape, power = white.shape[:2], weight**2
     covariance = noise_covariance(weight)
