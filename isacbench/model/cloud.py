@@ -14,8 +14,8 @@ from isacbench.checked_arrays import Floats, checked_array, freeze_arrays, named
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
 from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
+from isacbench.model.cloud_files.tables import POINT_COLUMNS
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

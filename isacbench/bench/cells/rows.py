@@ -14,7 +14,7 @@ from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.cloud_files.tables import POINT_COLUMNS
 
 CellStatus = Literal["ok", "no_detection", "error", "timeout", "killed", "skipped"]
 

@@ -36,7 +36,7 @@ from isacbench.errors import AccessError, InputError, InputWarning, unknown_name
 from isacbench.files.checked_files import is_there
 from isacbench.files.escaping import counted, quoted, shortened
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.cloud_files.tables import POINT_COLUMNS
 from isacbench.model.scene import Scatterers, Scenario, warned_before
 
 T = TypeVar("T")

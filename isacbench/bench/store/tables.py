@@ -30,7 +30,7 @@ from isacbench.bench.store.run_folder import cannot_be_written, replacing
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import AccessError
 from isacbench.files.checked_files import require_file, require_inside
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.cloud_files.tables import POINT_COLUMNS
 
 TEXTS = ["scenario", "estimator", "params"]
 """Keys that a table of points holds as categories."""

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from isacbench.model.array import PAPER_ORDER, VirtualArray
-from isacbench.model.cloud_files.columns import POINT_COLUMNS
+from isacbench.model.cloud_files.tables import POINT_COLUMNS
 from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region

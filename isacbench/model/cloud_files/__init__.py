@@ -1,3 +1,3 @@
 """Point clouds in files of several formats."""
 
-__all__ = ["columns", "point_files"]
+__all__ = ["point_files", "tables"]

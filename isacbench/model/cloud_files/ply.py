@@ -13,8 +13,7 @@ import numpy as np
 from isacbench.checked_arrays import Floats
 from isacbench.errors import InputError
 from isacbench.files.escaping import quoted, shortened
-from isacbench.model.cloud_files.columns import find_columns, require_finite
-from isacbench.model.cloud_files.csv_tables import BLANKS, CsvTable, split_rows
+from isacbench.model.cloud_files.tables import BLANKS, CsvTable, find_columns, require_finite, split_rows
 
 _FILE = re.compile(
     rb"(?:\xef\xbb\xbf)?ply[ \t]*\r?\n(?P<header>(?:.*\n)*?)end_header[ \t]*\r?(?:\n|\Z)(?P<body>(?s:.*))"

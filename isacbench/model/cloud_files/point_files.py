@@ -19,15 +19,16 @@ from isacbench.files.checked_files import (
     write_errors,
 )
 from isacbench.files.escaping import shortened
-from isacbench.model.cloud_files.columns import (
+from isacbench.model.cloud_files.ply import read_ply, write_ply
+from isacbench.model.cloud_files.tables import (
+    NO_ROW_NUMBERS,
     POINT_COLUMNS,
     find_columns,
     plain_name,
+    read_csv_table,
     require_finite,
     require_no_other_names,
 )
-from isacbench.model.cloud_files.csv_tables import NO_ROW_NUMBERS, read_csv_table
-from isacbench.model.cloud_files.ply import read_ply, write_ply
 
 TAKES = "a cloud takes"
 
