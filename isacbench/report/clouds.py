@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from isacbench.charts import Variant
+from isacbench.charts import Variant, nearest_values
 from isacbench.errors import InputError, require
 from isacbench.files.checked_files import require_picture
 from isacbench.files.escaping import counted
@@ -42,7 +42,7 @@ MOST_CLOUDS = 16
 """Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
 
 SHOWN_SNR_DB = 10.0
-"""SNR at which a page opens and of pictures of worst scenes, or the nearest one that the run has."""
+"""SNR at which a page opens, and of its maps and of pictures of worst scenes."""
 
 
 class Image(NamedTuple):
@@ -71,6 +71,11 @@ def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Var
     # What failed throughout has no mean, and comes last.
     best = set(means.reindex(list(candidates)).sort_values(kind="stable").index[:MOST_CLOUDS])
     return [variant for variant in candidates if variant in best]
+
+
+def shown_snr_db(rows: pd.DataFrame) -> float:
+    """Find the SNR of the rows that is nearest to `SHOWN_SNR_DB`."""
+    return nearest_values(sorted(rows["snr_db"].unique()), [SHOWN_SNR_DB])[0]
 
 
 def image_of_truth(truth: PointCloud) -> Image:

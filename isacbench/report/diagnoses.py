@@ -14,7 +14,7 @@ from isacbench.bench.compare.scenes import SCENE_KINDS
 from isacbench.bench.labels import estimator_labels
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, nearest_values, variants_in
+from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, variants_in
 from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import counted, file_stems
@@ -23,7 +23,7 @@ from isacbench.model.observation import Observation
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Diagnoser, Diagnosis, Estimator, Spectrum
 from isacbench.plugins.registry import build_variants, canonical_params
-from isacbench.report.clouds import SHOWN_SNR_DB, best_variants
+from isacbench.report.clouds import best_variants, shown_snr_db
 from isacbench.report.figures import THRESHOLD, draw_charts, drawable, new_figure
 
 LOWEST_RATIO = 0.01
@@ -163,8 +163,7 @@ def diagnosed_maps(run: Run) -> dict[str, Any]:
     """
     if run.kind not in SCENE_KINDS or run.rows.empty:
         return {}
-    (snr_db,) = nearest_values(sorted(run.rows["snr_db"].unique()), [SHOWN_SNR_DB])
-    trial = int(run.rows["trial"].min())
+    snr_db, trial = shown_snr_db(run.rows), int(run.rows["trial"].min())
     names = [name for name in dict.fromkeys(run.rows["scenario"].astype(object)) if name in run.scenarios]
     found, n_left_out = find_diagnoses(run, names, snr_db, trial, MOST_MAPS)
     maps = [

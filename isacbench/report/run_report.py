@@ -31,12 +31,12 @@ from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.model.cloud import PointCloud
 from isacbench.report.clouds import (
-    SHOWN_SNR_DB,
     Image,
     best_variants,
     draw_clouds,
     draw_comparison,
     image_of_truth,
+    shown_snr_db,
 )
 from isacbench.report.diagnoses import diagnosis_figures
 from isacbench.report.figures import FOLDER, drawable, drawn_charts, save_figures
@@ -308,8 +308,7 @@ def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
 
 def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
     """Draw the scene in which each estimator has its largest ratio, beside the truth."""
-    cells = scene_cells(run.rows)
-    (snr_db,) = charts.nearest_values(sorted(cells["snr_db"].unique()), [SHOWN_SNR_DB])
+    cells, snr_db = scene_cells(run.rows), shown_snr_db(run.rows)
     rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
     chosen = [variant for variant, line in lines.items() if not line.is_reference][:MOST_WORST]
     stems = file_stems(lines[variant].label for variant in chosen)

@@ -30,7 +30,7 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import median_gain_db
-from isacbench.report.clouds import SHOWN_SNR_DB
+from isacbench.report.clouds import SHOWN_SNR_DB, shown_snr_db
 from isacbench.report.comparison import ComparisonReport, Row
 from isacbench.report.figures import VELOCITY_COLOURS
 from isacbench.report.html.joined_runs import KEY, RUN, JoinedRuns
@@ -393,12 +393,11 @@ def choose_clouds(
     if n_points.sum() <= most_points:
         return np.ones(len(records), dtype=np.bool_)
     trial_number = np.searchsorted(np.unique(records["trial"]), records["trial"])
-    (shown_db,) = charts.nearest_values(sorted(records["snr_db"].unique()), [SHOWN_SNR_DB])
     order = 2 + trial_number
     deviations = records.reset_index(drop=True).fillna({"deviation": -np.inf})
     worst = deviations.groupby(CURVE, observed=True)["deviation"].idxmax()
     order[worst] = np.minimum(order[worst], 1)
-    order[(trial_number == 0) & (records["snr_db"] == shown_db).to_numpy()] = 0
+    order[(trial_number == 0) & (records["snr_db"] == shown_snr_db(records)).to_numpy()] = 0
     if first is not None:
         order[first] = -1
     sequence = np.argsort(order, kind="stable")
