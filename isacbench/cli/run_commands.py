@@ -81,8 +81,7 @@ def run_command(
     from isacbench.bench.cells.rows import failed
     from isacbench.bench.labels import estimator_labels
     from isacbench.bench.run.looks import record_look
-    from isacbench.bench.run.options import RunOptions
-    from isacbench.bench.run.runner import run_suite
+    from isacbench.bench.run.runner import RunOptions, run_suite
     from isacbench.bench.store.manifest import command_to_show
     from isacbench.bench.store.run_folder import MANIFEST, default_folder
 

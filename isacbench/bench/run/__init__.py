@@ -1,3 +1,3 @@
 """Runs: made, resumed, merged, scored again."""
 
-__all__ = ["looks", "merging", "options", "plan", "progress", "rescoring", "resume", "runner"]
+__all__ = ["looks", "merging", "plan", "progress", "rescoring", "runner"]

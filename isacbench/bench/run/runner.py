@@ -1,41 +1,126 @@
-"""Runner of suites: every estimator images the same observations, one row a cell; a run is resumed."""
+"""Runs of suites: every estimator images the same observations, one row a cell, kept where a run goes on."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import closing, nullcontext
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from isacbench.bench.cells.cell import DEFAULT_TIMEOUT_S
-from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, typed
+from isacbench.bench.cells.cell import DEFAULT_TIMEOUT_S, Limits
+from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, failed, typed
 from isacbench.bench.cells.worker import rows_guarded, rows_here
-from isacbench.bench.run.options import RunOptions
-from isacbench.bench.run.plan import Block, Job, load_job
+from isacbench.bench.labels import estimator_labels
+from isacbench.bench.run.plan import Block, Job, Plan, Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
-from isacbench.bench.run.resume import rows_to_keep
 from isacbench.bench.store.manifest import (
     SCORES,
     build_manifest,
     describe_run,
     describe_session,
+    require_same_scores,
     row_columns,
     with_sessions,
     write_manifest,
 )
+from isacbench.bench.store.provenance import differing_versions, environment_id
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, open_folder
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
-from isacbench.errors import InputError
+from isacbench.charts import Variant
+from isacbench.checked_arrays import Mask
+from isacbench.errors import InputError, unknown_name
 from isacbench.plugins.contracts import Estimator, is_reference
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
+
+Rerun = Literal["failed", "stale", "all"]
+
+DEFAULT_REPEATS = 5
+"""The median of five repeats ignores two disturbed ones."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a run that do not change what its cells yield, as `isacbench.run` takes them.
+
+    Attributes
+    ----------
+    limits : Limits
+        Of each cell in a worker.
+    part : Shard or None
+        Parsed `shard`.
+
+    Raises
+    ------
+    InputError
+        If a value is not allowed.
+    """
+
+    jobs: int | None = None
+    timeout_s: float | None = DEFAULT_TIMEOUT_S
+    memory_mib: float | None = None
+    dask: str | None = None
+    shard: str | None = None
+    rerun: Collection[str] = ()
+    mix_versions: bool = False
+    timing: bool = False
+    repeats: int | None = None
+    limits: Limits = field(init=False)
+    part: Shard | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        for name, value in (("jobs", self.jobs), ("repeats", self.repeats)):
+            if value is not None and value < 1:
+                raise InputError(f"{name} {value}: allowed is 1 or more")
+        if self.jobs is not None and self.dask is not None:
+            raise InputError("jobs and dask cannot be given together: give one")
+        if self.repeats is not None and not self.timing:
+            raise InputError(f"repeats = {self.repeats} needs timing; without it each cell is estimated once")
+        if self.timing and (self.dask is not None or (self.jobs or 1) > 1):
+            where = "dask" if self.dask else f"jobs {self.jobs}"
+            raise InputError(
+                f"timing needs one job on this machine, not {where}: cells that run at the same time slow "
+                "each other down"
+            )
+        for name in self.rerun:
+            if name not in get_args(Rerun):
+                raise unknown_name("cells to rerun", name, get_args(Rerun))
+        object.__setattr__(self, "limits", Limits(self.timeout_s, self.memory_mib))
+        object.__setattr__(self, "part", None if self.shard is None else Shard.parse(self.shard))
+        if not self.is_guarded and self.limits not in (Limits(), Limits(None)):
+            raise InputError("timeout_s and memory_mib limit worker processes: give jobs or dask as well")
+
+    @property
+    def is_guarded(self) -> bool:
+        """True if cells run in worker processes, with limits."""
+        return self.jobs is not None or self.dask is not None
+
+    @property
+    def n_repeats(self) -> int | None:
+        """Timed repeats of each estimate; None for a run that is not timed."""
+        return (self.repeats or DEFAULT_REPEATS) if self.timing else None
+
+    def describe(self) -> dict[str, Any]:
+        """Describe the options in terms of JSON."""
+        return {
+            "jobs": self.jobs,
+            "timeout_s": self.timeout_s if self.is_guarded else None,
+            "memory_mib": self.memory_mib if self.is_guarded else None,
+            "dask": self.dask,
+            "shard": None if self.part is None else f"{self.part.k}/{self.part.n}",
+            "timing": self.timing,
+            "repeats": self.n_repeats,
+        }
+
 
 DEFAULTS = RunOptions()
 
@@ -245,3 +330,84 @@ def _work(job: Job, blocks: Sequence[Block], options: RunOptions) -> Generator[R
     if options.jobs is None:
         return rows_here(job, blocks, options.n_repeats)
     return rows_guarded(job, blocks, options.limits, options.jobs, options.n_repeats)
+
+
+def rows_to_keep(stored: Run, job: Job, options: RunOptions, part: Mask) -> Run:
+    """Select the stored rows that a resumed run keeps, at most one a cell; refuse to lose any others.
+
+    Not kept are rows to be made again (of failed cells, of cells whose scenario or versions have changed
+    since, or all) within `part`, the cells that this run computes, and of a timed run those that were not
+    timed. Rows of another suite, seed or grid are refused, those scored by other metrics, and those of other
+    scenarios or, unless they may be mixed, other versions that are neither kept nor computed again.
+    """
+    rows, plan = stored.rows, job.plan
+    if rows.empty:
+        return stored
+    is_all_again = "all" in options.rerun and part.all()
+    if SCORES in stored.manifest or not is_all_again:  # without them it is not known what scored the rows
+        require_same_scores(stored.manifest, job.suite)
+    positions = plan.positions(rows)
+    _refuse_others(rows, positions, plan, job.suite)
+    known = plan.environments.values()  # the manifest may be damaged
+    environments = {**stored.environments, **{environment_id(one): one for one in known}}
+    now = plan.versions()
+    contents = {task.name: task.content for task in plan.tasks}
+    other_content: Mask = (rows["scenario_content"] != rows["scenario"].map(contents)).to_numpy()
+    other_versions = _other_versions(rows, environments, now) & (not options.mix_versions)
+    again = np.full(len(rows), "all" in options.rerun)
+    if options.timing:
+        again |= ~rows["timing"].to_numpy(dtype=np.bool_)
+    if "failed" in options.rerun:
+        again |= failed(rows).to_numpy()
+    if "stale" in options.rerun:
+        again |= other_content | other_versions
+    again &= part[positions]
+    is_last = ~pd.Series(positions).duplicated(keep="last").to_numpy()
+    has_cloud = rows["deviation"].isna().to_numpy() | stored.is_whole()
+    good: Mask = is_last & has_cloud & ~again
+    if (stale := good & other_content).any():
+        raise InputError(
+            f"{stale.sum()} of its {stale.size} cells were made with different content of scenario "
+            f"{rows[stale].iloc[0]['scenario']!r}: use --rerun stale (without --shard), or a new folder"
+        )
+    if (stale := good & other_versions).any():
+        first = rows[stale].iloc[0]
+        old = environments.get(first["environment"], {}).get("versions", {})
+        new = now[first["estimator"], first["params"]]
+        raise InputError(
+            f"{stale.sum()} of its {stale.size} cells were made by other versions, the first one by "
+            f"{', '.join(differing_versions(old, new))}; use --rerun stale (without --shard) to "
+            "recompute them, --mix-versions to keep them, or a new folder"
+        )
+    return stored.changed(manifest={**stored.manifest, "environments": environments}).take(good)
+
+
+def _refuse_others(rows: pd.DataFrame, positions: NDArray[np.int64], plan: Plan, suite: Suite) -> None:
+    """Refuse rows of cells that are not in the plan."""
+    for column, wanted in (("suite", suite.name), ("seed", suite.seed)):
+        others = rows.loc[rows[column] != wanted, column]
+        if len(others):
+            raise InputError(
+                f"it holds cells of {column} {others.iloc[0]}, not {wanted}; "
+                f"use the same {column}, or a new folder"
+            )
+    unknown = rows[positions < 0]
+    if len(unknown):
+        first = unknown.iloc[0]
+        variant = first["estimator"], first["params"]
+        labels = estimator_labels([variant, *(one.key for one in plan.entries)])
+        raise InputError(
+            f"it holds {len(unknown)} cells that this run does not have, the first one "
+            f"{labels[variant]} on {first['scenario']} at {first['snr_db']:g} dB, trial {first['trial']}; "
+            "include them in this run, or use a new folder"
+        )
+
+
+def _other_versions(rows: pd.DataFrame, environments: Mapping[str, Any], now: Mapping[Variant, Any]) -> Mask:
+    """Tell which rows were made by other versions than rows of this process would be."""
+    groups = rows.groupby(["environment", "estimator", "params"], sort=False)
+    other = [
+        environments.get(name, {}).get("versions") != now[estimator, params]
+        for name, estimator, params in groups.size().index
+    ]
+    return np.array(other, dtype=np.bool_)[groups.ngroup().to_numpy()]

@@ -23,9 +23,8 @@ from typer.testing import CliRunner
 from isacbench.bench.cells.cell import Limits
 from isacbench.bench.cells.cluster import Order, make_rows, stop
 from isacbench.bench.cells.rows import TIMES
-from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.plan import load_job
-from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.run.runner import RunOptions, run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.cli import app
 from isacbench.errors import InputError

@@ -15,9 +15,8 @@ from isacbench.bench.compare.verdicts import parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.merging import merge
-from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import run, run_suite
+from isacbench.bench.run.runner import RunOptions, run, run_suite
 from isacbench.bench.store.manifest import read_manifest
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite

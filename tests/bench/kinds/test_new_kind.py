@@ -8,9 +8,8 @@ from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.compare.comparison import compare
 from isacbench.bench.kinds.kind import NO_SCENARIOS, Kind, lines_of
 from isacbench.bench.run.merging import merge
-from isacbench.bench.run.options import RunOptions
 from isacbench.bench.run.rescoring import rescore
-from isacbench.bench.run.runner import run_suite
+from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.statistics import summarise
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite

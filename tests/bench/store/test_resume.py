@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 
 from isacbench.bench.cells.rows import TIMES
-from isacbench.bench.run.options import RunOptions
-from isacbench.bench.run.runner import run_suite
+from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.store.tables import Journal
 from isacbench.bench.suites.suite import Suite

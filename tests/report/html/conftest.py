@@ -9,8 +9,7 @@ import pytest
 
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.link import LinkSuite
-from isacbench.bench.run.options import RunOptions
-from isacbench.bench.run.runner import run_suite
+from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.plugins.discovery import PluginFile, isolated_plugins, register_plugin
 
