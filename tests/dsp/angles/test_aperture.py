@@ -10,9 +10,13 @@ from hypothesis import strategies as st
 from isacbench.dsp.angles.aperture import Cross, Plane
 from isacbench.model.observation import cross_of
 
-APERTURES = pytest.mark.parametrize("kind", [Plane, Cross])
 SHAPES = st.tuples(st.integers(1, 6), st.integers(1, 6))
 SEEDS = st.integers(0, 9999)
+
+
+def any_aperture(test):
+    """Test planes and crosses of any shape, on any numbers."""
+    return pytest.mark.parametrize("kind", [Plane, Cross])(given(shape=SHAPES, seed=SEEDS)(test))
 
 
 def elements(aperture):
@@ -52,22 +56,18 @@ def test_a_cross_holds_its_elements_in_the_order_of_an_observation(shape, seed):
     np.testing.assert_array_equal(cross_of(cells), picked)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_gram_matrices_are_the_products_of_all_pairs_of_responses(kind, shape, seed):
     aperture, _, (u, w) = drawn(kind, shape, seed, (2, 3))
     assert aperture.n_elements == len(elements(aperture)) == np.prod(aperture.shape)
     gram = aperture.towards(u, w).gram()
-    for n in range(2):
-        for i in range(3):
-            for j in range(3):
-                pair = (response(aperture, u[n, k], w[n, k]) for k in (i, j))
-                assert gram[n, i, j] == pytest.approx(product(*pair), abs=1e-12)
+    for n, i, j in np.ndindex(2, 3, 3):
+        pair = (response(aperture, u[n, k], w[n, k]) for k in (i, j))
+        assert gram[n, i, j] == pytest.approx(product(*pair), abs=1e-12)
     np.testing.assert_allclose(aperture.towards(u[0], w[0]).gram(), gram[0], atol=1e-15)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_gram_matrices_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
     aperture, _, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
     gram = aperture.towards(u, w).intersections_gram().reshape(2, 6, 6)
@@ -75,22 +75,18 @@ def test_gram_matrices_of_intersections_are_those_of_the_pairs_written_out(kind,
     np.testing.assert_allclose(gram, aperture.towards(*pairs).gram(), atol=1e-12)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_matched_filters_are_the_products_of_responses_with_snapshots(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
     snapshots = snapshots_of(aperture, rng, 4, 2)
     matched = aperture.towards(u, w).matched(snapshots)
     assert matched.shape == (4, 2, 3)
-    for s in range(4):
-        for n in range(2):
-            for k in range(3):
-                expected = product(response(aperture, u[n, k], w[n, k]), snapshots[s, n].ravel())
-                assert matched[s, n, k] == pytest.approx(expected, abs=1e-12)
+    for s, n, k in np.ndindex(4, 2, 3):
+        expected = product(response(aperture, u[n, k], w[n, k]), snapshots[s, n].ravel())
+        assert matched[s, n, k] == pytest.approx(expected, abs=1e-12)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (3,))
     snapshots = snapshots_of(aperture, rng, 3, 4)
@@ -98,8 +94,7 @@ def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, sha
     np.testing.assert_allclose(aperture.towards(u, w).beams(snapshots), expected, atol=1e-12)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
     aperture, rng, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))
     snapshots = snapshots_of(aperture, rng, 2)
@@ -108,8 +103,7 @@ def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape
     np.testing.assert_allclose(aperture.towards(u, w).matched_intersections(snapshots), expected, atol=1e-12)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_double(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 2))
     data = snapshots_of(aperture, rng, 2, 2)
@@ -126,8 +120,7 @@ def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_doubl
         assert cosines[0].gram().dtype == np.complex128
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
     amplitude = rng.standard_normal((2, 3)) + 1j * rng.standard_normal((2, 3))
@@ -137,8 +130,7 @@ def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):
         np.testing.assert_allclose(waves[n].ravel(), expected, atol=1e-12)
 
 
-@APERTURES
-@given(shape=SHAPES, seed=SEEDS)
+@any_aperture
 def test_lines_run_along_u_and_along_w_all_of_a_plane_and_one_each_of_a_cross(kind, shape, seed):
     aperture, _, (u, w) = drawn(kind, shape, seed, (2, 1))
     along_u, along_w = aperture.lines(aperture.towards(u, w).synthesis(np.ones((2, 1), complex)))
@@ -155,10 +147,5 @@ def test_lines_run_along_u_and_along_w_all_of_a_plane_and_one_each_of_a_cross(ki
 def test_four_corners_of_a_rectangle_of_directions_are_dependent_on_a_cross_and_not_on_a_plane(seed, n):
     u, w = np.random.default_rng(seed).uniform(-0.9, 0.9, (2, 1, 2))
     u[0, 1], w[0, 1] = u[0, 0] + 1 / n, w[0, 0] - 1 / n
-    ranks = [
-        np.linalg.matrix_rank(
-            kind(n, n).towards(u, w).intersections_gram().reshape(4, 4), tol=1e-9, hermitian=True
-        )
-        for kind in (Plane, Cross)
-    ]
-    assert ranks == [4, 3]
+    grams = (kind(n, n).towards(u, w).intersections_gram().reshape(4, 4) for kind in (Plane, Cross))
+    assert [np.linalg.matrix_rank(gram, tol=1e-9, hermitian=True) for gram in grams] == [4, 3]

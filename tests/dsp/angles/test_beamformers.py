@@ -36,10 +36,7 @@ def test_bartlett_s_power_is_that_of_a_sum_over_all_elements(shape):
     x = noise(1, *shape)
 
     def power(u, w):
-        total = 0
-        for p in range(shape[0]):
-            for q in range(shape[1]):
-                total += np.exp(1j * np.pi * (p * u + q * w)) * x[0, p, q]
+        total = sum(np.exp(1j * np.pi * (p * u + q * w)) * x[0, p, q] for p, q in np.ndindex(shape))
         return abs(total) ** 2 / (shape[0] * shape[1]) ** 2
 
     np.testing.assert_allclose(bartlett_spectrum(x, U, W).power[0], on_grid(power), rtol=1e-10)
@@ -48,9 +45,8 @@ def test_bartlett_s_power_is_that_of_a_sum_over_all_elements(shape):
 @pytest.mark.parametrize(("shape", "subarray"), [((6, 5), (3, 3)), ((5, 6), (4, 2)), ((4, 4), (4, 4))])
 def test_capon_s_power_is_that_of_the_inverse_of_the_smoothed_covariance(shape, subarray):
     x, loading = waves(shape, (0.2, 0.1, 2.0), (-0.3, 0.4, 1j), level=0.1), 0.3
-    covariance = plain_covariance(x[0], subarray) + loading * np.eye(np.prod(subarray))
     # The correlation of a time-reversed conjugate is that of the wave itself.
-    inverse = np.linalg.inv(covariance)
+    inverse = np.linalg.inv(plain_covariance(x[0], subarray) + loading * np.eye(np.prod(subarray)))
 
     def power(u, w):
         a = direction(subarray, u, w)
@@ -139,8 +135,7 @@ def test_two_equal_waves_are_both_peaks_of_capon_s_spectrum_wherever_the_samples
     x = waves((16, 16), *places, level=1 / snr)
     found = capon_spectrum(x, (10, 10), 1 / snr, FINE, FINE).waves(15.0, 6)
     for u, w, _ in places:
-        distance = np.hypot(found.u - u, found.w - w)[found.found]
-        assert distance.min() < 0.01
+        assert np.hypot(found.u - u, found.w - w)[found.found].min() < 0.01
 
 
 def test_capon_takes_snapshots_of_single_precision():

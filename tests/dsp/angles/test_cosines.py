@@ -7,15 +7,13 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.peaks import PERIOD, cosine_samples, with_neighbours, within_period
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_eigenpairs
-from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
-from tests.dsp.plane_wave_data import snapshot
+from tests.dsp.plane_wave_data import pairs_of, snapshot, waves
 
 
 def test_a_cosine_and_that_two_farther_are_one():
     np.testing.assert_allclose(within_period(np.array([-1.02, 0.98, 0.3, 2.3])), [0.98, 0.98, 0.3, 0.3])
-    waves = PlaneWaves(np.array([[1.25]]), np.array([[-1.5]]), np.ones((1, 1), dtype=bool))
-    assert (waves.u[0, 0], waves.w[0, 0]) == (-0.75, 0.5)
+    assert pairs_of(waves(1.25, -1.5)) == [(-0.75, 0.5)]
 
 
 def test_samples_reach_one_step_beyond_the_limits():
@@ -52,7 +50,5 @@ def test_a_null_at_the_ends_of_the_circle_is_found_once(u, w):
 
 def test_two_starts_on_either_end_of_the_circle_become_the_one_wave_between_them():
     noisy = snapshot([1.0], [0.0], [1.0], (8, 8))[:, None]
-    starts = PlaneWaves(np.array([[0.999, -0.998]]), np.zeros((1, 2)), np.ones((1, 2), dtype=bool))
-    waves = resolve_directions(noisy, starts, 1e-3, 1e-3, 10)
-    assert waves.found.sum() == 1
-    assert within_period(waves.u[waves.found] - 1.0)[0] == pytest.approx(0, abs=1e-3)
+    found = resolve_directions(noisy, waves([0.999, -0.998], [0, 0]), 1e-3, 1e-3, 10)
+    assert within_period(found.u[found.found] - 1.0) == pytest.approx([0], abs=1e-3)

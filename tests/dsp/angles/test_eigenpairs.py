@@ -28,11 +28,7 @@ def sine_between(one, other):
     return np.linalg.norm(other - one @ (one.T @ other), 2)
 
 
-@given(
-    decades=st.lists(st.floats(-13, 0), min_size=3, max_size=9),
-    order=st.integers(1, 8),
-    seed=st.integers(0, 999),
-)
+@given(st.lists(st.floats(-13, 0), min_size=3, max_size=9), st.integers(1, 8), st.integers(0, 999))
 def test_no_subspace_of_a_covariance_is_farther_off_than_its_bound(decades, order, seed):
     values = np.sort(10.0 ** np.array(decades))[::-1]
     order = min(order, len(values) - 1)
@@ -45,8 +41,7 @@ def test_no_subspace_of_a_covariance_is_farther_off_than_its_bound(decades, orde
 
 def test_a_cut_through_equal_eigenvalues_is_no_cut():
     pairs = covariance_pairs(np.array([9.0, 4.0, 4.0, 4.0, 1.0, 1.0]), np.random.default_rng(0))[0]
-    asked = np.arange(1, 6)
-    found = [int(separated_order(pairs.rotation, np.array([k]))[0]) for k in asked]
+    found = [separated_order(pairs.rotation, np.array([asked])).item() for asked in range(1, 6)]
     assert found == [1, 1, 1, 4, 4]
 
 
@@ -56,17 +51,11 @@ def test_a_white_covariance_has_no_signal_subspace(power):
     assert separated_order(pairs.rotation, np.array([4])).tolist() == [0]
 
 
-@given(
-    sines=st.lists(st.sampled_from([0.0, 1e-9, MOST_ROTATION, 2e-3, 1.0]), min_size=0, max_size=6),
-    order=st.integers(0, 7),
-)
+@given(st.lists(st.sampled_from([0.0, 1e-9, MOST_ROTATION, 2e-3, 1.0]), max_size=6), st.integers(0, 7))
 def test_the_order_is_the_largest_that_is_determined(sines, order):
     found = separated_order(np.array([sines]).reshape(1, -1), np.array([order]))
-    expected = 0
-    for k in range(1, len(sines) + 1):
-        if k <= order and sines[k - 1] <= MOST_ROTATION:
-            expected = k
-    assert found.tolist() == [expected]
+    determined = [k for k, sine in enumerate(sines[:order], 1) if sine <= MOST_ROTATION]
+    assert found.tolist() == [max(determined, default=0)]
 
 
 def test_of_one_noise_free_source_one_dimension_is_determined():

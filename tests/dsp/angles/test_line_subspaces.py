@@ -34,10 +34,14 @@ def unitary_transform(n):
     return q
 
 
+def eigenvectors(lines, n_subarray=SUBARRAY):
+    """Eigenvectors of the covariances of lines (n, sensors, snapshots), the strongest first."""
+    return np.linalg.eigh(smoothed_covariance(lines, n_subarray))[1][:, :, ::-1]
+
+
 def null_spectrum(lines, order, grid=GRID):
-    """MUSIC null spectra (n, g) of lines (n, sensors, snapshots)."""
-    _, vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))
-    return music_null_spectrum(vectors[:, :, ::-1], np.full(len(lines), order), real_steering(SUBARRAY, grid))
+    """MUSIC null spectra (n, g) of lines."""
+    return music_null_spectrum(eigenvectors(lines), np.full(len(lines), order), real_steering(SUBARRAY, grid))
 
 
 @st.composite
@@ -78,20 +82,16 @@ def test_music_is_exact_on_noise_free_sources(coherent, echoes):
     # Coherent echoes reach all snapshots alike; smoothing alone restores the rank.
     waveforms = np.ones((len(gain), 1)) if coherent else np.fft.fft(np.eye(8))[: len(gain)]
     lines = (steering(SENSORS, cosine).T @ (gain[:, None] * waveforms))[None]
-    at_sources = null_spectrum(lines, len(gain), cosine)
-    assert at_sources.max() < 1e-10 * SUBARRAY
-    null = null_spectrum(lines, len(gain))
-    peaks = line_peaks(-null, GRID, np.array([len(gain)]))
+    assert null_spectrum(lines, len(gain), cosine).max() < 1e-10 * SUBARRAY
+    peaks = line_peaks(-null_spectrum(lines, len(gain)), GRID, np.array([len(gain)]))
     assert peaks.found.all()
     np.testing.assert_allclose(np.sort(peaks.place[0]), cosine, atol=1e-4)
 
 
 @given(n_cells=st.integers(1, 4), n_subarray=st.integers(3, 8), seed=st.integers(0, 999))
 def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cells, n_subarray, seed):
-    rng = np.random.default_rng(seed)
-    vectors = np.linalg.eigh(smoothed_covariance(noise(n_cells, 10, 4, seed=seed), n_subarray))[1]
-    vectors = vectors[:, :, ::-1]
-    order = rng.integers(1, n_subarray, n_cells)
+    vectors = eigenvectors(noise(n_cells, 10, 4, seed=seed), n_subarray)
+    order = np.random.default_rng(seed).integers(1, n_subarray, n_cells)
     found = music_null_spectrum(vectors, order, real_steering(n_subarray, GRID[::50]))
     for cell in range(n_cells):
         for i, cosine in enumerate(GRID[::50]):
@@ -115,17 +115,15 @@ def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray
 def test_nulls_of_noise_free_sources_are_found_exactly_from_places_nearby(echoes, offset):
     cosine, gain = echoes
     lines = (steering(SENSORS, cosine).T @ gain[:, None])[None]
-    vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))[1][:, :, ::-1]
     start = (cosine + offset)[None]
     order, found = np.array([len(gain)]), np.ones(start.shape, dtype=bool)
-    minima = music_null_minima(vectors, order, start, found, 0.02)
+    minima = music_null_minima(eigenvectors(lines), order, start, found, 0.02)
     np.testing.assert_allclose(minima[0], cosine, atol=1e-7)
 
 
 @given(seed=st.integers(0, 9999), order=st.integers(1, 4))
 def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, order):
-    lines = noise(3, SENSORS, 6, seed=seed)
-    vectors = np.linalg.eigh(smoothed_covariance(lines, SUBARRAY))[1][:, :, ::-1]
+    vectors = eigenvectors(noise(3, SENSORS, 6, seed=seed))
     orders = np.minimum([order, 1, 2], order)
     null = music_null_spectrum(vectors, orders, real_steering(SUBARRAY, GRID))
     peaks = line_peaks(-null, GRID, orders)

@@ -35,10 +35,13 @@ def sources(n_cells, n_sources, gain_db, seed=0):
     return snapshots
 
 
-@given(
-    eigenvalues=st.lists(st.floats(0, 10), min_size=2, max_size=8).map(lambda v: sorted(v, reverse=True)),
-    edge=st.floats(0, 10),
-)
+def descending(least, most, min_size, max_size):
+    """Lists of eigenvalues."""
+    values = st.lists(st.floats(least, most), min_size=min_size, max_size=max_size)
+    return values.map(lambda value: sorted(value, reverse=True))
+
+
+@given(descending(0, 10, 2, 8), st.floats(0, 10))
 def test_the_noise_order_counts_what_noise_does_not_reach_but_leaves_both_a_dimension(eigenvalues, edge):
     above = sum(value > edge for value in eigenvalues)
     expected = min(max(above, 1), len(eigenvalues) - 1)
@@ -53,11 +56,7 @@ def test_the_noise_edge_is_where_the_eigenvalues_of_a_large_noise_covariance_end
     assert noise_edge(9, 9) == pytest.approx(4)
 
 
-@given(
-    eigenvalues=st.lists(st.floats(0, 1e3), min_size=3, max_size=10).map(lambda v: sorted(v, reverse=True)),
-    pfa=st.floats(1e-6, 0.5),
-    exponent=st.integers(-20, 20),
-)
+@given(descending(0, 1e3, 3, 10), st.floats(1e-6, 0.5), st.integers(-20, 20))
 def test_the_eigenvalue_cfar_holds_each_eigenvalue_against_the_mean_of_its_neighbours_in_any_unit(
     eigenvalues, pfa, exponent
 ):
@@ -82,11 +81,7 @@ def test_the_eigenvalue_cfar_stands_the_rounding_of_a_singular_covariance():
     assert eigenvalue_cfar_order(np.array([[5.0, 1e-17, -1e-17, -2e-17]]), 1e-2).tolist() == [1]
 
 
-@given(
-    seed=st.integers(0, 999),
-    shape=st.tuples(st.integers(2, 9), st.integers(2, 9)),
-    fraction=st.floats(0.3, 0.9),
-)
+@given(st.integers(0, 999), st.tuples(st.integers(2, 9), st.integers(2, 9)), st.floats(0.3, 0.9))
 def test_no_snapshot_of_unit_energy_has_a_larger_eigenvalue_than_the_edge_charges_for_it(
     seed, shape, fraction
 ):
@@ -129,17 +124,11 @@ def test_in_noise_the_criteria_fall_back_to_one_source_and_with_overlapping_look
         assert np.mean(information_order(values, 81, criterion) > 1) > 0.5
 
 
-@given(
-    eigenvalues=st.lists(st.floats(1e-3, 1e3), min_size=2, max_size=9),
-    n_independent=st.floats(1, 100),
-    criterion=st.sampled_from(["mdl", "aic"]),
-    exponent=st.integers(-20, 20),
-)
+@given(descending(1e-3, 1e3, 2, 9), st.floats(1, 100), st.sampled_from(["mdl", "aic"]), st.integers(-20, 20))
 def test_the_criteria_are_those_of_wax_and_kailath_for_real_covariances_and_know_no_scale(
     eigenvalues, n_independent, criterion, exponent
 ):
-    values = np.array(sorted(eigenvalues, reverse=True))
-    n_real, size = 2 * n_independent, len(values)
+    values, n_real, size = np.array(eigenvalues), 2 * n_independent, len(eigenvalues)
     scores = []
     for k in range(size):
         rest = values[k:]

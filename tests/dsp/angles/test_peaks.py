@@ -19,14 +19,11 @@ def distinct(seed, *shape):
     return np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) + 1.0
 
 
-def test_three_equal_samples_have_their_vertex_in_the_middle():
-    np.testing.assert_array_equal(vertex(np.ones(3), np.ones(3), np.ones(3)), 0)
-
-
-def test_no_vertex_lies_beyond_half_a_step():
-    samples = [np.array([value]) for value in (0.0, 1.0, 1.9)]
-    assert vertex(*samples) == 0.5
-    assert vertex(*samples[::-1]) == -0.5
+@pytest.mark.parametrize(
+    ("samples", "place"), [((1.0, 1.0, 1.0), 0), ((0.0, 1.0, 1.9), 0.5), ((1.9, 1.0, 0.0), -0.5)]
+)
+def test_equal_samples_have_their_vertex_in_the_middle_and_none_lies_beyond_half_a_step(samples, place):
+    assert vertex(*np.array(samples)[:, None]) == place
 
 
 @given(n=st.integers(1, 4), g=st.integers(3, 12), masked=st.booleans(), seed=st.integers(0, 9999))
@@ -38,19 +35,13 @@ def test_line_peaks_are_those_of_a_plain_loop(n, g, masked, seed):
     peaks = line_peaks(spectra, grid, n_peaks, allowed)
     assert peaks.place.shape == peaks.found.shape
     for row in range(n):
-        maxima = [
-            i
-            for i in range(1, g - 1)
-            if spectra[row, i] > max(spectra[row, i - 1], spectra[row, i + 1])
-            and (allowed is None or allowed[row, i])
-        ]
-        maxima = sorted(maxima, key=lambda i: -spectra[row, i])[: n_peaks[row]]
-        expected = [
-            grid[i] + (grid[1] - grid[0]) * plain_vertex(*spectra[row, i - 1 : i + 2]) for i in maxima
-        ]
-        assert peaks.found[row].tolist() == [True] * len(maxima) + [False] * (
-            peaks.found.shape[1] - len(maxima)
-        )
+        one, maxima, step = spectra[row], [], grid[1] - grid[0]
+        for i in range(1, g - 1):
+            if one[i] > max(one[i - 1], one[i + 1]) and (allowed is None or allowed[row, i]):
+                maxima.append(i)
+        maxima = sorted(maxima, key=lambda i: -one[i])[: n_peaks[row]]
+        expected = [grid[i] + step * plain_vertex(*one[i - 1 : i + 2]) for i in maxima]
+        assert peaks.found[row].tolist() == [k < len(maxima) for k in range(peaks.found.shape[1])]
         np.testing.assert_allclose(peaks.place[row, : len(maxima)], expected, atol=1e-9)
 
 
@@ -71,24 +62,17 @@ def test_no_spectra_and_no_peaks_asked_for_give_none(shape, n_peaks):
     assert peaks.place.shape == peaks.found.shape == (shape[0], 0)
 
 
-@given(
-    n=st.integers(1, 3),
-    g=st.integers(3, 7),
-    h=st.integers(3, 7),
-    n_most=st.integers(0, 5),
-    seed=st.integers(0, 9999),
-)
+@given(st.integers(1, 3), st.integers(3, 7), st.integers(3, 7), st.integers(0, 5), st.integers(0, 9999))
 def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_most, seed):
     power = distinct(seed, n, g, h)
     allowed = np.random.default_rng(seed).random(power.shape) < 0.8
     row, column, found = plane_peaks(power, allowed & plane_maxima(power), n_most)
     for k in range(n):
         maxima = []
-        for i in range(g):
-            for j in range(h):
-                around = [power[k, (i + a) % g, (j + b) % h] for a in (-1, 0, 1) for b in (-1, 0, 1)]
-                if allowed[k, i, j] and power[k, i, j] == max(around):
-                    maxima.append((power[k, i, j], i, j))
+        for i, j in np.ndindex(g, h):
+            around = [power[k, (i + a) % g, (j + b) % h] for a in (-1, 0, 1) for b in (-1, 0, 1)]
+            if allowed[k, i, j] and power[k, i, j] == max(around):
+                maxima.append((power[k, i, j], i, j))
         maxima = sorted(maxima, reverse=True)[:n_most]
         assert found[k].sum() == len(maxima)
         assert found[k, : len(maxima)].all()

@@ -17,7 +17,7 @@ from isacbench.dsp.angles.planar_subspaces import (
     planar_covariance,
     planar_null_spectrum,
 )
-from tests.dsp.plane_wave_data import noise, plain_covariance, separate_sources, snapshot
+from tests.dsp.plane_wave_data import noise, pairs_of, plain_covariance, separate_sources, snapshot
 
 GRID, AHEAD = np.linspace(-1, 1, 65), np.linspace(-0.5, 0.5, 11)
 
@@ -28,11 +28,7 @@ def signal_basis(snapshots, subarray, order):
     return vectors.reshape(len(snapshots), *subarray, order)
 
 
-@given(
-    subarray=st.tuples(st.integers(1, 5), st.integers(1, 5)),
-    more=st.tuples(st.integers(0, 3), st.integers(0, 3)),
-    seed=st.integers(0, 999),
-)
+@given(st.tuples(*[st.integers(1, 5)] * 2), st.tuples(*[st.integers(0, 3)] * 2), st.integers(0, 999))
 def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(subarray, more, seed):
     shape = tuple(n + m for n, m in zip(subarray, more, strict=True))
     snapshots = noise(2, *shape, seed=seed)
@@ -66,11 +62,10 @@ def test_the_null_spectrum_is_the_squared_distance_from_the_subspace(seed, order
     found = planar_null_spectrum(basis, u, w)
     for cell in range(2):
         columns = basis[cell].reshape(20, order)
-        for i, a in enumerate(u):
-            for k, b in enumerate(w):
-                d = np.outer(real_steering(5, [a])[:, 0], real_steering(4, [b])[:, 0]).ravel()
-                expected = np.sum((d - columns @ (columns.T @ d)) ** 2)
-                assert found[cell, i, k] == pytest.approx(expected, abs=1e-10)
+        for i, k in np.ndindex(u.size, w.size):
+            d = np.kron(real_steering(5, u[[i]])[:, 0], real_steering(4, w[[k]])[:, 0])
+            expected = np.sum((d - columns @ (columns.T @ d)) ** 2)
+            assert found[cell, i, k] == pytest.approx(expected, abs=1e-10)
 
 
 @given(scene=separate_sources())
@@ -79,8 +74,7 @@ def test_nulls_lie_on_noise_free_sources_off_the_grid(scene):
     basis = signal_basis(snapshot(u, w, gain), (8, 8), len(u))
     nulls = null_minima(basis, GRID, GRID, np.array([len(u)]))
     assert nulls.found.all()
-    found = sorted(zip(nulls.u[0], nulls.w[0], strict=True))
-    np.testing.assert_allclose(found, sorted(zip(u, w, strict=True)), atol=1e-6)
+    np.testing.assert_allclose(pairs_of(nulls), sorted(zip(u, w, strict=True)), atol=1e-6)
 
 
 def test_the_curvature_of_a_null_is_that_of_the_spectrum():
@@ -96,8 +90,7 @@ def test_the_curvature_of_a_null_is_that_of_the_spectrum():
 
 
 def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
-    snapshots = snapshot([0.1], [0.2], [1])
-    basis = signal_basis(snapshots, (8, 8), 1)
+    basis = signal_basis(snapshot([0.1], [0.2], [1]), (8, 8), 1)
     assert null_minima(basis, GRID, GRID, np.array([5])).found.sum() == 1
     away = np.linspace(0.4, 0.9, 17)
     # Sidelobes of the only source, far above half.
@@ -107,17 +100,14 @@ def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
 def along_lines(snapshots):
     covariance = smoothed_covariance(snapshots, 5)
     vectors = np.linalg.eigh(covariance)[1][:, :, ::-1]
-    return (
-        covariance,
-        vectors,
-        music_null_spectrum(vectors, np.array([1, 2]), real_steering(5, GRID[20:45:2])),
-    )
+    null = music_null_spectrum(vectors, np.array([1, 2]), real_steering(5, GRID[20:45:2]))
+    return covariance, vectors, null
 
 
 def in_planes(snapshots):
     covariance = planar_covariance(snapshots, (5, 5))
     vectors = leading_eigenpairs(covariance, 2)[1]
-    return (covariance, vectors, planar_null_spectrum(vectors.reshape(2, 5, 5, 2), AHEAD, AHEAD))
+    return covariance, vectors, planar_null_spectrum(vectors.reshape(2, 5, 5, 2), AHEAD, AHEAD)
 
 
 @pytest.mark.parametrize("method", [along_lines, in_planes])

@@ -13,12 +13,13 @@ from isacbench.dsp.angles.peaks import Peaks
 from isacbench.dsp.angles.plane_waves import NOISE_DEVIATIONS, PlaneWaves, pair_directions
 from isacbench.model.kernels import steering
 from isacbench.model.observation import cross_of
-from tests.dsp.plane_wave_data import noise, responses, separate_sources, snapshot
+from tests.dsp.plane_wave_data import noise, pairs_of, responses, separate_sources, snapshot, waves
 
 N_P, N_Q = 16, 12
 PLANE = Plane(N_P, N_Q)
 CROSS = Cross(N_P, N_Q)
 shot = partial(snapshot, shape=(N_P, N_Q))
+ON_BOTH = pytest.mark.parametrize("aperture", [PLANE, CROSS], ids=["plane", "cross"])
 LIMITS = {"min_power": 1e-8, "dynamic_range_db": 40.0, "n_most": 9}
 
 
@@ -28,19 +29,14 @@ def candidates(cosine):
     return Peaks(places, np.ones(places.shape, dtype=bool))
 
 
-def pairs_of(waves):
-    """Pairs (u, w) found in the first cell, sorted."""
-    return sorted(zip(waves.u[0][waves.found[0]], waves.w[0][waves.found[0]], strict=True))
-
-
 @given(scene=separate_sources())
 def test_of_all_intersections_exactly_the_sources_are_kept(scene):
     u, w, gain = scene
-    waves = pair_directions(shot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
-    assert pairs_of(waves) == sorted(zip(u, w, strict=True))
+    found = pair_directions(shot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
+    assert pairs_of(found) == sorted(zip(u, w, strict=True))
 
 
-@pytest.mark.parametrize("aperture", [PLANE, CROSS], ids=["plane", "cross"])
+@ON_BOTH
 @given(scene=separate_sources(), seed=st.integers(0, 999), n_found=st.integers(0, 4))
 def test_amplitudes_and_what_they_leave_are_those_of_dense_least_squares_on_the_elements(
     aperture, scene, seed, n_found
@@ -53,12 +49,12 @@ def test_amplitudes_and_what_they_leave_are_those_of_dense_least_squares_on_the_
         cells, dense = cross_of(cells), cross_of(dense)
     data, dense = cells.reshape(2, -1).T, dense.reshape(n, cells[0].size).T
     amplitude = np.linalg.lstsq(dense, data, rcond=None)[0]
-    waves = PlaneWaves(np.stack([u, u]), np.stack([w, w]), np.tile(np.arange(len(u)) < n, (2, 1)))
-    first, second = waves.amplitudes(np.stack([cells, 2j * cells]), aperture)[:, :, :n]
+    found = PlaneWaves(np.stack([u, u]), np.stack([w, w]), np.tile(np.arange(len(u)) < n, (2, 1)))
+    first, second = found.amplitudes(np.stack([cells, 2j * cells]), aperture)[:, :, :n]
     np.testing.assert_allclose(first, amplitude.T, atol=1e-7)
     np.testing.assert_allclose(second, 2j * amplitude.T, atol=1e-7)
     left = np.mean(np.abs(data - dense @ amplitude) ** 2, axis=0)
-    np.testing.assert_allclose(waves.unexplained(cells, aperture), left, rtol=1e-7)
+    np.testing.assert_allclose(found.unexplained(cells, aperture), left, rtol=1e-7)
 
 
 def dense_direction_errors(data, dense, n_p, n_q, p, q, white):
@@ -73,7 +69,7 @@ def dense_direction_errors(data, dense, n_p, n_q, p, q, white):
     return np.sqrt((spread[:k] + spread[k:]) * (max(left, 0) + NOISE_DEVIATIONS**2 * white / 2))
 
 
-@pytest.mark.parametrize("aperture", [PLANE, CROSS], ids=["plane", "cross"])
+@ON_BOTH
 @pytest.mark.parametrize("white", [0.0, 0.01, 4.0])
 @given(scene=separate_sources(), seed=st.integers(0, 999))
 def test_errors_of_directions_are_those_of_the_dense_information_and_misfit(aperture, white, scene, seed):
@@ -87,8 +83,8 @@ def test_errors_of_directions_are_those_of_the_dense_information_and_misfit(aper
     expected = dense_direction_errors(
         cell.ravel(), dense.reshape(len(u), -1).T, N_P, N_Q, p.ravel(), q.ravel(), white
     )
-    waves = PlaneWaves(np.append(u, 0.9)[None], np.append(w, 0.9)[None], np.arange(len(u) + 1)[None] < len(u))
-    errors = waves.direction_errors(cell, aperture, white)[0]
+    found = PlaneWaves(np.append(u, 0.9)[None], np.append(w, 0.9)[None], np.arange(len(u) + 1)[None] < len(u))
+    errors = found.direction_errors(cell, aperture, white)[0]
     np.testing.assert_allclose(errors, [*expected, 0], rtol=1e-5)
 
 
@@ -97,27 +93,23 @@ def test_the_error_of_a_direction_is_a_number_however_near_another_one_is(apertu
     rng = np.random.default_rng(0)
     distance = np.geomspace(1e-9, 1, 200)[:, None]
     u, w = (np.clip(0.1 + distance * rng.standard_normal((200, 4)), -1, 1) for _ in range(2))
-    waves = PlaneWaves(u, w, np.ones((200, 4), dtype=bool))
-    cells = noise(200, *((2, 2) if isinstance(aperture, Plane) else (3,)), seed=2)
-    assert not np.isnan(waves.direction_errors(cells, aperture, 1e-3)).any()
+    cells = noise(200, *aperture.shape, seed=2)
+    assert not np.isnan(waves(u, w).direction_errors(cells, aperture, 1e-3)).any()
 
 
 @given(scene=separate_sources())
 def test_waves_that_explain_their_cell_stay_however_small_the_error_allowed(scene):
     u, w, gain = scene
-    waves = PlaneWaves(u[None], w[None], np.ones((1, len(u)), dtype=bool))
-    assert waves.determined(shot(u, w, gain), PLANE, 0.0, 1e-3).found.all()
+    assert waves(u, w).determined(shot(u, w, gain), PLANE, 0.0, 1e-3).found.all()
 
 
 def test_a_direction_between_scatterers_of_opposite_phase_leaves_and_the_strong_wave_stays():
     # One strong wave, and a second where two opposite ones 1.2 Rayleigh cells apart leave nothing.
     u, w = np.array([-0.4, 0.35, 0.35 + 2.4 / N_P]), np.zeros(3)
     cell = shot(u, w, np.array([1.0, 0.3, -0.3]))
-    between = PlaneWaves(np.array([[-0.4, 0.35 + 1.0 / N_P]]), np.zeros((1, 2)), np.ones((1, 2), dtype=bool))
-    kept = between.determined(cell, PLANE, 1e-6, 0.35)
-    assert kept.found.tolist() == [[True, False]]
-    alone = PlaneWaves(between.u[:, 1:], between.w[:, 1:], np.ones((1, 1), dtype=bool))
-    assert alone.determined(cell, PLANE, 1e-6, 0.35).found.all()
+    for u, kept in (([-0.4, 0.35 + 1.0 / N_P], [True, False]), ([0.35 + 1.0 / N_P], [True])):
+        between = waves(u, np.zeros(len(u)))
+        assert between.determined(cell, PLANE, 1e-6, 0.35).found.tolist() == [kept]
 
 
 @given(scene=separate_sources(), order=st.permutations(range(4)), phase=st.floats(0, 2 * np.pi))
@@ -126,10 +118,10 @@ def test_on_a_cross_what_is_of_one_amplitude_on_column_and_row_is_a_pair(scene, 
     # Waves of equal amplitude could be paired either way.
     gain = 0.6 ** np.array(order[: len(u)]) * np.exp(1j * phase) * np.array([1, 1j, -1, -1j])[: len(u)]
     cells = cross_of(shot(u, w, gain))
-    waves = pair_directions(cells, CROSS, candidates(u), candidates(w), **LIMITS)
-    assert set(zip(u, w, strict=True)) <= set(pairs_of(waves))
-    amplitude = np.abs(waves.amplitudes(cells[None], CROSS)[0, 0])
-    true = [(a, b) in set(zip(u, w, strict=True)) for a, b in zip(waves.u[0], waves.w[0], strict=True)]
+    found = pair_directions(cells, CROSS, candidates(u), candidates(w), **LIMITS)
+    assert set(zip(u, w, strict=True)) <= set(pairs_of(found))
+    amplitude = np.abs(found.amplitudes(cells[None], CROSS)[0, 0])
+    true = [(a, b) in set(zip(u, w, strict=True)) for a, b in zip(found.u[0], found.w[0], strict=True)]
     assert amplitude[~np.array(true)].max(initial=0) < 1e-3
 
 
@@ -143,46 +135,40 @@ def test_which_of_equal_pairs_a_cross_takes_does_not_depend_on_rounding(w_amplit
     for phase, dtype in product(np.linspace(0, 6, 20), (np.complex64, np.complex128)):
         cells = (np.exp(1j * phase) * np.concatenate([column, row[1:]])[None]).astype(dtype)
         peaks = (Peaks(line[None], np.ones((1, 2), dtype=bool)) for line in (u, w))
-        waves = pair_directions(cells, CROSS, *peaks, **LIMITS)
-        assert waves.found.sum() == 3
-        pairs.add(tuple(pairs_of(waves)))
+        found = pair_directions(cells, CROSS, *peaks, **LIMITS)
+        assert found.found.sum() == 3
+        pairs.add(tuple(pairs_of(found)))
     assert pairs == {((-0.5, -0.2), (0.1, -0.2), (0.1, 0.6))}
 
 
 def test_waves_of_some_cells_stay_resolved_or_not():
     u = np.arange(6.0).reshape(3, 2) / 10
     keep = np.array([True, False, True])
-    waves = PlaneWaves(u, -u, u > 0.1, np.array([True, True, False]))
-    some = waves.select(keep)
-    assert some.u.tolist() == u[keep].tolist()
-    assert some.w.tolist() == (-u[keep]).tolist()
-    assert some.found.tolist() == (u > 0.1)[keep].tolist()
+    some = PlaneWaves(u, -u, u > 0.1, np.array([True, True, False])).select(keep)
+    for actual, expected in ((some.u, u), (some.w, -u), (some.found, u > 0.1)):
+        assert actual.tolist() == expected[keep].tolist()
     assert some.resolved.tolist() == [True, False]
     assert PlaneWaves(u, -u, u > 0.1).select(keep).resolved is None
 
 
 def test_sources_that_share_a_column_or_a_row_are_told_apart():
     u, w, gain = np.array([-0.3, -0.3, 0.4]), np.array([-0.5, 0.2, 0.2]), np.array([1.0, 0.8j, -1.2])
-    waves = pair_directions(shot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
-    assert pairs_of(waves) == sorted(zip(u, w, strict=True))
+    found = pair_directions(shot(u, w, gain), PLANE, candidates(u), candidates(w), **LIMITS)
+    assert pairs_of(found) == sorted(zip(u, w, strict=True))
 
 
 @pytest.mark.parametrize(
     ("limits", "expected"),
     [
-        ({}, 3),
-        ({"n_most": 2}, 2),
-        ({"dynamic_range_db": 30.0}, 2),
-        ({"dynamic_range_db": 10.0}, 1),
-        ({"min_power": 0.05}, 1),
-        ({"min_power": 2.0}, 0),
+        *(({}, 3), ({"n_most": 2}, 2), ({"dynamic_range_db": 30.0}, 2), ({"dynamic_range_db": 10.0}, 1)),
+        *(({"min_power": 0.05}, 1), ({"min_power": 2.0}, 0)),
     ],
 )
 def test_power_dynamic_range_and_number_limit_what_is_kept_strongest_first(limits, expected):
     u, w = np.array([-0.5, 0.0, 0.5]), np.array([0.5, -0.5, 0.0])
     amplitude = 10 ** (-np.array([0, 15, 32]) / 20)
-    waves = pair_directions(shot(u, w, amplitude), PLANE, candidates(u), candidates(w), **LIMITS | limits)
-    assert waves.u[0][waves.found[0]].tolist() == u[:expected].tolist()
+    found = pair_directions(shot(u, w, amplitude), PLANE, candidates(u), candidates(w), **LIMITS | limits)
+    assert found.u[0][found.found[0]].tolist() == u[:expected].tolist()
 
 
 def test_without_candidates_nothing_is_found():
@@ -195,13 +181,11 @@ def test_of_two_sources_far_apart_in_power_both_are_paired_without_noise(db):
     u, w = np.array([-0.4, 0.1]), np.array([0.3, -0.2])
     data = shot(u, w, [1, 10 ** (-db / 20)])
     # A tie that is coarser than the weak source paired it with anything.
-    waves = pair_directions(data, PLANE, candidates(u), candidates(w), 1e-18, 170.0, 2)
-    np.testing.assert_allclose(pairs_of(waves), sorted(zip(u, w, strict=True)))
+    found = pair_directions(data, PLANE, candidates(u), candidates(w), 1e-18, 170.0, 2)
+    np.testing.assert_allclose(pairs_of(found), sorted(zip(u, w, strict=True)))
 
 
 def test_what_is_left_of_explained_snapshots_is_rounding():
-    u, w, gain = np.array([[-0.4, 0.1]]), np.array([[0.3, -0.2]]), np.array([1, 0.3j])
-    data = shot(u[0], w[0], gain)
-    waves = PlaneWaves(u, w, np.ones((1, 2), dtype=bool))
+    u, w = [-0.4, 0.1], [0.3, -0.2]
     # The loading alone would leave 1e-18.
-    assert waves.unexplained(data, PLANE)[0] < 1e-28
+    assert waves(u, w).unexplained(shot(u, w, [1, 0.3j]), PLANE)[0] < 1e-28
