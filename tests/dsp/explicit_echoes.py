@@ -10,6 +10,10 @@ SHAPE = (3, 4)
 SYSTEMS = {"all": System(n_subcarriers=7, n_symbols=5), "prs": System(n_subcarriers=14, n_symbols=70)}
 """The comb on 14 subcarriers is not symmetric about its middle, so that inner products are complex there."""
 
+PAIR_SYSTEM, PAIR_SHAPE = System(n_subcarriers=32, n_symbols=70), (4, 6)
+MIDDLE_PHASE = np.pi * np.array([-31 / 32, 69 / 70, -3 / 4, -5 / 6])
+"""Phase of an echo at the middle of this grid and array, per Rayleigh cell in range, velocity, u and w."""
+
 SENSING = pytest.mark.parametrize("sensing", ["all", "prs"])
 
 

@@ -13,41 +13,24 @@ from isacbench.errors import InputError
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.numerology import System, resource_elements
 from tests.conftest import few, slow_but
-from tests.dsp.explicit_echoes import (
-    SENSING,
-    SHAPE,
-    SYSTEMS,
-    echoes_and_slopes,
-    normalised,
-    standard_deviations,
-)
+from tests.dsp import explicit_echoes
+from tests.dsp.explicit_echoes import PAIR_SHAPE, PAIR_SYSTEM, SENSING, SHAPE, SYSTEMS, normalised
 from tests.dsp.tone_bounds import tone_std_bins
 
-PAIR_SYSTEM = System(n_subcarriers=32, n_symbols=70)
-PAIR_SHAPE = (4, 6)
 PAIR_CELLS = np.array([PAIR_SYSTEM.range_bin_m, PAIR_SYSTEM.velocity_bin_mps, 2 / 4, 2 / 6])
 """Rayleigh cells in range, velocity, u and w of the full grid and array of the pairs below."""
-
-MIDDLE_PHASE = np.pi * np.array([-31 / 32, 69 / 70, -3 / 4, -5 / 6])
-"""Phase of an echo at the middle of the grid and array, per Rayleigh cell."""
 
 
 def random_scene(rng, system, k):
     """Places (4, K) anywhere and amplitudes (K,)."""
-    places = np.stack(
-        [
-            rng.uniform(0, system.unambiguous_range_m, k),
-            rng.uniform(-1, 1, k) * system.unambiguous_speed_mps,
-            rng.uniform(-1, 1, k),
-            rng.uniform(-1, 1, k),
-        ]
-    )
+    range_m, speed_mps = system.unambiguous_range_m, system.unambiguous_speed_mps
+    places = rng.uniform([[0], [-speed_mps], [-1], [-1]], [[range_m], [speed_mps], [1], [1]], (4, k))
     return places, rng.standard_normal(k) + 1j * rng.standard_normal(k)
 
 
 def unit_columns(system, shape, sensing, places, amplitude):
     """Slopes (elements, 6K) of the echoes with every unknown, of unit norm, and their norms."""
-    echoes, slopes = echoes_and_slopes(system, shape, sensing, places)
+    echoes, slopes = explicit_echoes.echoes_and_slopes(system, shape, sensing, places)
     columns = np.concatenate([slopes * np.repeat(amplitude, 4), echoes, 1j * echoes], axis=1)
     norm = np.linalg.norm(columns, axis=0)
     return columns / norm, norm
@@ -57,7 +40,7 @@ def pair_of(axis, separation, phase=0.0):
     """Two equal echoes, Rayleigh cells apart along one axis and `phase` apart in the middle."""
     places = np.array([5.2, 2.3, 0.1, -0.3])[:, None] * PAIR_CELLS[:, None] * np.ones(2)
     places[axis, 1] += separation * PAIR_CELLS[axis]
-    return places, np.exp(1j * np.array([0, phase - separation * MIDDLE_PHASE[axis]]))
+    return places, np.exp(1j * np.array([0, phase - separation * explicit_echoes.MIDDLE_PHASE[axis]]))
 
 
 def pair(axis, separation, phase=0.0, sensing="all"):
@@ -80,7 +63,7 @@ def test_the_bound_is_that_of_the_filled_fisher_matrix(sensing, k, seed, noise_p
     bound = joint_bound(system, SHAPE, *places, amplitude, noise_power, sensing)
     np.testing.assert_allclose(normalised(bound.joint_covariance - expected, expected), 0, atol=1e-6)
     found = np.stack([bound.range_m, bound.velocity_mps, bound.u, bound.w], axis=1)
-    np.testing.assert_allclose(found, standard_deviations(expected), rtol=1e-6)
+    np.testing.assert_allclose(found, explicit_echoes.standard_deviations(expected), rtol=1e-6)
 
 
 @SENSING
@@ -89,11 +72,8 @@ def test_one_scatterer_has_its_closed_form_wherever_it_is(sensing):
     for _ in range(5):
         places, amplitude = random_scene(rng, system, 1)
         joint = joint_bound(system, SHAPE, *places, amplitude, 0.4, sensing)
-        single = single_bound(system, SHAPE, np.abs(amplitude) ** 2 / 0.4, sensing)
-        std = np.sqrt(np.diagonal(single.covariance[0]))
-        np.testing.assert_allclose(
-            (joint.covariance - single.covariance) / np.outer(std, std), 0, rtol=0, atol=1e-10
-        )
+        single = single_bound(system, SHAPE, np.abs(amplitude) ** 2 / 0.4, sensing).covariance[:, :, None]
+        np.testing.assert_allclose(normalised(joint.joint_covariance - single, single), 0, atol=1e-10)
 
 
 @given(st.integers(2, 3000), st.floats(1e-6, 1e6))
@@ -104,12 +84,7 @@ def test_a_tone_is_bounded_as_rife_and_boorstyn_have_it(n, snr):
     assert tone_std_bins(n, n * snr) == pytest.approx(np.sqrt(frequency) * n / (2 * np.pi), rel=1e-9)
 
 
-@given(
-    n_subcarriers=st.integers(2, 300),
-    n_symbols=st.integers(2, 300),
-    shape=st.tuples(st.integers(2, 20), st.integers(2, 20)),
-    snr=st.floats(1e-6, 1e6),
-)
+@given(st.integers(2, 300), st.integers(2, 300), st.tuples(*[st.integers(2, 20)] * 2), st.floats(1e-6, 1e6))
 def test_on_the_full_grid_every_parameter_is_a_tone_of_its_own(n_subcarriers, n_symbols, shape, snr):
     system = System(n_subcarriers=n_subcarriers, n_symbols=n_symbols)
     bound = single_bound(system, shape, snr)
@@ -136,13 +111,10 @@ def test_several_tones_are_bounded_as_stoica_and_nehorai_have_it():
     fisher = (X.conj().T @ D.conj().T @ projector @ D @ X).real
     expected = noise_power / 2 * np.linalg.inv(fisher)
     # Tones that share velocity and direction: a look from every symbol and element.
-    zero, looks = np.zeros(3), 5 * 3 * 4
-    bound = joint_bound(
-        system, SHAPE, range_bin * system.range_bin_m, zero, zero, zero, amplitude, looks * noise_power
-    )
-    np.testing.assert_allclose(
-        bound.joint_covariance[:, 0, :, 0] / system.range_bin_m**2, expected, rtol=1e-8
-    )
+    range_m, zero, looks = range_bin * system.range_bin_m, np.zeros(3), 5 * 3 * 4
+    bound = joint_bound(system, SHAPE, range_m, zero, zero, zero, amplitude, looks * noise_power)
+    in_bins = bound.joint_covariance[:, 0, :, 0] / system.range_bin_m**2
+    np.testing.assert_allclose(in_bins, expected, rtol=1e-8)
 
 
 def test_the_comb_couples_range_and_velocity_and_the_full_grid_does_not():
@@ -173,10 +145,8 @@ def test_scatterers_far_apart_have_their_own_bounds(sensing):
 @SENSING
 @pytest.mark.parametrize("axis", range(4))
 def test_the_closer_the_pair_the_larger_the_bound(sensing, axis):
-    std = [
-        standard_deviations(pair(axis, separation, 0.0, sensing).joint_covariance)[:, axis]
-        for separation in (0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
-    ]
+    bounds = (pair(axis, apart, 0.0, sensing) for apart in (0.8, 0.6, 0.4, 0.2, 0.1, 0.05))
+    std = [explicit_echoes.standard_deviations(bound.joint_covariance)[:, axis] for bound in bounds]
     assert np.all(np.diff(std, axis=0) > 0)
     # With the square of the distance, as in docs/bounds.md.
     np.testing.assert_allclose(std[-1] / std[-2], 4, rtol=0.02)
@@ -273,8 +243,7 @@ def test_a_step_in_u_is_hundreds_of_metres_a_unit_in_the_paper_frame_and_the_ran
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"amplitude": [1.0, 0.0]}, "amplitude"),
-        ({"amplitude": [1.0, np.nan]}, "amplitude"),
+        *(({"amplitude": [1.0, other]}, "amplitude") for other in (0.0, np.nan)),
         ({"amplitude": [1.0]}, "as many as amplitudes"),
         ({"u": [0.0]}, "u = .*as many as amplitudes"),
         (dict.fromkeys(("range_m", "velocity_mps", "u", "w", "amplitude"), ()), "range_m"),
@@ -282,24 +251,15 @@ def test_a_step_in_u_is_hundreds_of_metres_a_unit_in_the_paper_frame_and_the_ran
         ({"noise_power": 0.0}, "noise_power"),
         ({"array_shape": (1, 8)}, "array_shape"),
         ({"system": System(n_subcarriers=1)}, "n_subcarriers=1"),
-        ({"system": System(n_symbols=1), "sensing": "prs"}, "n_symbols=1"),
-        ({"system": System(n_symbols=2), "sensing": "prs"}, "n_symbols=2"),
+        *(({"system": System(n_symbols=n), "sensing": "prs"}, f"n_symbols={n}") for n in (1, 2)),
         ({"sensing": "csi"}, "unknown sensing 'csi'"),
     ],
 )
 def test_what_bounds_nothing_is_refused(change, message):
-    arguments = {
-        "system": SYSTEMS["all"],
-        "array_shape": SHAPE,
-        "range_m": [1.0, 5.0],
-        "velocity_mps": [0.0, 0.0],
-        "u": [0.0, 0.1],
-        "w": [0.0, 0.1],
-        "amplitude": [1.0, 1j],
-        "noise_power": 1.0,
-    }
+    two = {"range_m": [1.0, 5.0], "velocity_mps": [0.0, 0.0], "u": [0.0, 0.1], "w": [0.0, 0.1]}
+    radio = {"system": SYSTEMS["all"], "array_shape": SHAPE, "amplitude": [1.0, 1j], "noise_power": 1.0}
     with pytest.raises(InputError, match=message):
-        joint_bound(**arguments | change)
+        joint_bound(**two | radio | change)
 
 
 @pytest.mark.parametrize("snr", [0.0, -1.0, [1.0, np.nan]])

@@ -28,9 +28,9 @@ from isacbench.model.kernels import dirichlet
 from isacbench.plugins.contracts import Detection
 from tests.dsp.plane_wave_data import noise
 
-N_SYMBOLS = 64
 GATE = Gate(np.arange(40, 70), np.arange(-12, 13), slice(6, 24), slice(8, 17))
 NO_CLEAR_BINS = Gate(np.arange(40, 70), np.arange(-12, 13), slice(0, 30), slice(2, 23))
+LARGE = Gate(np.arange(300), np.arange(200), slice(0), slice(0))
 LOOKS = 12
 
 
@@ -82,9 +82,7 @@ def test_power_is_the_mean_over_the_elements_and_has_a_look_each(elements, order
 
 @pytest.mark.parametrize("integration", ["element", "noncoherent"])
 def test_the_looks_are_those_of_the_variance_in_noise(integration):
-    power, looks = power_map(
-        noise_cells(Gate(np.arange(300), np.arange(200), slice(0), slice(0))), integration
-    )
+    power, looks = power_map(noise_cells(LARGE), integration)
     assert power.mean() ** 2 / power.var() == pytest.approx(looks, rel=0.05)
 
 
@@ -98,13 +96,10 @@ def test_cells_are_kept_where_detected_reachable_and_above_the_floor(seed, dynam
     reachable = [(row, column) for row in range(6, 24) for column in range(8, 17)]
     strongest = sorted(power[cell] for cell in reachable)[-PEAK_CELLS:]
     clear = [c for c in range(25) if c < 8 - CLEAR_BINS or c >= 17 + CLEAR_BINS]
-    floor = max(
-        np.median(power[:, clear].mean(axis=0)), sum(strongest) / PEAK_CELLS * 10 ** (-dynamic_range_db / 10)
-    )
+    below_strongest = sum(strongest) / PEAK_CELLS * 10 ** (-dynamic_range_db / 10)
+    floor = max(np.median(power[:, clear].mean(axis=0)), below_strongest)
     assert found.floor == pytest.approx(floor)
-    expected = [
-        (row, column) for row, column in reachable if mask[row, column] and power[row, column] > floor
-    ]
+    expected = [cell for cell in reachable if mask[cell] and power[cell] > floor]
     assert list(zip(found.bins[0] - 40, found.bins[1] + 12, strict=True)) == expected
 
 
@@ -136,9 +131,8 @@ def test_where_nothing_is_kept_there_is_no_strongest_cell():
 
 
 def test_without_clear_doppler_bins_the_floor_falls_back_on_the_noise_of_the_detector():
-    found = detect_cells(
-        GatedMap(noise_cells(NO_CLEAR_BINS), NO_CLEAR_BINS), Everything(), "noncoherent", 60.0
-    )
+    gated = GatedMap(noise_cells(NO_CLEAR_BINS), NO_CLEAR_BINS)
+    found = detect_cells(gated, Everything(), "noncoherent", 60.0)
     assert reference_noise(found.power, NO_CLEAR_BINS) is None
     assert found.floor == 3.0
 
@@ -155,11 +149,10 @@ def test_reference_noise_lies_within_the_chi_square_band_of_its_cells(seed, nois
 @pytest.mark.parametrize("doppler", [-4.4, -1.7, 0.0, 2.5, 4.4])
 def test_strong_movers_at_any_speed_of_the_region_do_not_reach_the_reference_noise(doppler):
     quiet_cells = noise_cells(GATE)
-    mover = 100 * dirichlet(GATE.doppler_bins, [doppler], N_SYMBOLS)[:, 0].conj() / np.sqrt(N_SYMBOLS)
+    mover = 100 * dirichlet(GATE.doppler_bins, [doppler], 64)[:, 0].conj() / 8
     cells = quiet_cells.copy()
     cells[15] += mover[:, None, None]
-    windows = ("hann", "hann")
-    quiet, loud = (GatedMap(part, GATE).tapered(*windows) for part in (quiet_cells, cells))
+    quiet, loud = (GatedMap(part, GATE).tapered("hann", "hann") for part in (quiet_cells, cells))
     powers = [power_map(part.cells, "noncoherent")[0] for part in (quiet, loud)]
     before, after = (reference_noise(power, quiet.gate) for power in powers)
     assert after == pytest.approx(before, rel=0.03)
@@ -193,19 +186,13 @@ def test_without_clear_doppler_bins_white_noise_is_the_median_of_the_map():
     assert white_noise(gated) == pytest.approx(np.median(power))
 
 
-def test_a_detector_that_takes_cells_is_asked_for_those_alone():
+def test_a_detector_that_takes_cells_is_asked_for_those_alone_and_of_another_they_are_picked():
     power = noise_cells(GATE)[..., 0, 0].real ** 2
     cells = np.nonzero(power > 0.5)
-    assert np.array_equal(detect_listed(Picky(), power, LOOKS, cells).mask, power[cells] > 1)
-
-
-def test_of_a_detector_that_takes_no_cells_the_listed_ones_are_picked():
-    power = noise_cells(GATE)[..., 0, 0].real ** 2
-    mask = power > 1
-    cells = np.nonzero(power > 0.5)
-    found = detect_listed(Everything(mask=mask), power, LOOKS, cells)
-    assert np.array_equal(found.mask, mask[cells])
-    assert found.threshold.shape == found.noise.shape == cells[0].shape
+    for detector in (Picky(), Everything(mask=power > 1)):
+        found = detect_listed(detector, power, LOOKS, cells)
+        assert np.array_equal(found.mask, power[cells] > 1)
+        assert found.threshold.shape == found.noise.shape == cells[0].shape
 
 
 def test_where_clear_bins_give_the_floor_the_map_is_not_tested_beyond_what_may_be_kept():
@@ -224,10 +211,8 @@ def test_binary_integration_detects_where_m_elements_do(m):
     cells[10, 12] += 9
     cells[15, 10, 1, :2] += 9
     found = detect_cells(GatedMap(cells, GATE), CaCfar(pfa=0.03), "binary", 30.0, m)
-    expected = np.zeros(GATE.shape, dtype=int)
-    for p in range(4):
-        for q in range(3):
-            expected += CaCfar(pfa=0.03).detect(abs(cells[:, :, p, q]) ** 2).mask
+    each = np.moveaxis(abs(cells.reshape(*GATE.shape, -1)) ** 2, -1, 0)
+    expected = sum(CaCfar(pfa=0.03).detect(power).mask.astype(int) for power in each)
     np.testing.assert_array_equal(found.detection.mask, expected >= m)
     kept = [*zip(found.bins[0] - GATE.range_bins[0], found.bins[1] - GATE.doppler_bins[0], strict=True)]
     floor = [
@@ -240,8 +225,7 @@ def test_binary_integration_detects_where_m_elements_do(m):
 
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_binary_integration_has_the_binomial_probability_of_false_alarm(m):
-    gate = Gate(np.arange(300), np.arange(200), slice(0), slice(0))
-    powers = np.abs(noise_cells(gate).reshape(300, 200, 12)) ** 2
+    powers = np.abs(noise_cells(LARGE).reshape(300, 200, 12)) ** 2
     united = BinaryIntegration(CaCfar(pfa=0.05), powers, m)
     closed = sum(comb(12, k) * 0.05**k * 0.95 ** (12 - k) for k in range(m, 13))
     assert united.pfa == pytest.approx(closed)

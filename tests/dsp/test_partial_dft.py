@@ -1,5 +1,7 @@
 """Partial transforms: the same cells as the whole transforms, whatever the blocks."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import scipy.fft
@@ -20,24 +22,14 @@ from isacbench.dsp.partial_dft import (
 from isacbench.dsp.rangedoppler import range_doppler_map
 from tests.dsp.plane_wave_data import noise
 
-
-def random_grid(shape, seed, dtype=np.complex128):
-    return noise(*shape, seed=seed).astype(dtype)
-
-
 sizes = st.integers(1, 24)
 
 
 @given(n=sizes, bins=st.lists(st.integers(-50, 50), min_size=1, max_size=6))
 def test_rows_are_those_of_the_unitary_dft_for_bins_of_either_sign(n, bins):
-    identity = np.eye(n)
-    index = np.array(bins) % n
-    np.testing.assert_allclose(
-        range_rows(bins, n), scipy.fft.ifft(identity, axis=0, norm="ortho")[index], atol=1e-14
-    )
-    np.testing.assert_allclose(
-        doppler_rows(bins, n), scipy.fft.fft(identity, axis=0, norm="ortho")[index], atol=1e-14
-    )
+    for rows, transform in ((range_rows, scipy.fft.ifft), (doppler_rows, scipy.fft.fft)):
+        expected = transform(np.eye(n), axis=0, norm="ortho")[np.array(bins) % n]
+        np.testing.assert_allclose(rows(bins, n), expected, atol=1e-14)
 
 
 def test_rows_keep_their_digits_at_the_last_bin_of_a_long_transform():
@@ -47,12 +39,11 @@ def test_rows_keep_their_digits_at_the_last_bin_of_a_long_transform():
 
 @given(data=st.data(), n=sizes, m=sizes, e=st.integers(1, 5))
 def test_cells_of_a_gate_are_those_of_the_whole_map_whatever_the_memory_order(data, n, m, e):
-    grid = random_grid((n, m, e), seed=n + 100 * m)
+    grid = noise(n, m, e, seed=n + 100 * m)
     order = data.draw(st.permutations(range(3)))
     stored = np.ascontiguousarray(grid.transpose(order)).transpose(np.argsort(order))
-    r = data.draw(st.integers(1, n))
-    d = data.draw(st.integers(1, m))
-    range_bins, doppler_bins = np.arange(-2, -2 + r), np.arange(-1, -1 + d)
+    range_bins = np.arange(data.draw(st.integers(1, n))) - 2
+    doppler_bins = np.arange(data.draw(st.integers(1, m))) - 1
     expected = range_doppler_map(grid)[np.ix_(range_bins % n, doppler_bins % m)]
     cells = transform_block(stored, doppler_rows(doppler_bins, m), range_rows(range_bins, n))
     np.testing.assert_allclose(cells, expected, atol=1e-12)
@@ -60,28 +51,19 @@ def test_cells_of_a_gate_are_those_of_the_whole_map_whatever_the_memory_order(da
 
 @given(data=st.data(), n=st.integers(2, 20), m=st.integers(2, 20))
 def test_cells_are_the_sum_over_any_blocks_of_the_grid(data, n, m):
-    grid = random_grid((n, m, 3), seed=n * m)
+    grid = noise(n, m, 3, seed=n * m)
     along_doppler, along_range = doppler_rows([0, 1], m), range_rows([0, 1, 2], n)
-    at = data.draw(st.integers(1, n - 1)), data.draw(st.integers(1, m - 1))
-    blocks = [
-        (rows, columns)
-        for rows in np.split(np.arange(n), [at[0]])
-        for columns in np.split(np.arange(m), [at[1]])
-    ]
+    parts = [np.split(np.arange(size), [data.draw(st.integers(1, size - 1))]) for size in (n, m)]
     total = sum(
         transform_block(grid[np.ix_(rows, columns)], along_doppler[:, columns], along_range[:, rows])
-        for rows, columns in blocks
+        for rows, columns in product(*parts)
     )
     np.testing.assert_allclose(total, transform_block(grid, along_doppler, along_range), atol=1e-12)
 
 
-@given(
-    bins=st.lists(st.integers(-30, 30), min_size=1, max_size=12, unique=True),
-    m=st.integers(1, 24),
-    order=st.sampled_from(["C", "F"]),
-)
+@given(st.lists(st.integers(-30, 30), min_size=1, max_size=12, unique=True), sizes, st.sampled_from("CF"))
 def test_sums_yield_the_doppler_bins_whatever_bins_have_their_opposite(bins, m, order):
-    grid = np.asarray(random_grid((6, m, 3), seed=m), order=order)
+    grid = np.asarray(noise(6, m, 3, seed=m), order=order)
     sums = doppler_sums(bins, m)
     found = sums.bins(transform_block(grid, sums.rows_in(np.complex128), range_rows([0, 1], 6)))
     expected = transform_block(grid, doppler_rows(bins, m), range_rows([0, 1], 6))
@@ -94,7 +76,7 @@ def test_a_gate_of_both_signs_takes_real_sums_and_one_of_a_single_sign_does_not(
 
 
 def test_range_bins_by_fft_are_those_by_rows():
-    grid = random_grid((40, 6, 2), seed=1)
+    grid = noise(40, 6, 2, seed=1)
     bins = np.arange(-3, 17)
     at_doppler = transform_block(grid, doppler_rows([0, 1, 2], 6))
     expected = transform_block(grid, doppler_rows([0, 1, 2], 6), range_rows(bins, 40))
@@ -103,7 +85,7 @@ def test_range_bins_by_fft_are_those_by_rows():
 
 @pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
 def test_whole_lines_have_the_cells_of_any_block(dtype):
-    grid = np.asarray(random_grid((40, 6, 3), seed=3, dtype=dtype), order="F")
+    grid = np.asarray(noise(40, 6, 3, seed=3), dtype, order="F")
     bins, sums = np.arange(-3, 17), doppler_sums(range(-2, 3), 6)
     found = transform_lines(grid, sums.rows_in(dtype), bins)
     expected = transform_block(grid, sums.rows_in(dtype), range_rows(bins, 40))
@@ -114,7 +96,7 @@ def test_whole_lines_have_the_cells_of_any_block(dtype):
 @pytest.mark.parametrize("shape", [(40, 6, 3), (40, 6, 20), (2, 6, 3), (1, 1, 1)])
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_moving_few_elements_outermost_changes_no_number(shape, order):
-    grid = np.asarray(random_grid(shape, seed=4), order=order)
+    grid = np.asarray(noise(*shape, seed=4), order=order)
     moved = with_few_elements_outermost(grid)
     assert np.array_equal(moved, grid)
     assert is_element_major(moved) == ((order == "F" and min(shape) > 1) or shape == (40, 6, 3))
@@ -122,7 +104,7 @@ def test_moving_few_elements_outermost_changes_no_number(shape, order):
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_single_precision_stays_single_and_errs_by_its_rounding(order):
-    grid = np.asarray(random_grid((512, 56, 4), seed=2, dtype=np.complex64), order=order)
+    grid = np.asarray(noise(512, 56, 4, seed=2), np.complex64, order)
     rows = doppler_rows(range(-8, 9), 56), range_rows(range(100, 160), 512)
     cells = transform_block(grid, *(each.astype(np.complex64) for each in rows))
     assert cells.dtype == np.complex64

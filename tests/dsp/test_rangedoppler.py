@@ -21,22 +21,17 @@ SIZES = st.integers(1, 9)
 def test_the_map_is_the_double_sum_it_stands_for(n_subcarriers, n_symbols):
     grid = noise(n_subcarriers, n_symbols)
     cells = range_doppler_map(grid)
-    for r in range(n_subcarriers):
-        for d in range(n_symbols):
-            total = sum(
-                grid[n, m] * cmath.exp(2j * cmath.pi * (n * r / n_subcarriers - m * d / n_symbols))
-                for n in range(n_subcarriers)
-                for m in range(n_symbols)
-            )
-            assert cells[r, d] == pytest.approx(total / (n_subcarriers * n_symbols) ** 0.5, abs=1e-12)
+    for r, d in np.ndindex(grid.shape):
+        turns = {(n, m): n * r / n_subcarriers - m * d / n_symbols for n, m in np.ndindex(grid.shape)}
+        total = sum(grid[place] * cmath.exp(2j * cmath.pi * turn) for place, turn in turns.items())
+        assert cells[r, d] == pytest.approx(total / grid.size**0.5, abs=1e-12)
 
 
 @pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
 def test_the_map_keeps_precision_and_leaves_the_grid_alone(dtype):
     grid = noise(6, 4).astype(dtype)
-    before = grid.copy()
+    grid.setflags(write=False)
     assert range_doppler_map(grid).dtype == dtype
-    np.testing.assert_array_equal(grid, before)
 
 
 def test_a_tapered_map_keeps_cells_bins_and_reachable_ones_together():

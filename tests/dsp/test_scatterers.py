@@ -5,13 +5,14 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.scatterers import DUPLICATE_CELL, LocatedScatterers, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from tests.algorithms.scenes import SYSTEM, echo_map
+from tests.dsp.plane_wave_data import waves
 
 WINDOWS = get_args(Window)
 
@@ -23,18 +24,18 @@ def gated_map(*columns):
 
 def waves_in(cells, u, w):
     """Plane waves of given directions, one a cell."""
-    n = len(cells[0])
-    places = [
-        np.full((n, 1), cosine) if np.isscalar(cosine) else np.array(cosine)[:, None] for cosine in (u, w)
-    ]
-    return PlaneWaves(*places, np.ones((n, 1), dtype=bool))
+    return waves(*(np.broadcast_to(cosine, len(cells[0]))[:, None] for cosine in (u, w)))
+
+
+def placed(gated, plane_waves, cells, windows=("rect", "soft"), dynamic_range_db=60.0):
+    """Places of waves of cells, by the map behind the windows."""
+    bins = tuple(np.array(part) for part in cells)
+    return locate_waves(plane_waves, gated.tapered(*windows), bins, windows, dynamic_range_db)
 
 
 def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dynamic_range_db=16.5):
     """Locate one wave a cell."""
-    bins = tuple(np.array(part) for part in cells)
-    tapered = gated.tapered("rect", window)
-    found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", window), dynamic_range_db)
+    found = placed(gated, waves_in(cells, u, w), cells, ("rect", window), dynamic_range_db)
     return found.in_own_cell(*excess).scatterers
 
 
@@ -83,8 +84,7 @@ def test_along_range_the_next_cell_may_be_stronger_as_far_as_allowed():
 def test_a_scatterer_alone_between_range_bins_is_placed_there(window):
     for offset in (-0.45, -0.2, 0.0, 0.3):
         gated = gated_map([35 + offset], [1.2], [0.05], [0.15], [1.0])
-        tapered, bins = gated.tapered(window, "soft"), (np.array([35]), np.array([1]))
-        found = locate_waves(waves_in(bins, 0.05, 0.15), tapered, bins, (window, "soft"), 16.5)
+        found = placed(gated, waves(0.05, 0.15), ([35], [1]), (window, "soft"), 16.5)
         assert found.scatterers.range_bin == pytest.approx([35 + offset], abs=2e-3)
 
 
@@ -96,32 +96,26 @@ def test_among_others_a_scatterer_is_left_in_the_middle_of_its_range_bin():
 @pytest.mark.parametrize("offset", [0.03, -0.03])
 def test_the_side_of_a_scatterer_near_the_middle_of_its_bin_is_told_by_phases(offset):
     gated = gated_map([35 + offset], [0], [0.05], [0.15], [1.0])
-    rows, columns = gated.index((np.array([35 + np.sign(offset).astype(int)]), np.array([0])))
     cells = gated.cells.copy()
     # Noise makes the neighbour on the other side the stronger one.
-    cells[rows, columns] *= 0.9
+    cells[gated.index((np.array([35 + int(np.sign(offset))]), np.array([0])))] *= 0.9
     found = located(replace(gated, cells=cells), ([35], [0]), [0.05], [0.15])
     assert found.range_bin == pytest.approx([35 + offset], abs=0.01)
 
 
-def test_a_wave_far_below_another_nearby_is_dropped():
-    gated = gated_map([33, 35], [0, 0], [0.05, -0.12], [0.15, 0.2], [1.0, 0.1])
-    cells, u, w = ([33, 35], [0, 0]), [0.05, -0.12], [0.15, 0.2]
-    assert located(gated, cells, u, w, dynamic_range_db=21).range_bin.tolist() == [33, 35]
-    assert located(gated, cells, u, w, dynamic_range_db=19).range_bin.tolist() == [33]
-
-
-def test_a_weak_wave_beyond_the_5_x_5_cells_of_a_strong_one_is_kept():
-    gated = gated_map([33, 36], [0, 0], [0.05, -0.12], [0.15, 0.2], [1.0, 0.1])
-    found = located(gated, ([33, 36], [0, 0]), [0.05, -0.12], [0.15, 0.2], dynamic_range_db=10)
-    assert found.range_bin.tolist() == [33, 36]
+@pytest.mark.parametrize(
+    ("weak", "dynamic_range_db", "kept"), [(35, 21, [33, 35]), (35, 19, [33]), (36, 10, [33, 36])]
+)
+def test_a_wave_far_below_another_is_dropped_within_5_x_5_cells(weak, dynamic_range_db, kept):
+    u, w = [0.05, -0.12], [0.15, 0.2]
+    gated = gated_map([33, weak], [0, 0], u, w, [1.0, 0.1])
+    found = located(gated, ([33, weak], [0, 0]), u, w, dynamic_range_db=dynamic_range_db)
+    assert found.range_bin.tolist() == kept
 
 
 def clear(gated, cells, u, w, excess=1.1, least_left=0.33):
     """Range bins of the scatterers that are left of one wave a cell, the weakest of them 60 dB down."""
-    bins = tuple(np.array(part) for part in cells)
-    tapered = gated.tapered("rect", "soft")
-    found = locate_waves(waves_in(bins, u, w), tapered, bins, ("rect", "soft"), 60.0)
+    found = placed(gated, waves_in(cells, u, w), cells)
     return np.sort(found.above_sidelobes(excess, least_left, SYSTEM).scatterers.range_bin)
 
 
@@ -150,9 +144,9 @@ def test_a_weak_scatterer_stays_if_a_strong_one_explains_too_little_of_its_ampli
         weak = share * abs(leak) / np.sqrt(SYSTEM.processing_gain)
         gated = gated_map([34.4, 37.0], [0, 0], u, w, [1.0, weak])
         own = amplitude_there(gated)
-        level, limits = (
-            (abs(own - leak) / abs(own), (0.0, 0.5)) if together else (abs(own / leak), (1.1, 0.0))
-        )
+        level, limits = abs(own / leak), (1.1, 0.0)
+        if together:
+            level, limits = abs(own - leak) / abs(own), (0.0, 0.5)
         if abs(level - max(limits)) > 0.1:
             is_kept = 37 in np.rint(clear(gated, ([34, 37], [0, 0]), u, 0.15, *limits))
             assert is_kept == (level > max(limits))
@@ -169,22 +163,16 @@ def test_sidelobes_of_two_scatterers_that_add_up_are_no_third():
 
 
 def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
-    u, w = np.array([[0.05, 0.09]]), np.array([[0.15, 0.15]])
-    gated = gated_map([33, 33], [0, 0], u[0], w[0], [1.0, 0.4])
-    bins = np.array([33]), np.array([0])
-    waves = PlaneWaves(u, w, np.ones((1, 2), dtype=bool))
-    found = locate_waves(waves, gated.tapered("rect", "soft"), bins, ("rect", "soft"), 60.0)
+    u, w = [0.05, 0.09], [0.15, 0.15]
+    found = placed(gated_map([33, 33], [0, 0], u, w, [1.0, 0.4]), waves(u, w), ([33], [0]))
     assert len(found.above_sidelobes(1.1, 0.33, SYSTEM)) == 2
 
 
 def test_of_a_close_pair_that_two_cells_resolve_one_cell_keeps_both():
     u, w = np.array([0.01, 0.1]), np.array([0.15, 0.15])
     gated = gated_map([33.5, 33.5], [0, 0], u, w, [1.0, 0.9])
-    bins = np.array([33, 34]), np.array([0, 0])
-    waves = PlaneWaves(
-        np.stack([u, u]), np.stack([w, w]), np.ones((2, 2), dtype=bool), np.ones(2, dtype=bool)
-    )
-    found = locate_waves(waves, gated.tapered("rect", "soft"), bins, ("rect", "soft"), 60.0)
+    resolved = replace(waves([u, u], [w, w]), resolved=np.ones(2, dtype=bool))
+    found = placed(gated, resolved, ([33, 34], [0, 0]))
     # The same pair seen twice: by power alone, the order of its halves would be left to rounding.
     for power in ([4.0, 3.0, 3.9, 3.1], [4.0, 3.1, 3.9, 3.0], [3.9, 3.1, 4.0, 3.0]):
         seen = replace(found, scatterers=replace(found.scatterers, power=np.array(power)))
@@ -195,23 +183,20 @@ def test_of_a_close_pair_that_two_cells_resolve_one_cell_keeps_both():
 
 def test_what_is_no_plane_wave_is_no_scatterer():
     gated = gated_map([33], [0], [0.05], [0.15], [1.0])
-    bins = (np.array([33]), np.array([0]))
-    waves = PlaneWaves(np.full((1, 2), 0.05), np.full((1, 2), 0.15), np.array([[True, False]]))
-    assert len(locate_waves(waves, gated, bins, ("rect", "rect"), 20.0).scatterers) == 1
-    none = PlaneWaves(waves.u, waves.w, np.zeros((1, 2), dtype=bool))
-    assert len(locate_waves(none, gated, bins, ("rect", "rect"), 20.0).scatterers) == 0
+    both = waves([0.05, 0.05], [0.15, 0.15])
+    for found, n in (([[True, False]], 1), ([[False, False]], 0)):
+        some = placed(gated, replace(both, found=np.array(found)), ([33], [0]), ("rect", "rect"))
+        assert len(some.scatterers) == n
 
 
 def test_waves_of_a_resolved_cell_are_one_family_and_those_of_others_none():
     gated = gated_map([33, 33, 36, 39], [0] * 4, [-0.1, 0.1, 0.05, 0.0], [0.1, 0.2, 0.1, 0.2], [1.0] * 4)
-    bins = (np.array([33, 36, 39]), np.zeros(3, dtype=int))
     u, w = np.array([[-0.1, 0.1], [0.05, 0], [0, 0]]), np.array([[0.1, 0.2], [0.1, 0], [0.2, 0]])
     found = np.array([[True, True], [True, False], [True, False]])
-    waves = PlaneWaves(u, w, found, np.array([True, False, True]))
-    places = locate_waves(waves, gated, bins, ("rect", "rect"), 20.0).scatterers
-    assert places.family.tolist() == [0, 0, -1, 2]
-    unseen = PlaneWaves(u, w, found)
-    assert set(locate_waves(unseen, gated, bins, ("rect", "rect"), 20.0).scatterers.family) == {-1}
+    for resolved, family in ((np.array([True, False, True]), [0, 0, -1, 2]), (None, [-1] * 4)):
+        some = PlaneWaves(u, w, found, resolved)
+        places = placed(gated, some, ([33, 36, 39], [0] * 3), ("rect", "rect"), 20.0).scatterers
+        assert places.family.tolist() == family
 
 
 def with_families(*family):
@@ -245,16 +230,14 @@ def test_those_who_are_picked_keep_their_family():
 
 
 # Steps that do not divide the duplicate cell: no pair lies on its border.
-CROWDS = st.lists(
-    st.tuples(st.integers(0, 6), st.integers(0, 6), st.integers(0, 6), st.integers(0, 6)), max_size=25
-).map(
-    lambda places: scatterers(
-        *((0.17 * r, 0.13 * d, 0.007 * u, 0.004 * w, 1 + 0.37 * i) for i, (r, d, u, w) in enumerate(places))
-    )
+STEPS = [0.17, 0.13, 0.007, 0.004]
+CROWDS = st.lists(st.tuples(*[st.integers(0, 6)] * 4), max_size=25).map(
+    lambda places: scatterers(*([*np.multiply(one, STEPS), 1 + 0.37 * i] for i, one in enumerate(places)))
 )
 
 
 @given(crowd=CROWDS, seed=st.integers(0, 999))
+@example(scatterers(), 0)
 def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(crowd, seed):
     points = np.column_stack([crowd.range_bin, crowd.doppler_bin, crowd.u, crowd.w])
     kept = []
@@ -267,6 +250,9 @@ def test_merging_keeps_the_strongest_as_a_plain_double_loop_does_in_any_order(cr
     assert len(merged) == len(kept)
 
 
+TWICE = [(30, 0.100, 9.0), (30, 0.130, 4.5), (30.1, 0.105, 8.0), (30.1, 0.127, 5.0)]
+
+
 @pytest.mark.parametrize("coordinate", range(4))
 def test_two_points_are_one_only_if_near_in_all_four_coordinates(coordinate):
     step = np.zeros(5)
@@ -277,36 +263,22 @@ def test_two_points_are_one_only_if_near_in_all_four_coordinates(coordinate):
     assert len(merge_duplicates(scatterers(start, start + 1.1 * step))) == 2
 
 
-def test_of_equals_one_is_left():
-    assert len(merge_duplicates(scatterers(*[(30, 1, 0.1, 0.2, 5.0)] * 4))) == 1
-
-
-def test_of_two_cells_that_resolve_the_same_pair_one_is_heard():
-    # The cell that holds the strongest wave has the weaker estimate of the second.
-    twice = scatterers(
-        (30, 1, 0.100, 0.2, 9.0),
-        (30, 1, 0.130, 0.2, 4.5),
-        (30.1, 1, 0.105, 0.2, 8.0),
-        (30.1, 1, 0.127, 0.2, 5.0),
-    )
-    alike = replace(twice, family=np.array([3, 3, 8, 8]))
-    assert merge_duplicates(alike).family.tolist() == [3, 3]
-    # Without families each point is for itself.
-    assert merge_duplicates(twice).power.tolist() == [9.0, 5.0]
-
-
-def test_a_cell_that_resolves_a_pair_is_heard_before_one_that_sees_half_of_it():
-    rows = scatterers((30, 1, 0.1, 0.2, 9.0), (30.1, 1, 0.105, 0.2, 8.0), (30.1, 1, 0.127, 0.2, 5.0))
-    merged = merge_duplicates(replace(rows, family=np.array([3, 8, 8])))
-    assert merged.family.tolist() == [8, 8]
-
-
-def test_what_the_stronger_cell_has_not_seen_is_kept():
-    rows = scatterers((30, 1, 0.1, 0.2, 9.0), (30.1, 1, 0.105, 0.2, 3.0), (30.1, 1, 0.127, 0.2, 5.0))
-    merged = merge_duplicates(replace(rows, family=np.array([3, 8, 8])))
-    assert merged.power.tolist() == [9.0, 5.0]
-    assert merged.family.tolist() == [3, 8]
-
-
-def test_no_scatterers_merge_into_none():
-    assert len(merge_duplicates(scatterers())) == 0
+@pytest.mark.parametrize(
+    ("rows", "family", "kept"),
+    [
+        # Range bin, u and power; power and family of what is kept. Of equals one is left.
+        ([(30, 0.1, 5.0)] * 4, [-1] * 4, [(5.0, -1)]),
+        # Of two cells that resolve the same pair the one with the strongest wave is heard, though its
+        # estimate of the second is the weaker one; without families each point is for itself.
+        (TWICE, [3, 3, 8, 8], [(9.0, 3), (4.5, 3)]),
+        (TWICE, [-1] * 4, [(9.0, -1), (5.0, -1)]),
+        # A cell that resolves a pair is heard before one that sees half of it.
+        ([(30, 0.1, 9.0), (30.1, 0.105, 8.0), (30.1, 0.127, 5.0)], [3, 8, 8], [(8.0, 8), (5.0, 8)]),
+        # What the stronger cell has not seen is kept.
+        ([(30, 0.1, 9.0), (30.1, 0.105, 3.0), (30.1, 0.127, 5.0)], [3, 8, 8], [(9.0, 3), (5.0, 8)]),
+    ],
+)
+def test_of_the_cells_that_see_the_same_scatterers_the_best_is_heard(rows, family, kept):
+    seen = scatterers(*((range_bin, 1, u, 0.2, power) for range_bin, u, power in rows))
+    merged = merge_duplicates(replace(seen, family=np.array(family)))
+    assert [*zip(merged.power, merged.family, strict=True)] == kept

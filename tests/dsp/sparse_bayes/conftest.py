@@ -11,6 +11,7 @@ from isacbench.dsp.sparse_bayes.places import Reach
 from isacbench.model.echo import Simulator
 from isacbench.model.region import Region
 from tests.algorithms.scenes import EMPTY
+from tests.dsp.plane_wave_data import noise as white
 
 SCENARIO = replace(
     EMPTY,
@@ -44,8 +45,7 @@ def noisy_map(silence, rng):
     _, empty = silence
 
     def make(places, amplitude):
-        parts = rng.standard_normal((2, *empty.cells.shape)) * np.sqrt(NOISE / 2)
-        noise = replace(empty, cells=parts[0] + 1j * parts[1])
+        noise = replace(empty, cells=np.sqrt(NOISE) * white(*empty.cells.shape, seed=rng))
         return noise.without(noise.lines(places), -np.asarray(amplitude, dtype=np.complex128))
 
     return make
@@ -54,7 +54,4 @@ def noisy_map(silence, rng):
 @pytest.fixture
 def middle(reach):
     """A place in the middle of the region, in Rayleigh cells."""
-    (least_u, most_u), (least_w, most_w) = reach.direction_limits
-    return np.array([np.mean(reach.range_limits), 0.0, (least_u + most_u) / 2, (least_w + most_w) / 2]).round(
-        1
-    )
+    return np.array([np.mean(reach.range_limits), 0.0, *np.mean(reach.direction_limits, axis=1)]).round(1)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from isacbench.dsp.sparse_bayes.learning import learn_doppler_spectra
+from tests.dsp.plane_wave_data import noise
 
 BINS = np.arange(-8.0, 9)
 LINES = np.arange(-6, 6.01, 0.25)
@@ -15,10 +16,8 @@ def rows(rng, *echoes, n_elements=40):
     """One range bin with lines (place, amplitude) of independent snapshots, and noise."""
     total = np.zeros((1, BINS.size, n_elements), dtype=complex)
     for place, amplitude in echoes:
-        snapshots = rng.standard_normal(n_elements) + 1j * rng.standard_normal(n_elements)
-        total[0] += amplitude * np.sinc(BINS - place)[:, None] * snapshots / np.sqrt(2)
-    parts = rng.standard_normal((2, *total.shape)) * np.sqrt(NOISE / 2)
-    return total + parts[0] + 1j * parts[1]
+        total[0] += amplitude * np.sinc(BINS - place)[:, None] * noise(n_elements, seed=rng)
+    return total + np.sqrt(NOISE) * noise(*total.shape, seed=rng)
 
 
 def test_two_lines_less_than_a_bin_apart_are_two_peaks(rng):

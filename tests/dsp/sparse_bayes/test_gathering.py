@@ -26,10 +26,8 @@ def test_every_atom_is_gathered_once(seed, n):
 def test_gathering_does_not_depend_on_the_order(seed, n):
     places, amplitude = atoms(seed, n)
     order = np.random.default_rng(seed).permutation(n)
-    one, other = (
-        merge_neighbours(places, amplitude, BOX),
-        merge_neighbours(places[order], amplitude[order], BOX),
-    )
+    one = merge_neighbours(places, amplitude, BOX)
+    other = merge_neighbours(places[order], amplitude[order], BOX)
     for first, second in zip(one, other, strict=True):
         np.testing.assert_allclose(first, second, atol=1e-12)
 
@@ -40,18 +38,17 @@ def test_the_last_digits_of_amplitudes_move_no_centroid_of_atoms_with_few_binary
     # An atom that has settled, and copies of it to all sides.
     places = np.full(4, (2 * numerator + 1) * 2.0**-11) + 0.15 * rng.permutation(np.eye(4))[:n]
     weight = rng.uniform(0.5, 1, n)
-    other = weight * (1 + 1e-15 * rng.integers(-3, 4, n))
-    np.testing.assert_array_equal(
-        merge_neighbours(places, weight, BOX)[0], merge_neighbours(places, other, BOX)[0]
-    )
+    nudged = weight * (1 + 1e-15 * rng.integers(-3, 4, n))
+    one, other = (merge_neighbours(places, size, BOX)[0] for size in (weight, nudged))
+    np.testing.assert_array_equal(one, other)
 
 
 @given(st.integers(0, 10**6), st.integers(1, 40))
 def test_mirrored_atoms_are_gathered_into_mirrored_scatterers(seed, n):
     (places, amplitude), mirror = atoms(seed, n), [1, 1, -1, 1]
-    centres, strength = merge_neighbours(places * mirror, amplitude, BOX)
-    np.testing.assert_array_equal(centres * mirror, merge_neighbours(places, amplitude, BOX)[0])
-    np.testing.assert_array_equal(strength, merge_neighbours(places, amplitude, BOX)[1])
+    (one, strength), (other, same) = (merge_neighbours(p, amplitude, BOX) for p in (places * mirror, places))
+    np.testing.assert_array_equal(one * mirror, other)
+    np.testing.assert_array_equal(strength, same)
 
 
 @given(st.integers(0, 10**6), st.integers(1, 40))
@@ -60,12 +57,11 @@ def test_the_strongest_nearby_is_found_as_by_a_plain_loop(seed, n):
     size = np.abs(amplitude)
     places[:, 2:] *= 6
     expected = np.zeros(n)
-    for one in range(n):
-        for other in range(n):
-            along_range, along_doppler, along_u, along_w = np.abs(places[one] - places[other])
-            if along_range < 0.4 and along_doppler < 0.6:
-                drop = max(np.pi * (along_u - 0.5), 1) * max(np.pi * (along_w - 0.5), 1)
-                expected[one] = max(expected[one], size[other] / min(drop, 10**0.7))
+    for one, other in np.ndindex(n, n):
+        along_range, along_doppler, along_u, along_w = np.abs(places[one] - places[other])
+        if along_range < 0.4 and along_doppler < 0.6:
+            drop = max(np.pi * (along_u - 0.5), 1) * max(np.pi * (along_w - 0.5), 1)
+            expected[one] = max(expected[one], size[other] / min(drop, 10**0.7))
     np.testing.assert_allclose(strongest_near(places, size, (0.4, 0.6)), expected, rtol=1e-12)
 
 

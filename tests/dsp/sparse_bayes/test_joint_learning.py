@@ -17,9 +17,8 @@ AMPLITUDE = np.array([1, 1j, -0.9, 0.8j])
 
 def test_atoms_settle_on_the_echoes(noisy_map, reach, middle, rng):
     places = middle + OFFSETS
-    fit = refine_on_map(
-        noisy_map(places, AMPLITUDE), reach, places + rng.uniform(-0.15, 0.15, places.shape), NOISE
-    )
+    starts = places + rng.uniform(-0.15, 0.15, places.shape)
+    fit = refine_on_map(noisy_map(places, AMPLITUDE), reach, starts, NOISE)
     np.testing.assert_allclose(fit.places, places, atol=0.02)
     np.testing.assert_allclose(fit.amplitude, AMPLITUDE, atol=0.05)
 
@@ -27,20 +26,14 @@ def test_atoms_settle_on_the_echoes(noisy_map, reach, middle, rng):
 def test_last_digits_do_not_decide_whether_a_last_step_is_taken(noisy_map, reach, middle):
     atom_map = noisy_map(middle[None], [1e3])
     for offset in (1e-7, 1e-4, 1e-2):
-        places = [
-            refine_on_map(
-                replace(atom_map, cells=unit * atom_map.cells), reach, middle[None] + offset, NOISE
-            ).places
-            for unit in (1.0, 1.7, 0.3, 3.1, 1.1, 0.77)
-        ]
+        scaled = (replace(atom_map, cells=unit * atom_map.cells) for unit in (1.0, 1.7, 0.3, 3.1, 1.1, 0.77))
+        places = [refine_on_map(one, reach, middle[None] + offset, NOISE).places for one in scaled]
         np.testing.assert_allclose(places, places[:1] * len(places), rtol=0, atol=1e-11)
 
 
 def test_copies_of_an_atom_become_one(noisy_map, reach, middle):
-    atom_map, copies = (
-        noisy_map(middle[None], [1]),
-        middle + 0.1 * np.array([[1, 0, 0, 0], [-1, 0, 1, 0], [0, 0, -1, 1]]),
-    )
+    atom_map = noisy_map(middle[None], [1])
+    copies = middle + 0.1 * np.array([[1, 0, 0, 0], [-1, 0, 1, 0], [0, 0, -1, 1]])
     atoms = Atoms.of(atom_map, copies, fit_atoms(atom_map, copies, 1e-2).amplitude)
     fit = refine_on_map(atom_map, reach, learn_blocks(atoms, reach, NOISE).places, NOISE)
     near = np.abs(fit.places - middle).max(axis=1) < 0.3

@@ -1,25 +1,17 @@
 """Sparse Bayesian learning: grids in the space of the data, atoms in their own, both the same."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.sparse_bayes import learning
-from isacbench.dsp.sparse_bayes.learning import (
-    GridModel,
-    Noise,
-    learn_atoms,
-    learn_directions,
-    learn_grid,
-    matched,
-)
+from isacbench.dsp.sparse_bayes.learning import GridModel, Noise, learn_atoms, learn_grid, matched
+from tests.dsp.plane_wave_data import noise as white
 
 SHAPES = st.tuples(*(st.tuples(st.integers(1, 5), st.integers(1, 4)) for _ in range(3)))
-
-
-def dictionaries(shapes, rng):
-    return tuple(rng.standard_normal(shape) for shape in shapes)
 
 
 def correlated(n, rng):
@@ -29,42 +21,42 @@ def correlated(n, rng):
 
 def every_atom(factors):
     """All atoms of a grid as rows (a b c, r d w), by a plain loop."""
-    along_range, along_doppler, along_direction = factors
-    return np.array(
-        [np.kron(np.kron(x, y), z) for x in along_range for y in along_doppler for z in along_direction]
-    )
+    return np.array([np.kron(np.kron(x, y), z) for x, y, z in product(*factors)])
 
 
 def problem(shapes, seed):
     """Dictionaries, noise, the atoms of the grid and the covariance of the noise."""
     rng = np.random.default_rng(seed)
-    factors = dictionaries(shapes, rng)
+    factors = tuple(rng.standard_normal(shape) for shape in shapes)
     (_, r), (_, d), (_, w) = shapes
     noise = Noise(0.3, correlated(r, rng), correlated(d, rng))
     covariance = 0.3 * np.kron(np.kron(noise.along_range, noise.along_doppler), np.eye(w))
     return factors, noise, every_atom(factors), covariance, rng
 
 
-@given(SHAPES, st.integers(0, 10**6))
-def test_the_covariance_of_a_grid_is_the_sum_over_its_atoms_and_noise(shapes, seed):
-    factors, noise, atoms, covariance, rng = problem(shapes, seed)
+PROBLEMS = given(st.builds(problem, SHAPES, st.integers(0, 10**6)))
+
+
+@PROBLEMS
+def test_the_covariance_of_a_grid_is_the_sum_over_its_atoms_and_noise(problem):
+    factors, noise, atoms, covariance, rng = problem
     power = rng.uniform(0, 2, [len(each) for each in factors])
     expected = atoms.T @ (power.ravel()[:, None] * atoms) + covariance
     np.testing.assert_allclose(GridModel(factors, noise).covariance(power), expected, rtol=1e-12, atol=1e-12)
 
 
-@given(SHAPES, st.integers(0, 10**6))
-def test_the_information_of_a_grid_is_the_quadratic_form_of_each_atom(shapes, seed):
-    factors, noise, atoms, _, rng = problem(shapes, seed)
+@PROBLEMS
+def test_the_information_of_a_grid_is_the_quadratic_form_of_each_atom(problem):
+    factors, noise, atoms, _, rng = problem
     inverse = correlated(atoms.shape[1], rng)
     expected = np.array([atom @ inverse @ atom for atom in atoms])
     information = GridModel(factors, noise).information(inverse)
     np.testing.assert_allclose(information.ravel(), expected, rtol=1e-11, atol=1e-11)
 
 
-@given(SHAPES, st.integers(0, 10**6))
-def test_products_of_a_grid_are_those_of_its_atoms(shapes, seed):
-    factors, _, atoms, _, rng = problem(shapes, seed)
+@PROBLEMS
+def test_products_of_a_grid_are_those_of_its_atoms(problem):
+    factors, _, atoms, _, rng = problem
     data = rng.standard_normal([each.shape[1] for each in factors]) * (1 + 0.5j)
     np.testing.assert_allclose(matched(factors, data).ravel(), atoms @ data.ravel(), rtol=1e-12, atol=1e-12)
 
@@ -75,7 +67,7 @@ def few_echoes(rng):
     factors = tuple(np.sinc(step[:, None] - np.arange(n)) for n in (5, 3, 4))
     data = 3 * np.einsum("r,d,w->rdw", *(each[2] for each in factors))
     data = data + 2j * np.einsum("r,d,w->rdw", *(each[5] for each in factors))
-    return factors, data + 0.05 * (rng.standard_normal(data.shape) + 1j * rng.standard_normal(data.shape))
+    return factors, data + 0.07 * white(*data.shape, seed=rng)
 
 
 def test_learning_in_the_space_of_atoms_is_learning_in_the_space_of_data(monkeypatch, rng):
@@ -123,11 +115,12 @@ def test_powers_of_two_change_no_bit_of_a_grid(exponent, rng):
 
 def test_directions_of_many_cells_are_those_of_each_cell_alone(rng):
     factors = rng.standard_normal((7, 4)), rng.standard_normal((5, 3))
-    cells = rng.standard_normal((6, 4, 3)) + 1j * rng.standard_normal((6, 4, 3))
+    cells = white(6, 4, 3, seed=rng)
     noise = rng.uniform(0.1, 1, 6)
-    together = learn_directions(factors, cells, noise, 4)
+    together = learning.learn_directions(factors, cells, noise, 4)
     for cell, power, level in zip(cells, together, noise, strict=True):
-        np.testing.assert_allclose(learn_directions(factors, cell[None], level[None], 4)[0], power, rtol=1e-9)
+        alone = learning.learn_directions(factors, cell[None], level[None], 4)
+        np.testing.assert_allclose(alone[0], power, rtol=1e-9)
 
 
 def test_weak_atoms_are_left_out_of_what_is_learned():
