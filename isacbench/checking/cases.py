@@ -47,7 +47,7 @@ FOUND_DB = 10.0
 """Level below the strongest echo down to which every estimator is expected to see a resolved one."""
 
 
-@image_family("snr", product((-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
+@image_family(product((-80.0, -10.0, 0.0, 20.0, 60.0, 200.0)), snr_db=Real(-80.0, 200.0, 20.0))
 def snr(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Three resolved echoes at any SNR."""
     found = (FOUND,) if snr_db >= SEEN_DB else ()
@@ -56,7 +56,6 @@ def snr(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
 
 
 @image_family(
-    "amplitude",
     [(-30.0, "none"), (30.0, "none"), (30.0, "weak")],
     exponent=Real(-30.0, 30.0, 0.0),
     noise=Choice("none", "weak"),
@@ -73,7 +72,6 @@ WEAK_BINS = {"own_cell": (0, 0), "next_range": (1, 0), "next_doppler": (0, 1), "
 
 
 @image_family(
-    "dynamic_range",
     [(level_db, where) for where in WEAK_BINS for level_db in (3.0, 60.0, 140.0)],
     level_db=Real(0.0, 140.0, 20.0),
     where=Choice(*WEAK_BINS),
@@ -93,15 +91,15 @@ def dynamic_range(plugin: Estimator, seed: int, level_db: float, where: str) -> 
     return ImageSubject(plugin, scene), (*EVERY, images.NO_FALSE_POINT, images.FOUND_FIRST, *both, *INVARIANT)
 
 
-@image_family("pfa", product((-15.0, -0.302), SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
-def false_alarms(plugin: Estimator, seed: int, exponent: float, noise: str) -> ImageCase:
+@image_family(product((-15.0, -0.302), SNR_DB), exponent=Real(-15.0, -0.302, -3.0), noise=NOISE)
+def pfa(plugin: Estimator, seed: int, exponent: float, noise: str) -> ImageCase:
     """Resolved echoes at any probability of false alarm."""
     estimator = with_parameters(plugin, pfa=10.0**exponent)
     scene = observed(RESOLVED, SNR_DB[noise], seed)
     return ImageSubject(estimator, scene), (*EVERY, FOUND, *INVARIANT)
 
 
-@image_family("single_precision", product((0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
+@image_family(product((0.0, 20.0, 140.0)), snr_db=Real(0.0, 200.0, 20.0))
 def single_precision(plugin: Estimator, seed: int, snr_db: float) -> ImageCase:
     """Resolved echoes in single precision."""
     return ImageSubject(plugin, observed(RESOLVED, snr_db, seed)), (*EVERY, FOUND, images.SINGLE_PRECISION)
@@ -111,12 +109,11 @@ FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
 
 
 @image_family(
-    "map",
     [("zeros",), *product(FILLED, (-30.0, 30.0))],
     filled=Choice("zeros", *FILLED),
     exponent=Real(-30.0, 30.0, 0.0),
 )
-def blank(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCase:
+def map_(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCase:
     """Cells of one value, or zeros but for a cell, an element or every second cell."""
     scene = observed([], 0.0, seed, Layout(region=scenes.NARROW))
     noise = scene.seen.cells
@@ -141,7 +138,6 @@ START_DB = -25.0
 
 
 @image_family(
-    "ladder",
     [(START_DB, "one"), (START_DB, "three"), (20.0, "three")],
     from_db=Real(-40.0, 100.0, START_DB),
     echoes=Choice("one", "three"),
@@ -176,7 +172,7 @@ SPREAD_CELLS = 3.0
 """Cells between any two echoes, in range, speed or a direction."""
 
 
-@image_family("pair", product((0.0, 0.5, 1.0), SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
+@image_family(product((0.0, 0.5, 1.0), SNR_DB), half_turns=Real(0.0, 1.0, 0.0), noise=NOISE)
 def pair(plugin: Estimator, seed: int, half_turns: float, noise: str) -> ImageCase:
     """Two echoes in one place, of any phase; at half a turn they cancel."""
     one, is_clear = RESOLVED[0], noise == "none"
@@ -189,7 +185,6 @@ def pair(plugin: Estimator, seed: int, half_turns: float, noise: str) -> ImageCa
 
 
 @image_family(
-    "close",
     [(exponent, along) for along in STEPS for exponent in (-1.0, -3.0, -9.0)],
     exponent=Real(-12.0, -1.0, -6.0),
     along=Choice(*STEPS),
@@ -202,9 +197,7 @@ def close(plugin: Estimator, seed: int, exponent: float, along: str) -> ImageCas
     return ImageSubject(plugin, observed(echoes, seed=seed)), (*EVERY, *RESOLVED_ECHOES, *INVARIANT)
 
 
-@image_family(
-    "coherent", product((2, 3), (0.3, 0.6, 1.0, 1.5)), n_echoes=Whole(2, 6, 2), separation=Real(0.0, 2.0, 1.0)
-)
+@image_family(product((2, 3), (0.3, 0.6, 1.0, 1.5)), n_echoes=Whole(2, 6, 2), separation=Real(0.0, 2.0, 1.0))
 def coherent(plugin: Estimator, seed: int, n_echoes: int, separation: float) -> ImageCase:
     """Echoes of one range and one speed, exactly coherent, in a row over directions; no noise."""
     step = separation * RAYLEIGH_COSINE
@@ -223,7 +216,6 @@ CROWDS = {"region": ((3.0, -4.0), (13.0, 4.0)), "one_cell": ((8.8, 0.8), (9.2, 1
 
 
 @image_family(
-    "crowd",
     [(n, where, snr_db) for where in CROWDS for n, snr_db in ((12, 20.0), (100, 200.0), (5000, 20.0))],
     n_echoes=Whole(1, 5000, 100),
     where=Choice(*CROWDS),
@@ -242,7 +234,6 @@ def crowd(plugin: Estimator, seed: int, n_echoes: int, where: str, snr_db: float
 
 
 @image_family(
-    "spread",
     [
         *product((2, 4, 8), (0, 1)),
         # Found by search: a spectrum's pole that a sample struck hid the other source of the cell.
@@ -290,7 +281,6 @@ FARTHEST_M = REGION.range_limits_m(np.array(scenes.BASE_STATION_M))[1]
 
 
 @image_family(
-    "bin",
     [
         *((0.0, 0.0), (0.5, 0.5), (0.49999999, -0.50000001)),
         *((0.5, 0.5, "last_bins"), (1.0, 1.0, "last_bins")),
@@ -300,9 +290,7 @@ FARTHEST_M = REGION.range_limits_m(np.array(scenes.BASE_STATION_M))[1]
     doppler_offset=Real(-1.0, 1.0, 0.0),
     where=Choice("middle", "last_bins", "whole_map"),
 )
-def bin_offset(
-    plugin: Estimator, seed: int, range_offset: float, doppler_offset: float, where: str
-) -> ImageCase:
+def bin_(plugin: Estimator, seed: int, range_offset: float, doppler_offset: float, where: str) -> ImageCase:
     """One echo at any place relative to the bins: in the middle, in the last bins, in the last of all."""
     region = REGION
     range_bin, doppler_bin, u, w = 10.0, 1.0, 0.2, -0.3
@@ -320,7 +308,6 @@ def bin_offset(
 
 
 @image_family(
-    "direction",
     [
         *((0.0,), (1e-12,), (0.3, 30.0), (0.8, 30.0), (0.97, 30.0)),
         *product((FOUND_RADIUS,), (0.0, 90.0, 180.0, 270.0)),
@@ -341,9 +328,7 @@ def direction(plugin: Estimator, seed: int, radius: float, angle_deg: float) -> 
 BEYOND = "gate", "region", "prefix", "range", "speed"
 
 
-@image_family(
-    "beyond", product(BEYOND, SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3)
-)
+@image_family(product(BEYOND, SNR_DB), what=Choice(*BEYOND), noise=NOISE, excess=Real(0.0, 1.0, 0.3))
 def beyond(plugin: Estimator, seed: int, what: str, noise: str, excess: float) -> ImageCase:
     """An echo in the region, and one beyond the gate, the region, the prefix or an ambiguity."""
     inside = RESOLVED[0]
@@ -370,9 +355,7 @@ SMALLEST_MAP = 11
 """Bins along an axis below which a taper or a detector's window need not fit."""
 
 
-@image_family(
-    "array", [(2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9)], n_u=Whole(2, 32, 8), n_w=Whole(2, 32, 8)
-)
+@image_family([(2, 2), (2, 32), (32, 2), (3, 7), (16, 16), (31, 9)], n_u=Whole(2, 32, 8), n_w=Whole(2, 32, 8))
 def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
     """One echo without noise, seen by any array."""
     layout = Layout(array=(n_u, n_w), region=scenes.NARROW)
@@ -381,7 +364,6 @@ def array(plugin: Estimator, seed: int, n_u: int, n_w: int) -> ImageCase:
 
 
 @image_family(
-    "numerology",
     [(1, 1), (1, 32), (2, 2), (64, 1), (251, 31), (97, 13), (1021, 61)],
     n_subcarriers=Whole(1, 1024, 256),
     n_symbols=Whole(1, 64, 32),
@@ -403,8 +385,8 @@ def numerology(plugin: Estimator, seed: int, n_subcarriers: int, n_symbols: int,
 FRAMES: dict[str, Any] = {"paper": PaperFrame(), "turned_panel": PanelFrame(yaw_deg=11.0, tilt_deg=-7.0)}
 
 
-@image_family("frame", product(FRAMES), frame=Choice(*FRAMES))
-def frames(plugin: Estimator, seed: int, frame: str) -> ImageCase:
+@image_family(product(FRAMES), frame=Choice(*FRAMES))
+def frame(plugin: Estimator, seed: int, frame: str) -> ImageCase:
     """Resolved echoes in the paper's frame or on a turned panel."""
     layout = Layout(frame=FRAMES[frame], region=scenes.PAPER_REGION)
     scene = observed(RESOLVED[::2], seed=seed, layout=layout)
@@ -422,7 +404,7 @@ ECHO = 1000.0
 """Power above any threshold in noise of mean 1: so that cells are detected at every rate."""
 
 
-@map_family("map_level", product((-76.0, -30.0, 0.0, 30.0, 76.0)), exponent=Real(-76.0, 76.0, 0.0))
+@map_family(product((-76.0, -30.0, 0.0, 30.0, 76.0)), exponent=Real(-76.0, 76.0, 0.0))
 def map_level(plugin: Detector, seed: int, exponent: float) -> MapCase:
     """Noise with three echoes at any level, up to the squares of the largest float32."""
     power = np.minimum(white_noise_map(SHAPE, seed), 15.0)
@@ -434,9 +416,7 @@ def map_level(plugin: Detector, seed: int, exponent: float) -> MapCase:
 STRONG = "checkers", "one_cell", "half", "any"
 
 
-@map_family(
-    "map_range", product((140.0, 300.0), STRONG), range_db=Real(0.0, 300.0, 140.0), strong=Choice(*STRONG)
-)
+@map_family(product((140.0, 300.0), STRONG), range_db=Real(0.0, 300.0, 140.0), strong=Choice(*STRONG))
 def map_range(plugin: Detector, seed: int, range_db: float, strong: str) -> MapCase:
     """Noise whose cells are up to 300 dB stronger than their neighbours."""
     share = np.random.default_rng([seed, 1]).random(SHAPE) if strong == "any" else np.zeros(SHAPE)
@@ -449,7 +429,6 @@ def map_range(plugin: Detector, seed: int, range_db: float, strong: str) -> MapC
 
 
 @map_family(
-    "blank_map",
     [("zeros",), *product(("constant",), (-76.0, -0.3, 0.0, 76.0)), ("one_cell",), ("few_cells",)],
     filled=Choice("zeros", "constant", "one_cell", "few_cells"),
     exponent=Real(-76.0, 76.0, 0.0),
@@ -465,7 +444,6 @@ def blank_map(plugin: Detector, seed: int, filled: str, exponent: float) -> MapC
 
 
 @map_family(
-    "map_window",
     [
         *((1, 3, 17, 1, 0), (1, 9, 17, 3, 1), (1, 8, 17, 3, 1)),
         *((2, 1, 1, 1, 0), (2, 9, 9, 3, 1), (2, 9, 8, 3, 1), (2, 37, 11, 3, 2), (2, 13, 17, 20, 3)),
@@ -487,7 +465,6 @@ def map_window(
 
 
 @map_family(
-    "rate",
     [(-15.0, 1), (-15.0, 1024), (-2.0, 1), (-3.0, 256), (-0.31, 1), (-0.31, 16)],
     exponent=Real(-15.0, -0.31, -3.0),
     looks=Whole(1, 1024, 1),

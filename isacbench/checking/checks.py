@@ -540,10 +540,13 @@ class Case:
 
 
 def family(
-    name: str, table: Iterable[tuple[Any, ...]], *, kind: Literal["estimator", "detector"], **spaces: Space
+    table: Iterable[tuple[Any, ...]], *, kind: Literal["estimator", "detector"], **spaces: Space
 ) -> Callable[[Make], Family]:
-    """Make a family of cases of a function that takes a plugin, a seed, and a value of each space."""
-    return lambda make: Family(name, kind, make, [*table], spaces)
+    """Make a family of cases of a function that takes a plugin, a seed, and a value of each space.
+
+    Its name is the function's, which ends in an underscore where Python has a function of that name.
+    """
+    return lambda make: Family(make.__name__.rstrip("_"), kind, make, [*table], spaces)
 
 
 def with_parameters(plugin: Any, **params: Any) -> Any:

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from threadpoolctl import threadpool_info
 
 from isacbench.checking import cases, image_checks
-from isacbench.checking.cases import false_alarms, ladder, snr, spread
+from isacbench.checking.cases import ladder, pfa, snr, spread
 from isacbench.checking.checks import Check, CheckFailedError, Family
 from isacbench.checking.image_checks import (
     FINITE,
@@ -138,7 +138,7 @@ def test_a_drift_beyond_its_bound_is_told_in_numbers():
 
 
 def test_a_case_says_nothing_about_an_estimator_without_its_parameter():
-    (finding,) = run_case(false_alarms.case(), Twisted())
+    (finding,) = run_case(pfa.case(), Twisted())
     assert (finding.status, finding.message) == ("skipped", "it has no parameter pfa")
 
 
@@ -175,7 +175,7 @@ def test_a_plugin_that_refuses_the_parameters_of_a_case_fails_that_case_alone():
             if self.pfa < 1e-10:
                 raise InputError("pfa: too small")
 
-    (finding,) = run_case(false_alarms.case(exponent=-15.0), Picky())
+    (finding,) = run_case(pfa.case(exponent=-15.0), Picky())
     assert (finding.check, finding.status, finding.message) == ("input", "failed", "pfa: too small")
 
 
