@@ -10,6 +10,7 @@ import sys
 for name in ("trimesh", "h5py", "zarr", "dask", "distributed", "hypothesis"):
     sys.modules[name] = None  # as if it was not installed
 from isacbench import get_estimator, load_scenario, observe, score
+from isacbench.checking import stress
 """
 
 IMAGE = """

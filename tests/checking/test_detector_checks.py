@@ -6,37 +6,14 @@ from isacbench.checking import checks
 from isacbench.checking.checks import Finding
 from isacbench.checking.map_checks import BORDERS
 from tests.checking.changed_plugins import failed, findings_of_changed, indented
-
-SOUND = '''
-from dataclasses import dataclass
-from typing import ClassVar
-
-import numpy as np
-from scipy.special import gammainccinv, gammaincinv
-
-from isacbench.plugins.contracts import Detection
-from isacbench.dsp.cfar import checked_power
-
-LAST = []
-
-
-@dataclass(frozen=True)
-class Broken:
-    """Breaks the contract: else the median of the map as its noise."""
-
-    name: ClassVar[str] = "broken"
-    pfa: float = 1e-3
-
-    def detect(self, power, looks=1):
-        given = power
-        power = checked_power(power, looks)
-        noise = np.full(power.shape, np.median(power) * looks / gammaincinv(looks, 0.5))
-        threshold = noise * gammainccinv(looks, self.pfa) / looks
-        mask = power > threshold
-        return Detection(mask, threshold, noise)
-'''
+from tests.documents.sources import recipe
 
 RETURN = "        return Detection(mask, threshold, noise)\n"
+SOUND = recipe('"median"').replace('"median"', '"broken"') + "\nLAST = []\n"
+SOUND = SOUND.replace(
+    RETURN.replace("mask", "power > threshold"), f"        mask = power > threshold\n{RETURN}"
+)
+SIGNATURE = "looks: int = 1) -> Detection:\n"
 
 
 def put(line):
@@ -58,21 +35,25 @@ CHOOSES = "looks=1, cells=None):\n        power = power if cells is None else po
 
 BROKEN = [
     ("pfa", ("pfa: float = 1e-3", "pfa: ClassVar = None\n    rate: float = 1e-3"), "give it a field pfa"),
-    ("arguments", ("power, looks=1)", "power)"), "arguments): define detect(self, power, looks=1)"),
-    ("arguments", ("power, looks=1)", "power, looks)"), "missing a required argument: 'looks'"),
-    ("arguments", ("power, looks=1)", "power, n=1)"), "unexpected keyword argument 'looks'"),
+    ("arguments", (f", {SIGNATURE}", "):\n"), "arguments): define detect(self, power, looks=1)"),
+    ("arguments", (SIGNATURE, "looks):\n"), "missing a required argument: 'looks'"),
+    ("arguments", (SIGNATURE, "n=1):\n"), "unexpected keyword argument 'looks'"),
     ("detection", (RETURN, "        return mask\n"), "must return a Detection, not ndarray"),
     ("detection", put("raise KeyError('gone')"), "raises KeyError: 'gone' (broken.py, line "),
     ("shapes", put("mask = mask.astype(int)"), "mask is int64 (40, 24), not bool (40, 24)"),
     ("shapes", put("noise = noise.ravel()"), "noise is float64 (960,), not float64 (40, 24)"),
     ("mask", put("mask[tuple(n // 3 for n in mask.shape)] |= power.max() > 0"), "in 1 of 960 cells"),
     ("threshold and noise", put("noise = -noise"), "noise has NaN, infinite or negative values"),
-    ("map unchanged", put("given *= 2"), "writes to the map ("),
+    (
+        "map unchanged",
+        ("        power = ", "        power *= 2; power /= 2\n        power = "),
+        "writes to the map (",
+    ),
     ("repeatable", put("noise = noise + np.random.default_rng().random()"), "another result the second time"),
     ("no memory", put(REMEMBERS), "other input in between changes the result"),
     ("scale", put(f"threshold = threshold + 1e-9; {COMPARE}"), "without constants in the map's"),
     ("looks", ("gammainccinv(looks, self.pfa) / looks", "-np.log(self.pfa)"), "does not depend on looks"),
-    ("looks", ("looks=1", "looks=2"), "looks=1 is not the default"),
+    ("looks", ("looks: int = 1", "looks: int = 2"), "looks=1 is not the default"),
     ("1-D map", put("rows, columns = power.shape"), "raises ValueError: not enough values to unpack"),
     ("small maps", put("power.ravel()[6]"), "raises IndexError"),
     ("silence", put("mask = power >= threshold"), "a detected cell exceeds its threshold, strictly"),
@@ -81,7 +62,7 @@ BROKEN = [
     ("false-alarm rate", scaled(0.9), "of white noise are detected"),
     ("false-alarm rate", scaled(1.1), "of white noise are detected"),
     ("rate at borders", put(f"{IN_ROWS}\n{COMPARE}"), " in the first rows, "),
-    ("listed cells", ("looks=1):\n", CHOOSES), "cells says where to test, and changes no test"),
+    ("listed cells", (SIGNATURE, CHOOSES), "cells says where to test, and changes no test"),
 ]
 
 
@@ -114,11 +95,11 @@ def windowed(mode, threshold="noise * factor", around="power", part=""):
     """Average 72 cells around each, behind a border that is made up or left out."""
     return put(
         f"""from scipy.ndimage import convolve
-from isacbench_algorithms.detectors import CaCfar
+from isacbench.dsp.cfar.factors import ca_factor
 if power.ndim == 2 and min(power.shape) > 9:
     window = np.ones((9, 9)); window[3:6, 3:6] = 0
     noise = convolve({around}, window / 72, mode={mode!r}){part}
-    factor = CaCfar(self.pfa).detect(np.ones((30, 30)), looks).threshold[15, 15]
+    factor = ca_factor(self.pfa, 72, looks)
     threshold = {threshold}
     mask = power > threshold"""
     )

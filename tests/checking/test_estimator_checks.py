@@ -5,59 +5,29 @@ import pytest
 from isacbench.checking import checks
 from isacbench.checking.plugin_check import find_plugins
 from tests.checking.changed_plugins import failed, findings_of, findings_of_changed, indented
+from tests.documents.sources import recipe
 
-SOUND = '''
-from dataclasses import dataclass
-from typing import Any, ClassVar
+TOOLS = """
 import sys
 import warnings
-
-import numpy as np
+from typing import Any
 
 from isacbench.plugins.contracts import Needs
-from isacbench.model.cloud import PointCloud
 
 LAST = []
-
-
-def strongest(observation):
-    """The strongest cell's beam."""
-    power = np.mean(np.abs(observation.cells) ** 2, axis=(2, 3))
-    row, column = np.unravel_index(np.where(observation.gate.reachable, power, 0).argmax(), power.shape)
-    beams = np.fft.ifft2(observation.cells[row, column], (128, 128), norm="forward")
-    i, j = np.unravel_index(np.abs(beams).argmax(), beams.shape)
-    cosine = 2 * np.fft.fftfreq(128)
-    return observation.cloud(
-        [observation.gate.range_bins[row]],
-        [observation.gate.doppler_bins[column]],
-        [cosine[i]],
-        [cosine[j]],
-        [power[row, column] / observation.system.processing_gain],
-    )
-
-
-@dataclass(frozen=True)
-class Broken:
-    """Breaks the contract."""
-
-    name: ClassVar[str] = "broken"
-    n: int = 1
-
-    def estimate(self, observation):
-        pass
-        cloud = strongest(observation)
-        return cloud
-'''
-
-BEFORE = "        pass\n"
+"""
+BEFORE = "        power = np.mean("
 AFTER = "        return cloud\n"
 FIELD = "n: int = 1"
-METHOD = "def estimate(self, observation)"
+METHOD = "def estimate(self, observation: Observation) -> PointCloud"
+SOUND = TOOLS + recipe('"strongest"').replace('"strongest"', '"broken"') + AFTER
+SOUND = SOUND.replace("return observation.cloud", "cloud = observation.cloud")
+SOUND = SOUND.replace("    angle_points", f"    {FIELD}\n    angle_points", 1)
 
 
 def before(line):
     """Put statements before the estimate."""
-    return BEFORE, indented(line)
+    return BEFORE, indented(line) + BEFORE
 
 
 def after(line):
@@ -79,7 +49,7 @@ REMEMBERS = """mean = observation.cells.mean()
 shift = 0.0 if LAST[-1:] in ([], [mean]) else 0.01
 LAST.append(mean)
 object.__setattr__(cloud, 'power', cloud.power + shift)"""
-COUNTS = """def __reduce__(self): LAST.append(1); return Broken, ()
+COUNTS = """def __reduce__(self): LAST.append(1); return Strongest, ()
     def __post_init__(self): object.__setattr__(self, 'late', len(LAST))"""
 FILLS = """n = int((np.abs(observation.cells[..., 0, 0]) > 0)[observation.gate.reachable].sum())
 middle = (observation.region.lower_m + observation.region.upper_m) / 2
@@ -116,7 +86,7 @@ BROKEN = [
     ("repeatable", setting("velocity", RANDOM), "a generator with a fixed seed"),
     ("no memory", after(REMEMBERS), "keep nothing from one call to the next"),
     ("pickling", beside("def __reduce__(self): raise TypeError('no luck')"), "pickled (TypeError: no luck)"),
-    ("pickling", beside("def __reduce__(self): return Broken, (7,)"), "has other parameters"),
+    ("pickling", beside("def __reduce__(self): return Strongest, (7,)"), "has other parameters"),
     ("pickling", beside(COUNTS), "keep all that it needs in its parameters"),
     ("random numbers", before("np.random.seed(20310); np.random.random()"), "numpy.random.default_rng(seed)"),
     ("random numbers", before("import random; random.seed(1)"), "numpy.random.default_rng(seed)"),
@@ -207,7 +177,7 @@ def test_what_cannot_be_imported_fails_that_check(plugin_folder, attribute, sour
 
 
 def test_another_name_than_the_registered_one_fails_the_check_of_the_name(plugin_folder):
-    plugin_folder.install("misnamed", SOUND, estimators={"unbroken": "Broken"})
+    plugin_folder.install("misnamed", SOUND, estimators={"unbroken": "Strongest"})
     findings = findings_of("estimator", "unbroken")
     assert failed(findings) == {"name"}
     assert "registered as 'unbroken', but its class attribute name is 'broken'" in findings["name"].message

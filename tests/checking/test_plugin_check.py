@@ -57,17 +57,12 @@ class Blind:
 
 
 @pytest.fixture
-def small_maps(monkeypatch):
-    """Measure rates on a sixteenth of the map."""
-    monkeypatch.setattr(map_checks, "LARGE", (128, 128))
-
-
-@pytest.fixture
-def small_maps_and_few_images(small_maps, monkeypatch):
-    """Read what an image holds off one image of a scene.
+def small_maps_and_few_images(monkeypatch):
+    """Measure rates on a sixteenth of the map, and read what an image holds off one image of a scene.
 
     What asks for an answer of the plugin, in order to compare two, gets an image of its own.
     """
+    monkeypatch.setattr(map_checks, "LARGE", (128, 128))
     monkeypatch.setattr(map_checks, "LOOKS", (1, 4))
     monkeypatch.setattr(references, "N_REALISATIONS", 8)
     image, images = image_checks.EstimatorSubject.of, {}
@@ -120,15 +115,14 @@ def test_what_is_neither_is_answered_with_what_is_near():
 # In this process.
 
 
-@pytest.mark.usefixtures("small_maps")
 def test_a_name_is_checked_as_the_command_does():
-    report = isacbench.check("ca")
+    report = isacbench.check("fixed")
     (plugin,) = report.plugins
-    assert (plugin.kind, plugin.name) == ("detector", "ca")
-    assert plugin.package == entries("detector")["ca"].origin
+    assert (plugin.kind, plugin.name) == ("detector", "fixed")
+    assert plugin.package == entries("detector")["fixed"].origin
     assert [finding.check for finding in plugin.findings] == check_names("detector")
-    assert repr(report) == f"Check of detector ca ({plugin.package}): {len(plugin.findings)} ok"
-    assert isacbench.check(get_detector("ca", pfa=1e-2)).ok
+    assert repr(report) == f"Check of detector fixed ({plugin.package}): {len(plugin.findings)} ok"
+    assert isacbench.check(get_detector("fixed", pfa=1e-2)).ok
 
 
 def test_a_file_is_read_anew_each_time_and_not_registered(write_plugin):
@@ -200,7 +194,7 @@ def test_the_place_of_an_exception_is_in_the_module_of_the_plugin_whatever_its_f
 
 
 def test_guarded_findings_are_those_of_this_process():
-    guarded, here = check_guarded(*find_plugins("ca")), check_plugin(*find_plugins("ca"))
+    guarded, here = check_guarded(*find_plugins("fixed")), check_plugin(*find_plugins("fixed"))
     assert [(one.check, one.status) for one in guarded] == [(one.check, one.status) for one in here]
 
 

@@ -1,7 +1,6 @@
 """Running and searching: guarded, in order, the same again, with lines that reproduce what was found."""
 
 import json
-import re
 import shlex
 import sys
 from pathlib import Path
@@ -11,7 +10,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-import isacbench
 from isacbench.checking import stress
 from isacbench.checking.stress import (
     BROKEN,
@@ -202,10 +200,3 @@ def test_a_search_without_hypothesis_names_the_extra_that_brings_it(cli, tmp_pat
     assert result.exit_code == 2
     assert result.stderr == "isacbench: --search 3: needs hypothesis: pip install 'isacbench[stress]'\n"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_hypothesis_is_imported_by_the_search_alone():
-    package = Path(isacbench.__file__).parent
-    imports = re.compile(r"^\s*(from|import) hypothesis\b", re.MULTILINE)
-    importing = [path for path in package.rglob("*.py") if imports.search(path.read_text(encoding="utf-8"))]
-    assert importing == [package / "checking" / "stress.py"]

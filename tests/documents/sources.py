@@ -3,6 +3,7 @@
 import ast
 import gc
 import re
+import textwrap
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +22,12 @@ FILES = {
 def python_blocks(page):
     """Blocks of Python code in a page of the repository."""
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), flags=re.DOTALL)
+
+
+def recipe(text):
+    """The one block of code of CONTRIBUTING.md that holds a text."""
+    (source,) = [block for block in python_blocks("CONTRIBUTING.md") if text in block]
+    return textwrap.dedent(source)
 
 
 @cache

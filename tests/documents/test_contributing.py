@@ -1,20 +1,13 @@
 """The recipes of CONTRIBUTING.md do what they say."""
 
 import importlib
-import textwrap
 
 import pytest
 
 from isacbench.checking.plugin_check import check_plugin, find_plugins
 from isacbench.checking.stress import run_case
 from isacbench.plugins.registry import get_estimator
-from tests.documents.sources import python_blocks
-
-
-def recipe(text):
-    """The one block of code that holds a text."""
-    (source,) = [block for block in python_blocks("CONTRIBUTING.md") if text in block]
-    return textwrap.dedent(source)
+from tests.documents.sources import recipe
 
 
 @pytest.mark.parametrize(("name", "kind"), [("strongest", "estimator"), ("median", "detector")])
