@@ -58,11 +58,12 @@ class Blind:
 
 @pytest.fixture
 def small_maps_and_few_images(monkeypatch):
-    """Measure rates on a sixteenth of the map, and read what an image holds off one image of a scene.
+    """Measure rates on small and few maps, and read what an image holds off one image of a scene.
 
     What asks for an answer of the plugin, in order to compare two, gets an image of its own.
     """
     monkeypatch.setattr(map_checks, "LARGE", (128, 128))
+    monkeypatch.setattr(map_checks, "BORDER_MAPS", (64, 32, 32))
     monkeypatch.setattr(map_checks, "LOOKS", (1, 4))
     monkeypatch.setattr(references, "N_REALISATIONS", 8)
     image, images = image_checks.EstimatorSubject.of, {}
