@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from isacbench.checked_arrays import Floats
-from isacbench.dsp.angles.peaks import cosine_samples, within_period
+from isacbench.dsp.angles.peaks import direction_samples, within_period
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.errors import require
+from isacbench.errors import require_least, require_positive
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
@@ -51,9 +51,8 @@ class AngularSpectrumEstimator(CellwiseEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.samples_per_cell >= 2, "samples_per_cell", self.samples_per_cell, "2 and more")
-        limit_db = self.angle_dynamic_range_db
-        require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
+        require_least(self, samples_per_cell=2)
+        require_positive(self, "angle_dynamic_range_db")
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find the peaks of the angular spectra.
@@ -105,11 +104,8 @@ class AngularSpectrumEstimator(CellwiseEstimator):
         -------
         u, w : ndarray of float64, shapes (g,) and (h,)
         """
-        u, w = (
-            cosine_samples(limits, 2 / (n * self.samples_per_cell))
-            for limits, n in zip(observation.cosine_limits, observation.array.shape, strict=True)
-        )
-        return u, w
+        widest = [2 / (n * self.samples_per_cell) for n in observation.array.shape]
+        return direction_samples(observation.cosine_limits, widest)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """Cut the first cell's spectrum through its maximum along u and along w, in dB below it."""

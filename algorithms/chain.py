@@ -41,11 +41,11 @@ from isacbench.dsp.angles.line_subspaces import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import select_jointly
+from isacbench.dsp.floating_point import scale_to_unit
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.scaling import scale_to_unit
 from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
-from isacbench.errors import require
+from isacbench.errors import require, require_least, require_option, require_positive
 from isacbench.instrument.remarks import Remarks, remark
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -423,12 +423,10 @@ class MapEstimator(ABC):
 
     def __post_init__(self) -> None:
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
-        for name in ("dynamic_range_db", "local_dynamic_range_db"):
-            require(getattr(self, name) > 0, name, getattr(self, name), "above 0")
-        require(self.m_of_n >= 1, "m_of_n", self.m_of_n, "1 and more")
-        require(self.precision in ("double", "single"), "precision", self.precision, "single or double")
-        windows, window = get_args(Window), self.detection_window
-        require(window in windows, "detection_window", window, f"one of {', '.join(windows)}")
+        require_positive(self, "dynamic_range_db", "local_dynamic_range_db")
+        require_least(self, m_of_n=1)
+        require_option(self, "precision", get_args(CellPrecision))
+        require_option(self, "detection_window", get_args(Window))
         self.cell_detector()
 
     @property
@@ -548,11 +546,9 @@ class CellwiseEstimator(MapEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.max_sources >= 1, "max_sources", self.max_sources, "1 and more")
+        require_least(self, max_sources=1, range_excess=1, doppler_excess=1)
         error = self.largest_direction_error
         require(error is None or error > 0, "largest_direction_error", error, "above 0, or none")
-        for name in ("range_excess", "doppler_excess"):
-            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation by the stages in order."""

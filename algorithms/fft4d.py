@@ -38,7 +38,7 @@ from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.peaks import PERIOD, Peaks, plane_maxima, plane_peaks, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
-from isacbench.errors import require
+from isacbench.errors import require_least, require_positive
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
@@ -113,9 +113,8 @@ class Fft4d(CellwiseEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.angle_points >= 3, "angle_points", self.angle_points, "3 and more")
-        limit_db = self.angle_dynamic_range_db
-        require(limit_db > 0, "angle_dynamic_range_db", limit_db, "above 0")
+        require_least(self, angle_points=3)
+        require_positive(self, "angle_dynamic_range_db")
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find local maxima of the angular power spectra inside the directions of the region.

@@ -41,7 +41,7 @@ from isacbench.dsp.angles.beamformers import iaa_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
-from isacbench.errors import require
+from isacbench.errors import require_least
 from isacbench.instrument.stages import stage
 
 from .angular_spectra import AngularSpectrumEstimator
@@ -81,8 +81,7 @@ class Iaa2d(AngularSpectrumEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("iterations", 1), ("polish", 0)):
-            require(getattr(self, name) >= least, name, getattr(self, name), f"{least} and more")
+        require_least(self, iterations=1, polish=0)
 
     def placed(self, cells: CellSnapshots, waves: PlaneWaves) -> PlaneWaves:
         """Refine the directions of each cell by maximum likelihood, and drop those as weak as noise."""

@@ -39,7 +39,7 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.fitting.joint_selection import explain_map, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
-from isacbench.errors import require
+from isacbench.errors import require, require_least, require_option
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.kernels import steering
@@ -133,9 +133,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         super().__post_init__()
         fraction = self.subarray_fraction
         require(0 < fraction <= 1, "subarray_fraction", fraction, "above 0, up to 1")
-        orders = get_args(ModelOrder)
-        require(self.model_order in orders, "model_order", self.model_order, f"one of {', '.join(orders)}")
-        require(self.polish >= 0, "polish", self.polish, "0 and more")
+        require_option(self, "model_order", get_args(ModelOrder))
+        require_least(self, polish=0)
 
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation by the stages in order, those of the cells once for each snapshot rule."""

@@ -63,7 +63,7 @@ from isacbench.dsp.angles.peaks import (
 )
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
-from isacbench.errors import require
+from isacbench.errors import require, require_least, require_option
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
@@ -209,12 +209,9 @@ class Music2d(CellwiseEstimator):
         super().__post_init__()
         fraction = self.subarray_fraction
         require(0 < fraction <= 1, "subarray_fraction", fraction, "above 0, up to 1")
-        orders = get_args(ModelOrder)
-        require(self.model_order in orders, "model_order", self.model_order, f"one of {', '.join(orders)}")
-        points = self.grid_points
-        require(points >= MIN_GRID_POINTS, "grid_points", points, f"{MIN_GRID_POINTS} and more")
-        require(self.max_order >= 1, "max_order", self.max_order, "1 and more")
-        require(self.search in get_args(Search), "search", self.search, "grid or root")
+        require_option(self, "model_order", get_args(ModelOrder))
+        require_least(self, grid_points=MIN_GRID_POINTS, max_order=1)
+        require_option(self, "search", get_args(Search))
         pairings = get_args(Pairing) if self.search == "grid" else ("joint",)
         allowed = f"{' or '.join(pairings)} with search = {self.search}"
         require(self.pairing in pairings, "pairing", self.pairing, allowed)
@@ -228,27 +225,27 @@ class Music2d(CellwiseEstimator):
         PlaneWaves
             One row a cell.
         """
-        u_limits, w_limits = observation.cosine_limits
-        aperture, levels = self.aperture(observation), cells.levels
-        columns, rows = aperture.lines(cells.own.astype(self.dtype_in("subspace"), copy=False))
-        if self.pairing == "product":
-            along_u = self.line_music(*self.line_subspaces(columns, levels.floor), u_limits)
-            along_w = self.line_music(*self.line_subspaces(rows, levels.floor), w_limits)
-            with stage("peaks"):
-                waves = self.product_peaks(along_u, along_w)
-                beams = aperture.towards(waves.u, waves.w).matched(cells.own[None])[0]
-                heard = np.abs(beams) ** 2 > levels.min_power
-                return replace(waves, found=waves.found & heard)
+        aperture, min_power = self.aperture(observation), cells.levels.min_power
+        in_u, in_w = self.subspaces(observation, cells)
         with stage("peaks"):
+            if self.pairing == "product":
+                waves = self.product_peaks(self.line_music(*in_u), self.line_music(*in_w))
+                beams = aperture.towards(waves.u, waves.w).matched(cells.own[None])[0]
+                return replace(waves, found=waves.found & (np.abs(beams) ** 2 > min_power))
+            along_u, along_w = self.line_directions(*in_u), self.line_directions(*in_w)
             return pair_directions(
-                cells.own,
-                aperture,
-                self.line_directions(*self.line_subspaces(columns, levels.floor), u_limits),
-                self.line_directions(*self.line_subspaces(rows, levels.floor), w_limits),
-                levels.min_power,
-                self.dynamic_range_db,
-                self.max_sources,
+                cells.own, aperture, along_u, along_w, min_power, self.dynamic_range_db, self.max_sources
             )
+
+    def subspaces(
+        self, observation: Observation, cells: CellSnapshots
+    ) -> list[tuple[Floats, Integers, Interval]]:
+        """Estimate signal subspaces along columns and along rows, with the cosines that the region spans."""
+        lines = self.aperture(observation).lines(cells.own.astype(self.dtype_in("subspace"), copy=False))
+        return [
+            (*self.line_subspaces(each, cells.levels.floor), limits)
+            for each, limits in zip(lines, observation.cosine_limits, strict=True)
+        ]
 
     def product_peaks(self, along_u: MusicSpectra, along_w: MusicSpectra) -> PlaneWaves:
         """Find the local maxima of the product of two spectra that pass a 2-D CA-CFAR.
@@ -283,16 +280,9 @@ class Music2d(CellwiseEstimator):
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """MUSIC spectra of the first cell over u and over w."""
-        u_limits, w_limits = observation.cosine_limits
-        columns, rows = self.aperture(observation).lines(
-            cells.own.astype(self.dtype_in("subspace"), copy=False)
-        )
         along_u, along_w = (
-            self.line_music(*subspaces, limits)._replace(peaks=self.line_directions(*subspaces, limits))
-            for subspaces, limits in (
-                (self.line_subspaces(columns, cells.levels.floor), u_limits),
-                (self.line_subspaces(rows, cells.levels.floor), w_limits),
-            )
+            self.line_music(*each)._replace(peaks=self.line_directions(*each))
+            for each in self.subspaces(observation, cells)
         )
         return along_u.first("u"), along_w.first("w")
 

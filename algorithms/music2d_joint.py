@@ -46,11 +46,11 @@ import numpy as np
 
 from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
-from isacbench.dsp.angles.peaks import cosine_samples
+from isacbench.dsp.angles.peaks import direction_samples
 from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.errors import require
+from isacbench.errors import require_least
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 
@@ -93,7 +93,7 @@ class Music2dJoint(JointSubspaceEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.samples_per_lobe >= 4, "samples_per_lobe", self.samples_per_lobe, "4 and more")
+        require_least(self, samples_per_lobe=4)
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, split in cells with fewer nulls than sources."""
@@ -130,11 +130,8 @@ class Music2dJoint(JointSubspaceEstimator):
 
     def _grid(self, observation: Observation, subarray: tuple[int, ...]) -> tuple[Floats, Floats]:
         """Samples over the directions that the region spans."""
-        u, w = (
-            cosine_samples(limits, 4 / (n * self.samples_per_lobe))
-            for limits, n in zip(observation.cosine_limits, subarray, strict=True)
-        )
-        return u, w
+        widest = [4 / (n * self.samples_per_lobe) for n in subarray]
+        return direction_samples(observation.cosine_limits, widest)
 
 
 def _split(nulls: Minima, order: Integers, rayleigh: Floats) -> PlaneWaves:

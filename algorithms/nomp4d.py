@@ -69,9 +69,9 @@ from isacbench.dsp.fitting.pursuit import (
     split_gains,
     strongest_around,
 )
+from isacbench.dsp.floating_point import scale_to_unit
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scaling import scale_to_unit
-from isacbench.errors import require
+from isacbench.errors import require, require_least, require_positive
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
@@ -288,11 +288,8 @@ class Nomp4d:
 
     def __post_init__(self) -> None:
         require(0 < self.pfa < 1, "pfa", self.pfa, "between 0 and 1")
-        require(
-            self.local_dynamic_range_db > 0, "local_dynamic_range_db", self.local_dynamic_range_db, "above 0"
-        )
-        for name in ("max_rounds", "max_scatterers"):
-            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
+        require_positive(self, "local_dynamic_range_db")
+        require_least(self, max_rounds=1, max_scatterers=1)
 
     @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
@@ -388,14 +385,9 @@ class Nomp4d:
 
 def _begin(observation: Observation, pfa: float) -> Pursuit:
     """Read the range-Doppler map, form its beams, measure the noise, and derive the levels from it."""
-    with stage("rdm"):
-        cells, unit = scale_to_unit(observation.cells)
-        gated = GatedMap.of(observation, cells)
-        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
+    atom_map, unit, noise = read_atom_map(observation)
     with stage("spectrum"):
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
-    with stage("detection"):
-        noise = white_noise(gated)
     threshold = noise * np.log(space.n_independent / pfa)
     return Pursuit(
         observation, space, unit, noise, threshold, noise * noise_maximum(space.n_independent, pfa)
@@ -410,6 +402,16 @@ def _splits(pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
     around = space.mean_around(residual, fit.places)
     offsets, gain = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * pursuit.threshold)
     return offsets, np.where(are_near(fit.places, pursuit.unsplit, FAILED_SPLIT_CELLS), 0, gain)
+
+
+def read_atom_map(observation: Observation) -> tuple[AtomMap, float, float]:
+    """Read the range-Doppler map as one of atoms, the unit of its amplitudes, and the power of its noise."""
+    with stage("rdm"):
+        cells, unit = scale_to_unit(observation.cells)
+        gated = GatedMap.of(observation, cells)
+        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
+    with stage("detection"):
+        return atom_map, unit, white_noise(gated)
 
 
 def atoms_as_cloud(observation: Observation, atom_map: AtomMap, fit: AtomFit, unit: float) -> PointCloud:

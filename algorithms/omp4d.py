@@ -45,7 +45,7 @@ from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid
 from isacbench.dsp.fitting.pursuit import strongest_around
 from isacbench.dsp.scatterers import LocatedScatterers
-from isacbench.errors import require
+from isacbench.errors import require, require_least
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
 from isacbench.model.observation import Observation
@@ -91,8 +91,7 @@ class Omp4d(MapEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("samples_per_cell", "max_scatterers"):
-            require(getattr(self, name) >= 1, name, getattr(self, name), "1 and more")
+        require_least(self, samples_per_cell=1, max_scatterers=1)
         require(1 <= self.zoom <= 8, "zoom", self.zoom, "1 to 8")
 
     @property

@@ -44,17 +44,14 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
-from isacbench.dsp.cell_detection import white_noise
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.dsp.scaling import scale_to_unit
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
 from isacbench.dsp.sparse_bayes.places import Reach
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, learn_blocks
 from isacbench.dsp.sparse_bayes.ridge_steps import drop_model_error, refine_on_map
 from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid
-from isacbench.errors import require
+from isacbench.errors import require_least
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
@@ -62,7 +59,7 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
 
 from .esprit2d import Esprit2d
-from .nomp4d import Nomp4d, atoms_as_cloud
+from .nomp4d import Nomp4d, atoms_as_cloud, read_atom_map
 
 LEAST_NOISE = 1e-12
 """Least noise power over the map's strongest cell: without noise the misfit of the grids decides."""
@@ -124,8 +121,7 @@ class Sbl4d:
     max_scatterers: int = 500
 
     def __post_init__(self) -> None:
-        require(self.lone_scatterers >= 0, "lone_scatterers", self.lone_scatterers, "0 and more")
-        require(self.max_scatterers >= 1, "max_scatterers", self.max_scatterers, "1 and more")
+        require_least(self, lone_scatterers=0, max_scatterers=1)
 
     @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
@@ -197,12 +193,10 @@ class Sbl4d:
 
 def _read(observation: Observation) -> _Scene:
     """Read the range-Doppler map, measure its noise, and sample the directions of the region."""
-    with stage("rdm"):
-        cells, unit = scale_to_unit(observation.cells)
-        gated = GatedMap.of(observation, cells)
-        atom_map = AtomMap.from_map(gated, observation.system, observation.cosine_limits)
+    atom_map, unit, noise = read_atom_map(observation)
     with stage("detection"):
-        noise = max(white_noise(gated), LEAST_NOISE * _largest_power(atom_map.cells))
+        largest = float((atom_map.cells.real**2 + atom_map.cells.imag**2).max())
+        noise = max(noise, LEAST_NOISE * largest)
     reach = Reach.of(observation, atom_map)
     return _Scene(observation, atom_map, unit, noise, reach, DirectionGrid.of(atom_map, reach))
 
@@ -213,7 +207,3 @@ def _energy_above_noise(cells: Complex, noise: float) -> float:
     power = np.mean(cells.real**2 + cells.imag**2, axis=(2, 3))
     excess = power - noise * (1 + NOISE_DEVIATIONS / np.sqrt(n_elements))
     return float(excess[excess > 0].sum())
-
-
-def _largest_power(cells: Complex) -> float:
-    return float((cells.real**2 + cells.imag**2).max())

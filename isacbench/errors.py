@@ -69,6 +69,26 @@ def require(allowed: bool, name: str, value: object, limits: str) -> None:
         raise InputError(f"{name} = {value!r}: allowed is {limits}")
 
 
+def require_least(owner: object, **least: float) -> None:
+    """Refuse attributes below the least value that each may have."""
+    for name, smallest in least.items():
+        value = getattr(owner, name)
+        require(value >= smallest, name, value, f"{smallest} and more")
+
+
+def require_positive(owner: object, *names: str) -> None:
+    """Refuse attributes that are not above 0."""
+    for name in names:
+        value = getattr(owner, name)
+        require(value > 0, name, value, "above 0")
+
+
+def require_option(owner: object, name: str, options: Iterable[str]) -> None:
+    """Refuse an attribute that is none of a few words."""
+    value, options = getattr(owner, name), tuple(options)
+    require(value in options, name, value, f"one of {', '.join(options)}")
+
+
 def import_extra(module: str, extra: str, what: str) -> ModuleType:
     """Import a module that only an extra of isacbench installs; say which extra, where it is missing."""
     try:

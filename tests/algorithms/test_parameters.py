@@ -38,7 +38,7 @@ REFUSED = [
     (CELLWISE, "largest_direction_error", [0.0], r"direction_error = 0\.0: allowed is above 0, or none"),
     (CELLWISE, "detection_window", ["flat"], "detection_window = 'flat': allowed is one of rect, soft"),
     (CELLWISE, "pfa", [2.0], r"pfa = 2\.0"),
-    ([*LINES, *JOINT], "precision", ["half"], "precision = 'half': allowed is single or double"),
+    ([*LINES, *JOINT], "precision", ["half"], "precision = 'half': allowed is one of double, single"),
     (["music2d", *JOINT, "capon2d"], "subarray_fraction", [0.0, 1.5], "subarray_fraction = .*up to 1"),
     (["music2d", *JOINT], "model_order", ["best"], "model_order"),
     (["music2d"], "grid_points", [64], "grid_points = 64: allowed is 65 and more"),

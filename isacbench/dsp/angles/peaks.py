@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -41,6 +41,12 @@ def cosine_samples(limits: Interval, widest: float) -> Floats:
         n_steps = int(np.ceil(PERIOD / step))
         return np.linspace(-1, 1, n_steps, endpoint=False)
     return np.linspace(limits[0] - step, limits[0] + (n_steps + 1) * step, n_steps + 3)
+
+
+def direction_samples(limits: tuple[Interval, Interval], widest: Iterable[float]) -> tuple[Floats, Floats]:
+    """Sample u and w between their limits by `cosine_samples`."""
+    u, w = map(cosine_samples, limits, widest)
+    return u, w
 
 
 def with_neighbours(spectra: Spectra, grids: Sequence[Floats]) -> tuple[Spectra, list[Floats]]:
