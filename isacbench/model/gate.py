@@ -73,36 +73,15 @@ class Gate(Displayed):
         return mask
 
     def trim(self, n_range: int, n_doppler: int) -> Gate:
-        """Remove the outermost bins, as tapers do; without margins, reachable bins are removed, too.
-
-        Parameters
-        ----------
-        n_range, n_doppler : int
-            Bins to remove at either end.
-        """
-        return Gate(
-            self.range_bins[n_range : self.range_bins.size - n_range],
-            self.doppler_bins[n_doppler : self.doppler_bins.size - n_doppler],
-            _trim(self.reachable_range, n_range, self.range_bins.size),
-            _trim(self.reachable_doppler, n_doppler, self.doppler_bins.size),
-            (self.wraps[0] and n_range == 0, self.wraps[1] and n_doppler == 0),
-        )
+        """Remove so many outermost bins at either end, as tapers do: reachable ones, too, without margins."""
+        return self.extend(-n_range, -n_doppler)
 
     def extend(self, n_range: int, n_doppler: int) -> Gate:
-        """Add margin bins at either end; along an axis that wraps, they repeat those of the other end.
-
-        Parameters
-        ----------
-        n_range, n_doppler : int
-            Bins at either end.
-        """
-        return Gate(
-            _extend(self.range_bins, n_range),
-            _extend(self.doppler_bins, n_doppler),
-            _shift(self.reachable_range, n_range),
-            _shift(self.reachable_doppler, n_doppler),
-            (self.wraps[0] and n_range == 0, self.wraps[1] and n_doppler == 0),
-        )
+        """Add so many bins at either end; along an axis that wraps, they repeat those of the other end."""
+        range_bins, reachable_range = _extend(self.range_bins, self.reachable_range, n_range)
+        doppler_bins, reachable_doppler = _extend(self.doppler_bins, self.reachable_doppler, n_doppler)
+        wraps = self.wraps[0] and n_range == 0, self.wraps[1] and n_doppler == 0
+        return Gate(range_bins, doppler_bins, reachable_range, reachable_doppler, wraps)
 
 
 def build_gate(
@@ -130,19 +109,10 @@ def build_gate(
     return Gate(range_bins, doppler_bins, reachable_range, reachable_doppler, wraps)
 
 
-def _trim(reachable: slice, n: int, n_bins: int) -> slice:
-    """Slice of the reachable bins after n bins are removed from either end."""
-    return slice(max(reachable.start - n, 0), min(reachable.stop - n, n_bins - 2 * n))
-
-
-def _extend(bins: Integers, n: int) -> Integers:
-    """Consecutive bins and n more at either end."""
-    return np.arange(bins[0] - n, bins[-1] + n + 1)
-
-
-def _shift(reachable: slice, n: int) -> slice:
-    """Slice of the reachable bins after n bins are added before them."""
-    return slice(reachable.start + n, reachable.stop + n)
+def _extend(bins: Integers, reachable: slice, n: int) -> tuple[Integers, slice]:
+    """Consecutive bins with n more at either end, or -n less, and the slice of the reachable ones."""
+    extended = np.arange(bins[0] - n, bins[-1] + n + 1)
+    return extended, slice(max(reachable.start + n, 0), min(reachable.stop + n, extended.size))
 
 
 def _reach(limits_bins: Floats, margin: int, n_bins: int) -> tuple[Integers, slice]:

@@ -19,15 +19,15 @@ from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.frame import get_frame
 from isacbench.model.numerology import System
-from isacbench.model.scenes.family_parameters import (
+from isacbench.model.scenes.objects import heading
+from isacbench.model.scenes.placement import MOST_TRIES, FreeGround, Sampler
+from isacbench.model.scenes.scene_families import (
     CrowdParameters,
     DensityParameters,
     FamilyParameters,
     SparseParameters,
     WeakParameters,
 )
-from isacbench.model.scenes.objects import heading
-from isacbench.model.scenes.placement import MOST_TRIES, FreeGround, Sampler
 
 Content = dict[str, Any]
 Place = tuple[float, float]

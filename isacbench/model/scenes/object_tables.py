@@ -143,9 +143,11 @@ class CarTable(_ObjectTable):
     outline = staticmethod(objects.car)
 
 
-class _WheeledTable(_ObjectTable):
+class _SampledTable(_ObjectTable):
     spacing_m: Positive = 0.5
 
+
+class _WheeledTable(_SampledTable):
     n_wheels: ClassVar[int]
 
     def _own_velocities(self, n: int) -> Floats:
@@ -208,48 +210,43 @@ class LampPostTable(_ObjectTable):
     outline = staticmethod(objects.lamp_post)
 
 
-class GreenBeltTable(_ObjectTable):
+class GreenBeltTable(_SampledTable):
     """Hedge outlined by its long edges."""
 
     kind: Literal["green_belt"]
     size_m: Size = (1.0, 20.0, 1.0)
-    spacing_m: Positive = 0.5
     outline = staticmethod(objects.green_belt)
 
 
-class BoxTable(_ObjectTable):
+class BoxTable(_SampledTable):
     """Box with sampled sides and top."""
 
     kind: Literal["box"]
     size_m: Size = (1.0, 6.0, 1.0)
-    spacing_m: Positive = 0.5
     outline = staticmethod(objects.box)
 
 
-class WallTable(_ObjectTable):
+class WallTable(_SampledTable):
     """Upright wall."""
 
     kind: Literal["wall"]
     size_m: tuple[Positive, Positive] = (12.0, 6.0)
-    spacing_m: Positive = 0.5
     outline = staticmethod(objects.wall)
 
 
-class PoleTable(_ObjectTable):
+class PoleTable(_SampledTable):
     """Upright pole."""
 
     kind: Literal["pole"]
     height_m: Positive = 6.0
-    spacing_m: Positive = 0.5
     outline = staticmethod(objects.pole)
 
 
-class RailTable(_ObjectTable):
+class RailTable(_SampledTable):
     """Guard rail."""
 
     kind: Literal["rail"]
     length_m: Positive = 8.0
-    spacing_m: Positive = 0.5
     outline = staticmethod(objects.rail)
 
 
@@ -260,10 +257,8 @@ class PointTable(_ObjectTable):
     outline = staticmethod(lambda: np.zeros((1, 3)))
 
 
-class _SurfaceTable(_ObjectTable):
+class _SurfaceTable(_SampledTable):
     """Closed surface, sampled all around."""
-
-    spacing_m: Positive = 0.5
 
     @abstractmethod
     def _triangles(self, around: Surroundings) -> Floats:
@@ -361,23 +356,10 @@ class PointsTable(_EchoTable):
         return PlacedObject(scatterers, rcs_dbsm=self.rcs_dbsm)
 
 
+MovingObject = CarTable | VehicleTable | LorryTable | CyclistTable | PedestrianTable
+StandingObject = LampPostTable | GreenBeltTable | BoxTable | WallTable | PoleTable | RailTable
+Surface = CylinderTable | EllipsoidTable | MeshTable
 AnyObject = Annotated[
-    CarTable
-    | VehicleTable
-    | PedestrianTable
-    | LampPostTable
-    | GreenBeltTable
-    | BoxTable
-    | WallTable
-    | PoleTable
-    | RailTable
-    | PointTable
-    | PointsTable
-    | LorryTable
-    | CyclistTable
-    | CylinderTable
-    | EllipsoidTable
-    | MeshTable,
-    Field(discriminator="kind"),
+    MovingObject | StandingObject | Surface | PointTable | PointsTable, Field(discriminator="kind")
 ]
 """Entry of ``[[objects]]``."""

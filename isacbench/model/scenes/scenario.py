@@ -17,7 +17,6 @@ from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import ERRORS, MOST_ERRORS, Scenario
-from isacbench.model.scenes.family_parameters import Seed
 from isacbench.model.scenes.object_tables import AnyObject, FileTable, Finite, Position, Positive
 from isacbench.model.scenes.placed_objects import (
     PlacedObject,
@@ -27,7 +26,13 @@ from isacbench.model.scenes.placed_objects import (
     with_cross_section,
     with_path_loss,
 )
-from isacbench.model.scenes.scene_families import FamilySpec, family_specs, is_family_spec, scenario_file
+from isacbench.model.scenes.scene_families import (
+    FamilySpec,
+    Seed,
+    family_specs,
+    is_family_spec,
+    scenario_file,
+)
 
 
 def scenario_names() -> list[str]:
