@@ -16,8 +16,8 @@ from isacbench.display import brief
 from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
+from isacbench.dsp.floating_point import round_mantissa
 from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.stable_order import round_mantissa
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin, reach, taper
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System

@@ -35,7 +35,7 @@ import pandas as pd
 
 import neighbour
 from neighbour import helped
-from isacbench.dsp.stable_order import round_step
+from isacbench.dsp.floating_point import round_step
 
 GAIN = 2.5
 WORDS = {"deep": [1, {"er": (2, 3)}], "other": {"a", "b", "c"}}

@@ -453,20 +453,25 @@ def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[Floats, Float
     Over the logarithm of the power the density is smooth and vanishes at both
     ends, so that the trapezoid rule converges exponentially.
     """
-    above = n_cells - rank
-    lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))
-    upper = special.gammainccinv(looks, special.betaincinv(above + 1, rank, _TAIL))
     n_nodes = _N_NODES if looks >= _MANY_LOOKS else _N_NODES_FEW_LOOKS
-    log_power = np.linspace(math.log(lower), math.log(upper), n_nodes)
+    log_power = np.linspace(*order_span(rank, n_cells, looks), n_nodes)
     power = np.exp(log_power)
     log_density = (
         looks * log_power
         - power
         + special.xlogy(rank - 1, special.gammainc(looks, power))
-        + special.xlogy(above, special.gammaincc(looks, power))
+        + special.xlogy(n_cells - rank, special.gammaincc(looks, power))
     )
     weight = np.exp(log_density - log_density.max())
     return power / looks, weight / weight.sum()
+
+
+def order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:
+    """Logarithms of the powers between which the rank-th smallest of `n_cells` gamma powers lies."""
+    above = n_cells - rank
+    lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))
+    upper = special.gammainccinv(looks, special.betaincinv(above + 1, rank, _TAIL))
+    return math.log(lower), math.log(upper)
 
 
 def _poisson(mean: Floats, n_counts: int) -> Floats:

@@ -16,13 +16,11 @@ from isacbench.dsp.cfar.factors import (
     check_pfa,
     checked_looks,
     checked_training,
+    order_span,
     osca_factor,
     solve_factor,
 )
 from isacbench.errors import InputError
-
-_TAIL = 1e-60
-"""Probability of an order statistic left out at either end of the first, coarse grid."""
 
 _NEGLIGIBLE = -20.0
 """Logarithm of the ratio to the largest integrand below which values are neglected."""
@@ -228,7 +226,7 @@ def _limits(
 
     least = math.log(special.gammaincinv(looks, math.exp(-_LARGEST_LOGIT)) / tilted)
     spans = [
-        _order_span(below, n_training, looks) if below else (least, least),
+        order_span(below, n_training, looks) if below else (least, least),
         (-70.0, _LARGEST_LOGIT) if above else (_LARGEST_LOGIT, _LARGEST_LOGIT),
     ]
     axes = _zoomed(log_size, spans)
@@ -241,14 +239,6 @@ def _limits(
 def _log_density(log_power: Floats, looks: int) -> Floats:
     """Logarithm of the density of the logarithm of a gamma power."""
     return looks * log_power - np.exp(log_power) - special.gammaln(looks)
-
-
-def _order_span(rank: int, n_cells: int, looks: int) -> tuple[float, float]:
-    """Logarithms of the powers between which the rank-th smallest of `n_cells` gamma powers lies."""
-    above = n_cells - rank
-    lower = special.gammaincinv(looks, special.betaincinv(rank, above + 1, _TAIL))
-    upper = special.gammainccinv(looks, special.betaincinv(above + 1, rank, _TAIL))
-    return math.log(lower), math.log(upper)
 
 
 def _zoomed(log_size: Callable[..., Floats], spans: list[tuple[float, float]]) -> list[Floats]:

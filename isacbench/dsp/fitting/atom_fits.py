@@ -31,7 +31,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, Correlations, LineProducts, product_matrix
-from isacbench.dsp.stable_order import round_step
+from isacbench.dsp.floating_point import round_step
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Error of the product of two unit atoms, which is one of four products along the coordinates."""
@@ -269,7 +269,7 @@ def refine_atoms(
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
 
     Places (n, 4) in Rayleigh cells keep the digits that a step determines
-    (`isacbench.dsp.stable_order.round_step`). In a crowd steps never end, and each would magnify the last
+    (`isacbench.dsp.floating_point.round_step`). In a crowd steps never end, and each would magnify the last
     digits of the one before. A step that explains less, beyond rounding, or that leads atoms to one place, is
     taken back.
 

@@ -44,7 +44,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.angles.peaks import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.stable_order import round_step
+from isacbench.dsp.floating_point import round_step
 
 GRAM_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""

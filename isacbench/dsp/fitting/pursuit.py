@@ -24,7 +24,7 @@ from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
-from isacbench.dsp.stable_order import round_mantissa
+from isacbench.dsp.floating_point import round_mantissa
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
 

@@ -365,11 +365,9 @@ def learn_doppler_spectra(
     parts = np.ascontiguousarray(rows).view(np.float64)
     sample = parts @ parts.transpose(0, 2, 1) / n_elements
     # Products of two bins, each pair once: a matrix product takes the quadratic forms of all lines.
-    first, second = np.tril_indices(n_doppler)
-    pairs = kernels[:, first] * kernels[:, second]
-    full = np.empty((n_doppler, n_doppler), dtype=np.int64)
-    full[first, second] = full[second, first] = np.arange(first.size)
-    count = np.where(first == second, 1, 2)
+    of_bins = _Pairs.of(kernels)
+    pairs, first, second = of_bins
+    full, count = of_bins.numbers, np.where(of_bins.is_square, 1, 2)
     energy = np.sum(kernels**2, axis=1)
     power = FIRST_SHARE * (sample[:, first, second] * count) @ pairs.T / energy**2
     power += LEAST_SHARE * power.max()

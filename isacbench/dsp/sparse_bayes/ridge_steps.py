@@ -23,8 +23,8 @@ from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, refit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
+from isacbench.dsp.floating_point import round_step
 from isacbench.dsp.sparse_bayes.places import Reach, strongest_near
-from isacbench.dsp.stable_order import round_step
 
 RIDGES = 1e-2, 1e-3, 1e-3, 1e-4, 1e-4
 """Ridge of each step."""
