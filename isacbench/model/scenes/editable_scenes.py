@@ -12,6 +12,7 @@ import tomli_w
 from isacbench.errors import InputError
 from isacbench.files.checked_files import TOML_BYTES, read_text, require_new, require_utf8, write_errors
 from isacbench.files.escaping import visible
+from isacbench.model.scenes.generators import scene_table
 from isacbench.model.scenes.scenario import MAX_NAME, load_scenario
 from isacbench.model.scenes.scene_families import family_specs, is_family_spec, scenario_file
 
@@ -46,7 +47,7 @@ def write_scene(name_or_path: str, out: Path) -> None:
 def _content(name_or_path: str) -> dict[str, Any]:
     """Content of the file of a scenario, or of the one that its family would have."""
     if is_family_spec(name_or_path):
-        return family_specs(name_or_path)[0].table()
+        return scene_table(family_specs(name_or_path)[0])
     return tomllib.loads(read_text(scenario_file(name_or_path), TOML_BYTES))
 
 

@@ -25,6 +25,7 @@ from isacbench.model.scenes.scene_families import (
     CrowdParameters,
     DensityParameters,
     FamilyParameters,
+    FamilySpec,
     SparseParameters,
     WeakParameters,
 )
@@ -365,3 +366,25 @@ def _walker(draws: Sampler) -> Content:
         "height_m": draws.between(1.5, 1.9),
         "stride_phase_deg": draws.between(0.0, 359.0, 0),
     }
+
+
+DRAWS: dict[str, Callable[[Any, str], Content]] = {
+    "street": draw_street,
+    "town": draw_town,
+    "facade": draw_facade,
+    "crowd": draw_crowd,
+    "weak": draw_weak,
+    "sparse": draw_sparse,
+    "traffic": draw_traffic,
+    "crossing": draw_crossing,
+}
+
+
+def scene_table(spec: FamilySpec) -> Content:
+    """Content of the scenario file of a family's scene, if there is room for the objects."""
+    family, parameters = spec.family, spec.parameters
+    try:
+        content = DRAWS[family.name](parameters, f"{family.name} {family.version} {parameters.seed}")
+    except InputError as error:
+        raise InputError(f"scenario {spec.name}: {error}") from error
+    return {"name": spec.name, **content}

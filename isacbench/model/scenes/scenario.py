@@ -17,6 +17,7 @@ from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import ERRORS, MOST_ERRORS, Scenario
+from isacbench.model.scenes.generators import scene_table
 from isacbench.model.scenes.object_tables import AnyObject, FileTable, Finite, Position, Positive
 from isacbench.model.scenes.placed_objects import (
     PlacedObject,
@@ -83,7 +84,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 def _generated(spec: FamilySpec) -> Scenario:
     """Scenario of a family."""
-    table = _ScenarioTable.model_validate(spec.table())
+    table = _ScenarioTable.model_validate(scene_table(spec))
     return dataclasses.replace(
         table.scenario(Path()), family=spec.family.name, family_version=spec.family.version
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -122,9 +121,6 @@ class Family:
     parameters: type[FamilyParameters] = FamilyParameters
 
 
-GENERATORS = "isacbench.model.scenes.generators"
-"""Module of the function ``draw_...`` of each family, which brings in what names do without."""
-
 FAMILIES = {
     family.name: family
     for family in (
@@ -168,16 +164,6 @@ class FamilySpec:
         values = self.parameters.model_dump()
         changed = {key: value for key, value in values.items() if value != fields[key].default}
         return spell_spec(self.family.name, changed)
-
-    def table(self) -> dict[str, Any]:
-        """Content of a scenario file, if there is room for the objects."""
-        key = f"{self.family.name} {self.family.version} {self.parameters.seed}"
-        try:
-            draw = resolve_name(f"{GENERATORS}:draw_{self.family.name}")
-            content: dict[str, Any] = draw(self.parameters, key)
-        except InputError as error:
-            raise InputError(f"scenario {self.name}: {error}") from error
-        return {"name": self.name, **content}
 
 
 USES = {0: "developing", 500: "validating", 1000: "reporting"}

@@ -13,7 +13,7 @@ from isacbench import load_scenario
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.errors import InputError
 from isacbench.model.scenes import objects as outlines
-from isacbench.model.scenes.generators import SQUARE
+from isacbench.model.scenes.generators import SQUARE, scene_table
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
 from isacbench.model.scenes.scene_families import FAMILIES, family_specs, scenario_variants
 
@@ -90,7 +90,7 @@ def test_region_and_speeds_hold_every_scatterer_and_numbers_have_six_decimals(fa
 def objects(name):
     """Entries of a scene, and their outlines in place."""
     (spec,) = family_specs(name)
-    table = spec.table()
+    table = scene_table(spec)
     scatterers = scene(name).scatterers
     ends = np.cumsum([n_points(entry) for entry in table["objects"]])
     assert ends[-1] == len(scatterers)
