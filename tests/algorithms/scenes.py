@@ -59,6 +59,11 @@ def crowd(n):
     return Scenario("crowd", system, ARRAY, get_frame("panel"), base_m, region, scatterers)
 
 
+def distances_m(cloud, truth):
+    """Distances (n_points, n_true) in m."""
+    return np.linalg.norm(cloud.xyz[:, None] - truth.xyz, axis=2)
+
+
 def stress_case(spec):
     """The one case of the stress test that a specification names."""
     (case,) = find_cases(spec)

@@ -15,7 +15,8 @@ from isacbench import PointCloud, observe
 from isacbench.checking.scenes import RESOLVED, observed
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.model.echo import observe_echo
-from tests.algorithms.scenes import EACH_CELLWISE, crowd
+from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+from tests.algorithms.scenes import EACH_CELLWISE, crowd, distances_m
 
 # One of those that share plane waves or spectra.
 EXCHANGED = pytest.mark.parametrize("estimator", [Fft4d, Music2d, Esprit2d, Capon2d], ids=lambda e: e.name)
@@ -52,11 +53,10 @@ def test_plane_waves_are_exchanged_by_one_method(estimator):
             u, w = (np.full((len(cells), 1), np.mean(limits)) for limits in observation.cosine_limits)
             return PlaneWaves(u, w, np.ones(u.shape, dtype=bool))
 
-    cloud = Ahead().estimate(sixty())
-    assert len(cloud)
-    u, w = sixty().frame.direction_cosines(cloud.xyz - sixty().base_station_m)
+    cosines = radio_places(sixty(), Ahead().estimate(sixty()))[:, 2:]
     middle = np.mean(sixty().cosine_limits, axis=1)
-    np.testing.assert_allclose(np.stack([u, w], axis=1), np.tile(middle, (len(cloud), 1)), atol=1e-9)
+    assert len(cosines)
+    np.testing.assert_allclose(cosines, np.tile(middle, (len(cosines), 1)), atol=1e-9)
 
 
 @EXCHANGED
@@ -75,9 +75,8 @@ def test_the_own_cell_test_the_sidelobe_test_and_the_cloud_are_exchanged_by_one_
 
     # With weak waves, some of which are those of a neighbouring cell.
     given = {"local_dynamic_range_db": 30.0}
-    tested, anywhere, untested = (
-        len(one(**given).estimate(sixty())) for one in (estimator, Everywhere, Untested)
-    )
+    images = (one(**given).estimate(sixty()) for one in (estimator, Everywhere, Untested))
+    tested, anywhere, untested = map(len, images)
     assert 0 < tested < anywhere < untested
     assert len(Nothing().estimate(sixty())) == 0
 
@@ -85,12 +84,8 @@ def test_the_own_cell_test_the_sidelobe_test_and_the_cloud_are_exchanged_by_one_
 @EACH_CELLWISE
 def test_no_two_points_are_one_scatterer(estimator):
     observation, cloud = sixty(), image(estimator)
-    u, w = observation.frame.direction_cosines(cloud.xyz - observation.base_station_m)
-    range_m = np.linalg.norm(cloud.xyz - observation.base_station_m, axis=1)
-    system = observation.system
-    points = np.column_stack(
-        [range_m / system.range_bin_m, cloud.velocity / system.velocity_bin_mps, u, w]
-    ) / [0.3, 0.3, 0.01, 0.01]
+    # Directions are 0.01 apart: 0.04 Rayleigh cells of eight elements.
+    points = radio_places(observation, cloud) / rayleigh_cells(observation) / [0.3, 0.3, 0.04, 0.04]
     apart = np.abs(points[:, None] - points).max(axis=2)
     assert apart[np.triu_indices(len(cloud), 1)].min() > 1 - 1e-9
 
@@ -119,10 +114,6 @@ def test_a_diagnosis_marks_the_directions_that_the_image_has(small_street):
 
 def test_maximum_likelihood_brings_the_peaks_of_the_adaptive_approach_nearer_to_the_truth():
     shot = observed(RESOLVED, 10.0)
-    off_m = [
-        np.linalg.norm(
-            Iaa2d(polish=polish).estimate(shot.seen).xyz[:, None] - shot.scenario.truth.xyz, axis=2
-        ).min(axis=0)
-        for polish in (0, 3)
-    ]
-    assert np.median(off_m[1]) < 0.2 * np.median(off_m[0])
+    images = (Iaa2d(polish=polish).estimate(shot.seen) for polish in (0, 3))
+    raw_m, polished_m = (np.median(distances_m(image, shot.scenario.truth).min(axis=0)) for image in images)
+    assert polished_m < 0.2 * raw_m

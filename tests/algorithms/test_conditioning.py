@@ -16,15 +16,13 @@ from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario
+from tests.algorithms.scenes import distances_m
 
 SYSTEM = System(n_subcarriers=512, n_symbols=64)
 BASE_M = np.array([10.0, 50.0, 12.0])
 REGION = Region((0.0, 20.0), (0.0, 20.0), (0.0, 6.0), (-30.0, 30.0))
 RAYLEIGH = 2 / 10
-METHODS = (Music2d, Music2dJoint, Esprit2d)
-
-
-ALL = pytest.mark.parametrize("method", METHODS)
+ALL = pytest.mark.parametrize("method", [Music2d, Music2dJoint, Esprit2d])
 
 
 def on_a_bin(x, y, z, doppler_bin=0):
@@ -47,8 +45,8 @@ def beside(point, angle):
 
 def observe(points, shape=(10, 10), amplitude=None, phase=0.0, snr_db=np.inf):
     points = np.asarray(points, dtype=float).reshape(-1, 4)
-    amplitude = np.ones(len(points)) if amplitude is None else np.asarray(amplitude)
-    scatterers = Scatterers(points[:, :3], points[:, 3], amplitude, np.asarray(phase, dtype=float))
+    amplitude = np.ones(len(points)) if amplitude is None else amplitude
+    scatterers = Scatterers(points[:, :3], points[:, 3], amplitude, phase)
     array = VirtualArray((1, 1), shape, 1, 1)
     scenario = Scenario("conditioning", SYSTEM, array, PanelFrame(), BASE_M, REGION, scatterers)
     return observe_echo(scenario, snr_db)
@@ -99,8 +97,7 @@ def test_an_element_that_answers_alone_has_no_direction_and_says_so(method):
 @ALL
 def test_a_diagnosis_says_whether_its_subspaces_are_separated(method):
     assert method().diagnose(observe([FIRST], (8, 8), snr_db=20.0)).separated is True
-    empty = method().diagnose(observe(np.empty((0, 4)), (8, 8)))
-    assert empty.separated is None
+    assert method().diagnose(observe(np.empty((0, 4)), (8, 8))).separated is None
 
 
 @pytest.mark.parametrize(
@@ -121,8 +118,7 @@ def test_echoes_in_phase_a_tenth_of_a_cell_apart_are_told_apart_to_the_last_digi
     truth = image.scene.scenario.truth
     if case.family is close or case.values[1] == 0.3:
         assert len(image.cloud) == len(truth)
-        distance = np.linalg.norm(image.cloud.xyz[:, None] - truth.xyz, axis=2)
-        assert distance.min(axis=0).max() < 1e-9
+        assert distances_m(image.cloud, truth).min(axis=0).max() < 1e-9
     else:
         assert 1 <= len(image.cloud) < len(truth)
     # The condition of the joint fit squared: 1e-8. Where fewer points leave 1e-5 of the map, steps that

@@ -58,9 +58,7 @@ def plane_waves(estimator, u, w, phases=0.0, gain_db=45.0, n=1, shape=(16, 16), 
     # Strongest cells 28 dB above the floor, as a detector has it.
     floor = max(1.0, np.mean(np.abs(clean) ** 2) * 10**-2.8)
     min_power = -np.log(estimator.angle_pfa) * floor / (n_p * n_q)
-    snapshots = (clean + noise(n * rule.range_cells, n_p, n_q, seed=seed)).reshape(
-        n, rule.range_cells, n_p, n_q
-    )
+    snapshots = clean + noise(n, rule.range_cells, n_p, n_q, seed=seed)
     return waves_in(estimator, rule, snapshots, Levels(1.0, floor, min_power))
 
 
@@ -82,8 +80,7 @@ def misses(waves, u, w, tolerance):
 def test_a_quarter_of_a_rayleigh_cell_is_resolved_60_db_above_the_noise_in_phase_too(
     estimator, axis, phase_turns
 ):
-    places = np.array([[0.0, 0.25 * RAYLEIGH], [0.1, 0.1]])
-    u, w = places[axis], places[1 - axis]
+    u, w = np.roll([[0.0, 0.25 * RAYLEIGH], [0.1, 0.1]], axis, axis=0)
     waves = plane_waves(estimator(), u, w, [0, 2 * np.pi * phase_turns], gain_db=60, n=20)
     assert misses(waves, u, w, 0.125 * RAYLEIGH) <= 2
 
@@ -93,12 +90,9 @@ def test_a_quarter_of_a_rayleigh_cell_is_resolved_60_db_above_the_noise_in_phase
 @pytest.mark.parametrize(
     ("u", "w"),
     [
-        ([0.2, 0.2], [-0.4, 0.1]),
-        ([-0.4, 0.1], [0.2, 0.2]),
-        ([-0.3, 0.0, 0.3], [0.1, 0.1, 0.1]),
-        ([-0.2, 0.0, 0.2], [-0.1, 0.0, 0.1]),
+        *(([0.2, 0.2], [-0.4, 0.1]), ([-0.4, 0.1], [0.2, 0.2]), ([0.95, -0.9], [0.1, 0.2])),
+        *(([-0.3, 0.0, 0.3], [0.1, 0.1, 0.1]), ([-0.2, 0.0, 0.2], [-0.1, 0.0, 0.1])),
         ([-0.2, -0.2, 0.2, 0.2], [-0.3, 0.1, -0.3, 0.1]),
-        ([0.95, -0.9], [0.1, 0.2]),
     ],
 )
 def test_coherent_sources_are_found_without_ghosts(estimator, u, w, opposite):
@@ -119,31 +113,23 @@ def test_every_order_finds_strong_separate_sources(estimator, model_order, rule)
 @BOTH
 @READINGS
 def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, rule, gain_db):
-    waves = plane_waves(
-        estimator(model_order="eigenvalue_cfar"), [0.3], [-0.2], gain_db=gain_db, n=10, rule=rule
-    )
+    method = estimator(model_order="eigenvalue_cfar")
+    waves = plane_waves(method, [0.3], [-0.2], gain_db=gain_db, n=10, rule=rule)
     assert misses(waves, [0.3], [-0.2], 0.01) == 0
 
 
-SMALL = [(2, 2), (3, 5), (2, 16), (8, 4)]
+SMALL, ORDERS = [(2, 2), (3, 5), (2, 16), (8, 4)], ["noise", "eigenvalue_cfar", "mdl", "aic"]
+QUICK = [
+    *zip(SMALL, ORDERS, strict=True),
+    *zip(SMALL, ["mdl", "noise", "eigenvalue_cfar", "noise"], strict=True),
+]
 
 
 @BOTH
-@pytest.mark.parametrize(
-    ("shape", "model_order"),
-    slow_but(
-        [
-            *zip(SMALL, ["noise", "eigenvalue_cfar", "mdl", "aic"], strict=True),
-            *zip(SMALL, ["mdl", "noise", "eigenvalue_cfar", "noise"], strict=True),
-        ],
-        product(SMALL, ["noise", "eigenvalue_cfar", "mdl", "aic"]),
-    ),
-)
+@pytest.mark.parametrize(("shape", "model_order"), slow_but(QUICK, product(SMALL, ORDERS)))
 def test_small_arrays_serve_and_orders_stay_within_what_they_can_tell(estimator, shape, model_order):
-    crowd = np.linspace(-0.5, 0.5, 7)
-    waves = plane_waves(
-        estimator(model_order=model_order, max_sources=9), crowd, crowd[::-1], gain_db=50, n=5, shape=shape
-    )
+    crowd, many = np.linspace(-0.5, 0.5, 7), estimator(model_order=model_order, max_sources=9)
+    waves = plane_waves(many, crowd, crowd[::-1], gain_db=50, n=5, shape=shape)
     assert waves.found.shape[1] <= min(shape[0] * shape[1], 9)
     assert np.isfinite(waves.u[waves.found]).all()
     one = plane_waves(estimator(model_order=model_order), [0.1], [0.2], n=5, shape=shape)
@@ -166,8 +152,9 @@ def test_no_cells_and_one_cell(estimator, polish):
 def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
     method = estimator()
     for rule in method.snapshot_rules():
-        snapshots = noise(100 * rule.range_cells, 16, 16).reshape(100, rule.range_cells, 16, 16)
-        waves = waves_in(method, rule, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256))
+        waves = waves_in(
+            method, rule, noise(100, rule.range_cells, 16, 16), Levels(1.0, 1.0, -np.log(1e-5) / 256)
+        )
         assert waves.found.sum() <= 3
 
 

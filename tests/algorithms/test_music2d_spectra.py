@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from isacbench_algorithms.chain import CellSnapshots, Levels, SnapshotRule
 from isacbench_algorithms.music2d import Music2d
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import minimize_scalar
 
 from isacbench.dsp.cell_detection import detect_cells
@@ -33,11 +34,9 @@ def street():
 @pytest.fixture(scope="module")
 def street_cells(street):
     """Snapshots (n, 16, 16) of every 40th detected cell of the street, and the floor of detection."""
-    gated = GatedMap(street.cells, street.gate)
-    estimator = Music2d()
-    detected = detect_cells(
-        gated.tapered("hann", "hann"), estimator.cell_detector(), "noncoherent", estimator.dynamic_range_db
-    )
+    gated, estimator = GatedMap(street.cells, street.gate), Music2d()
+    hann, detector = gated.tapered("hann", "hann"), estimator.cell_detector()
+    detected = detect_cells(hann, detector, "noncoherent", estimator.dynamic_range_db)
     tapered = gated.tapered(estimator.range_window, estimator.doppler_window)
     cells = tapered.cells[tapered.index(detected.bins)]
     assert len(cells) > 200
@@ -55,8 +54,7 @@ def noise_subspace(lines, noise):
 
 def null(subspace, cosine):
     """Squared distance of steering vectors from the signal subspace, any shape of cosines."""
-    projection = steering(SUBARRAY, cosine) @ subspace.conj()
-    return np.sum(np.abs(projection) ** 2, axis=-1)
+    return np.sum(np.abs(steering(SUBARRAY, cosine) @ subspace.conj()) ** 2, axis=-1)
 
 
 class DensePlane:
@@ -74,17 +72,10 @@ class DensePlane:
     def peaks(self, u, w):
         """Local maxima (n, 2) inside a grid, each polished by turns along u and along w."""
         level = self.level_db(*np.meshgrid(u, w, indexing="ij"))
-        inner = level[1:-1, 1:-1]
-        higher = [
-            inner > level[1 + i : level.shape[0] - 1 + i, 1 + j : level.shape[1] - 1 + j]
-            for i in (-1, 0, 1)
-            for j in (-1, 0, 1)
-            if (i, j) != (0, 0)
-        ]
-        rows, columns = np.nonzero(np.all(higher, axis=0))
-        return np.array(
-            [self.polished(u[i + 1], w[j + 1], u[1] - u[0], w[1] - w[0]) for i, j in zip(rows, columns)]  # noqa: B905
-        ).reshape(-1, 2)
+        is_highest = level[1:-1, 1:-1] == sliding_window_view(level, (3, 3)).max(axis=(2, 3))
+        steps = u[1] - u[0], w[1] - w[0]
+        maxima = [self.polished(u[i + 1], w[j + 1], *steps) for i, j in np.argwhere(is_highest)]
+        return np.reshape(maxima, (-1, 2))
 
     def polished(self, u, w, u_step, w_step):
         """Maximum within a sample of a place."""
@@ -112,12 +103,16 @@ def distance_deg(some, others):
     return np.maximum(abs(theta[:, None] - other_theta), abs(phi[:, None] - other_phi))
 
 
+def cells_of(snapshots, noise):
+    """Cells of snapshots (n, 16, 16) in noise of a power."""
+    return CellSnapshots(
+        SnapshotRule("rect", "soft"), None, None, snapshots[:, None], Levels(noise, noise, 0.0)
+    )
+
+
 def spectra_of(observation, snapshot, noise):
     """Spectra of one cell along u and along w."""
-    cells = CellSnapshots(
-        SnapshotRule("rect", "soft"), None, None, snapshot[None, None], Levels(noise, noise, 0.0)
-    )
-    return Music2d().spectra(observation, cells)
+    return Music2d().spectra(observation, cells_of(snapshot[None], noise))
 
 
 def margin_db(spectrum, places):
@@ -131,11 +126,8 @@ def assert_the_peaks_are_those_of_the_dense_plane(observation, snapshot, noise):
     """Each pair of peaks is a peak of the plane, and the deepest nulls that pass the test are all there."""
     plane = DensePlane(snapshot, noise)
     along_u, along_w = spectra = spectra_of(observation, snapshot, noise)
-    grids = [
-        np.linspace(spectrum.cosine[0], spectrum.cosine[-1], n)
-        for spectrum, n in zip(spectra, DENSE_SHAPE, strict=True)
-    ]
-    dense = plane.peaks(*grids)
+    grids = zip(spectra, DENSE_SHAPE, strict=True)
+    dense = plane.peaks(*(np.linspace(*one.cosine[[0, -1]], n) for one, n in grids))
     found = np.array([(u, w) for u in along_u.peaks for w in along_w.peaks]).reshape(-1, 2)
     if len(found):
         assert distance_deg(found, dense).min(axis=1).max() < TOLERANCE_DEG
@@ -155,11 +147,10 @@ def assert_the_peaks_are_those_of_the_dense_plane(observation, snapshot, noise):
 @st.composite
 def cells(draw):
     """One to three sources in the street's directions, of any phase, in noise 10 to 40 dB below one."""
-    n = draw(st.integers(1, 3))
-    u = np.array(draw(st.lists(st.floats(-0.17, 0.19), min_size=n, max_size=n)))
-    w = np.array(draw(st.lists(st.floats(0.005, 0.24), min_size=n, max_size=n)))
-    phase = np.array(draw(st.lists(st.floats(0, 2 * np.pi), min_size=n, max_size=n)))
-    power = np.array(draw(st.lists(st.floats(0.2, 2), min_size=n, max_size=n)))
+    source = st.tuples(
+        *(st.floats(*ends) for ends in ((-0.17, 0.19), (0.005, 0.24), (0, 2 * np.pi), (0.2, 2)))
+    )
+    u, w, phase, power = np.transpose(draw(st.lists(source, min_size=1, max_size=3)))
     noise = 10 ** -draw(st.floats(1, 4))
     seed = draw(st.integers(0, 2**32 - 1))
     echo = (steering(ELEMENTS, u).T * np.sqrt(power) * np.exp(1j * phase)) @ steering(ELEMENTS, w)
@@ -175,9 +166,8 @@ def test_two_lines_of_spectra_are_the_plane_of_their_product(street, cell):
     expected = DensePlane(snapshot, noise).level_db(*grids)
     found = along_u.level_db[::5, None] + along_w.level_db[None, ::5]
     # Poles that a sample strikes are cut off.
-    is_whole = np.logical_and.outer(
-        *(line.level_db[::5] < line.level_db.max() - 1e-9 for line in (along_u, along_w))
-    )
+    below = (line.level_db[::5] < line.level_db.max() - 1e-9 for line in (along_u, along_w))
+    is_whole = np.logical_and.outer(*below)
     # Nulls are differences of ones: their rounding shows in the deepest.
     nulls, dense_nulls = 10 ** (-found / 20), 10 ** (-expected / 20)
     np.testing.assert_allclose(nulls[is_whole], dense_nulls[is_whole], atol=1e-7)
@@ -217,15 +207,8 @@ def test_product_pairing_takes_the_local_maxima_of_the_plane_that_pass_a_cell_av
     u, w, noise = np.array([-0.12, 0.03, 0.16]), np.array([0.05, 0.21, 0.13]), 1e-2
     white_noise = np.sqrt(noise) * white(ELEMENTS, ELEMENTS, seed=4)
     snapshot = steering(ELEMENTS, u).T @ steering(ELEMENTS, w) + white_noise
-    cells = CellSnapshots(
-        SnapshotRule("rect", "soft"),
-        None,
-        None,
-        np.stack([snapshot] * 70)[:, None],
-        Levels(noise, noise, 0.0),
-    )
     paper = Music2d(pairing="product", product_pfa=pfa, max_sources=9)
-    waves = paper.plane_waves(street, cells)
+    waves = paper.plane_waves(street, cells_of(np.stack([snapshot] * 70), noise))
     along_u, along_w = (
         paper.line_music(*paper.line_subspaces(lines, noise), limits)
         for lines, limits in zip((snapshot[None], snapshot.T[None]), street.cosine_limits, strict=True)
