@@ -129,11 +129,8 @@ def test_a_probability_of_false_alarm_replaces_the_detectors(estimator):
     assert estimator(detector=detector, pfa=1e-5).cell_detector() == CaCfar(pfa=1e-5, training=4)
 
 
-DIAGNOSED = pytest.mark.parametrize(
-    "estimator",
-    [*(one() for one in scenes.CELLWISE), *CROSSES],
-    ids=lambda one: f"{one.name}-{one.integration}",
-)
+EVERY = [*(one() for one in scenes.CELLWISE), *CROSSES]
+DIAGNOSED = pytest.mark.parametrize("estimator", EVERY, ids=lambda one: f"{one.name}-{one.integration}")
 
 
 @DIAGNOSED

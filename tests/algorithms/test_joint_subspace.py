@@ -119,10 +119,8 @@ def test_the_eigenvalue_cfar_finds_the_strongest_of_them(estimator, rule, gain_d
 
 
 SMALL, ORDERS = [(2, 2), (3, 5), (2, 16), (8, 4)], ["noise", "eigenvalue_cfar", "mdl", "aic"]
-QUICK = [
-    *zip(SMALL, ORDERS, strict=True),
-    *zip(SMALL, ["mdl", "noise", "eigenvalue_cfar", "noise"], strict=True),
-]
+OTHERS = ["mdl", "noise", "eigenvalue_cfar", "noise"]
+QUICK = [*zip(SMALL * 2, ORDERS + OTHERS, strict=True)]
 
 
 @BOTH
@@ -152,10 +150,8 @@ def test_no_cells_and_one_cell(estimator, polish):
 def test_of_noise_nothing_is_left_that_its_power_does_not_explain(estimator):
     method = estimator()
     for rule in method.snapshot_rules():
-        waves = waves_in(
-            method, rule, noise(100, rule.range_cells, 16, 16), Levels(1.0, 1.0, -np.log(1e-5) / 256)
-        )
-        assert waves.found.sum() <= 3
+        snapshots = noise(100, rule.range_cells, 16, 16)
+        assert waves_in(method, rule, snapshots, Levels(1.0, 1.0, -np.log(1e-5) / 256)).found.sum() <= 3
 
 
 def image(scenario, estimator, gained_db, trial):

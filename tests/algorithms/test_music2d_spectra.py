@@ -105,9 +105,8 @@ def distance_deg(some, others):
 
 def cells_of(snapshots, noise):
     """Cells of snapshots (n, 16, 16) in noise of a power."""
-    return CellSnapshots(
-        SnapshotRule("rect", "soft"), None, None, snapshots[:, None], Levels(noise, noise, 0.0)
-    )
+    levels = Levels(noise, noise, 0.0)
+    return CellSnapshots(SnapshotRule("rect", "soft"), None, None, snapshots[:, None], levels)
 
 
 def spectra_of(observation, snapshot, noise):
@@ -147,9 +146,8 @@ def assert_the_peaks_are_those_of_the_dense_plane(observation, snapshot, noise):
 @st.composite
 def cells(draw):
     """One to three sources in the street's directions, of any phase, in noise 10 to 40 dB below one."""
-    source = st.tuples(
-        *(st.floats(*ends) for ends in ((-0.17, 0.19), (0.005, 0.24), (0, 2 * np.pi), (0.2, 2)))
-    )
+    ends = (-0.17, 0.19), (0.005, 0.24), (0, 2 * np.pi), (0.2, 2)
+    source = st.tuples(*(st.floats(least, most) for least, most in ends))
     u, w, phase, power = np.transpose(draw(st.lists(source, min_size=1, max_size=3)))
     noise = 10 ** -draw(st.floats(1, 4))
     seed = draw(st.integers(0, 2**32 - 1))

@@ -1,6 +1,7 @@
 """Matching pursuit on scenes of few scatterers: exact, at the bound, wherever the grid lies."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -66,9 +67,8 @@ def assert_found(scenario, cloud, cells, power=None):
     nearest = error.argmin(axis=0)
     assert sorted(nearest) == list(range(len(cloud)))
     assert error.min(axis=0).max() < cells
-    np.testing.assert_allclose(
-        cloud.power[nearest] / scenario.scatterers.amplitude**2, 1, atol=power or 4 * cells
-    )
+    ratio = cloud.power[nearest] / scenario.scatterers.amplitude**2
+    np.testing.assert_allclose(ratio, 1, atol=power or 4 * cells)
 
 
 PANEL, PAPER = (EMPTY, MIDDLE), (replace(EMPTY, frame=get_frame("paper")), np.array([90.0, 3.0, 0.0, 0.25]))
@@ -79,10 +79,8 @@ PANEL, PAPER = (EMPTY, MIDDLE), (replace(EMPTY, frame=get_frame("paper")), np.ar
     [
         *((name, PANEL, np.inf, 1e-3, None) for name in SCENES),
         *((name, PANEL, 30.0, 0.12, 0.5) for name in SCENES),
-        *(
-            (name, PAPER, np.inf, 1e-3, None)
-            for name in ("equal angles in different cells", "three on a line in range")
-        ),
+        ("equal angles in different cells", PAPER, np.inf, 1e-3, None),
+        ("three on a line in range", PAPER, np.inf, 1e-3, None),
     ],
 )
 def test_few_scatterers_are_found_and_nothing_else_and_without_noise_exactly(
@@ -143,8 +141,7 @@ def test_a_pair_too_close_for_double_precision_is_two_points_at_most(axis, apart
 def test_no_more_scatterers_are_sought_than_asked_for_and_the_strongest_first():
     seen = Simulator(spread(2, 8)).observe(30.0)
     every, some = Nomp4d().estimate(seen), Nomp4d(max_scatterers=3).estimate(seen)
-    assert len(every) == 8
-    assert len(some) == 3
+    assert (len(every), len(some)) == (8, 3)
     assert some.power.min() > np.sort(every.power)[3] / 2
 
 
@@ -189,35 +186,28 @@ def test_noise_makes_points_no_more_often_than_pfa_says(pfa, n_trials, most_imag
     assert counts.max() <= most_points
 
 
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-@pytest.mark.parametrize("phase_deg", [0.0, 90.0, 180.0])
-def test_coherent_pairs_a_third_of_a_cell_apart_are_two(dimension, phase_deg):
-    scenario = pair(EMPTY, "pair", MIDDLE, dimension, 0.35, phase_deg)
-    cloud = image(scenario, 60.0)
-    assert len(cloud) == 2
-    along = np.sort(errors(scenario, cloud)[:, 0, DIMENSIONS.index(dimension)])
-    assert abs(along[0]) < 0.1
-    assert abs(along[1] - 0.35) < 0.1
-
-
-@pytest.mark.parametrize("trial", range(2))
-def test_a_pair_in_velocity_in_nearly_opposite_phase_is_split_and_not_flanked(trial):
-    scenario = pair(EMPTY, "pair135.0", MIDDLE, "velocity", 0.25, 135.0)
-    along = np.sort(errors(scenario, image(scenario, 60.0, trial))[:, 0, DIMENSIONS.index("velocity")])
-    np.testing.assert_allclose(along, [0, 0.25], atol=0.1)
+@pytest.mark.parametrize(
+    ("dimension", "apart", "phase_deg", "trial"),
+    [
+        *product(DIMENSIONS, [0.35], [0.0, 90.0, 180.0], [0]),
+        # In nearly opposite phase: split and not flanked.
+        *(("velocity", 0.25, 135.0, trial) for trial in range(2)),
+    ],
+)
+def test_coherent_pairs_a_third_of_a_cell_apart_are_two(dimension, apart, phase_deg, trial):
+    scenario = pair(EMPTY, f"pair{phase_deg}", MIDDLE, dimension, apart, phase_deg)
+    along = np.sort(errors(scenario, image(scenario, 60.0, trial))[:, 0, DIMENSIONS.index(dimension)])
+    np.testing.assert_allclose(along, [0, apart], atol=0.1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_pairs_a_quarter_of_a_cell_apart_are_two_in_nine_of_ten_images(dimension):
-    resolved, index = [], DIMENSIONS.index(dimension)
-    for phase_deg in (0.0, 45.0, 90.0, 135.0, 180.0):
-        for trial in range(8):
-            scenario = pair(EMPTY, f"pair{phase_deg}", MIDDLE, dimension, 0.25, phase_deg)
-            limits = np.ones(4)
-            limits[index] = 0.125
-            found = (np.abs(errors(scenario, image(scenario, 60.0, trial))) < limits).all(axis=2)
-            resolved.append(found.any(axis=0).all())
+    resolved, limits = [], np.where(np.array(DIMENSIONS) == dimension, 0.125, 1)
+    for phase_deg, trial in product((0.0, 45.0, 90.0, 135.0, 180.0), range(8)):
+        scenario = pair(EMPTY, f"pair{phase_deg}", MIDDLE, dimension, 0.25, phase_deg)
+        found = (np.abs(errors(scenario, image(scenario, 60.0, trial))) < limits).all(axis=2)
+        resolved.append(found.any(axis=0).all())
     assert np.mean(resolved) >= 0.9
 
 
@@ -247,16 +237,13 @@ def test_a_weak_mover_beside_a_strong_scatterer_is_found():
 
 def test_more_rounds_find_more():
     scenario = scene(near_middle([[0, 0, 0, 0], [3.3, 1.2, 0.4, -0.3]]), [10.0, 1.0])
-    assert len(image(scenario, 30.0, max_rounds=1)) == 1
-    assert len(image(scenario, 30.0, max_rounds=2)) == 2
+    assert [len(image(scenario, 30.0, max_rounds=n)) for n in (1, 2)] == [1, 2]
 
 
 def test_a_smaller_local_dynamic_range_drops_the_weak_beside_the_strong():
     scenario = scene(near_middle([[0, 0, 0, 0], [1.4, 0.2, 0.4, -0.3]]), [10**0.5, 1.0])
-    lax, strict = (
-        np.abs(errors(scenario, image(scenario, 30.0, local_dynamic_range_db=limit_db))).max(axis=2)
-        for limit_db in (16.5, 6.0)
-    )
+    images = (image(scenario, 30.0, local_dynamic_range_db=limit_db) for limit_db in (16.5, 6.0))
+    lax, strict = (np.abs(errors(scenario, cloud)).max(axis=2) for cloud in images)
     assert np.all(lax.min(axis=0) < 0.1)
     assert strict[:, 0].min() < 0.1
     assert strict[:, 1].min() > 1
@@ -306,14 +293,10 @@ def test_a_map_that_is_no_sum_of_echoes_gets_few_atoms_and_ends(rounds):
     assert max(rounds) < 100
 
 
-def test_a_crowd_gets_all_its_rounds(rounds):
-    Nomp4d(max_rounds=4).estimate(observation_of("crowd[n_echoes=100,where=one_cell,snr_db=200.0]"))
-    assert len(rounds) == 4 + 2
-
-
-def test_noise_that_hides_most_of_the_echoes_does_not_end_a_pursuit(rounds):
-    Nomp4d(max_rounds=3).estimate(observation_of("crowd[n_echoes=100,where=region,snr_db=-20.0]"))
-    assert len(rounds) == 3 + 2
+@pytest.mark.parametrize(("max_rounds", "scene"), [(4, "one_cell,snr_db=200.0"), (3, "region,snr_db=-20.0")])
+def test_a_crowd_gets_all_its_rounds_though_noise_may_hide_most_of_the_echoes(rounds, max_rounds, scene):
+    Nomp4d(max_rounds=max_rounds).estimate(observation_of(f"crowd[n_echoes=100,where={scene}]"))
+    assert len(rounds) == max_rounds + 2
 
 
 def test_the_round_that_reaches_the_most_scatterers_is_the_last(rounds):

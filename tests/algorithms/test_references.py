@@ -1,6 +1,7 @@
 """References: the limit of resolution does not hang on its lattice, and chance has no skill."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from isacbench.model.echo import Simulator
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import TruthEstimator, is_reference
 from tests.algorithms.scenes import BASE_M, REGION, SYSTEM, simulator
-from tests.conftest import few
+from tests.conftest import few, slow_but
 from tests.single_scores import paper_scores
 
 CELL = np.array([SYSTEM.range_bin_m, SYSTEM.velocity_bin_mps, 2 / 8, 2 / 8])
@@ -61,18 +62,14 @@ class Moved(Oracle):
         return super()._in_cells(radio, truth) * self.factor + self.shift
 
 
-def along(axis, value, other):
-    return tuple(value if place == axis else other for place in range(4))
+def score_of(scenario, cloud):
+    return paper_scores(scenario.truth, cloud, scenario.region, scenario.system.velocity_bin_mps)
 
 
 def numbers(oracle, scenario):
     """Hausdorff sum and number of points of every realisation, shape (64, 2)."""
-    truth, bin_mps = scenario.truth, scenario.system.velocity_bin_mps
-    clouds = oracle.realisations(scenario, truth)
-    scores = [paper_scores(truth, cloud, scenario.region, bin_mps) for cloud in clouds]
-    return np.array(
-        [(score.hausdorff_sum_m, len(cloud)) for score, cloud in zip(scores, clouds, strict=True)]
-    )
+    clouds = oracle.realisations(scenario, scenario.truth)
+    return np.array([(score_of(scenario, cloud).hausdorff_sum_m, len(cloud)) for cloud in clouds])
 
 
 def assert_same_means(one, other):
@@ -80,6 +77,11 @@ def assert_same_means(one, other):
     error = np.maximum(one.std(axis=0), other.std(axis=0)) / 8
     difference = np.abs(one.mean(axis=0) - other.mean(axis=0))
     assert (difference <= 3 * error).all(), (difference / error).tolist()
+
+
+def rows_of(clouds):
+    """Places and velocities of all points."""
+    return np.vstack([cloud.to_array()[:, :4] for cloud in clouds])
 
 
 def by_rows(array):
@@ -116,7 +118,8 @@ def test_a_coordinate_that_is_moved_or_mirrored_changes_the_means_by_less_than_t
     axis, seed, shift, sign, frame
 ):
     scenario = random_scenario(seed, 30, frame)
-    moved = Moved(factor=along(axis, sign, 1.0), shift=along(axis, shift, 0.0))
+    own = np.arange(4) == axis
+    moved = Moved(factor=tuple(np.where(own, sign, 1.0)), shift=tuple(shift * own))
     assert_same_means(numbers(Oracle(), scenario), numbers(moved, scenario))
 
 
@@ -127,11 +130,7 @@ def rail():
     return scenario_of(np.vstack(xyz), np.zeros(3 * y.size))
 
 
-@pytest.mark.parametrize(
-    "make",
-    [rail, pytest.param(lambda: load_scenario("street"), marks=pytest.mark.slow)],
-    ids=["rail", "street"],
-)
+@pytest.mark.parametrize("make", slow_but([rail], [rail, partial(load_scenario, "street")]))
 def test_jitter_of_rounding_changes_the_means_by_less_than_a_percent(make):
     scenario = make()
     before = numbers(Oracle(), scenario).mean(axis=0)
@@ -151,10 +150,7 @@ def centroids(scenario, offset, cell):
         offset_m = xyz - BASE_M
         u, w = scenario.frame.direction_cosines(offset_m[None])
         places = np.sqrt(offset_m @ offset_m), v, u[0], w[0]
-        key = tuple(
-            int(np.floor(place / (cell * size) + moved))
-            for place, size, moved in zip(places, CELL, offset, strict=True)
-        )
+        key = tuple(np.floor(np.divide(places, cell * CELL) + offset).astype(int))
         cells.setdefault(key, []).append([*xyz, v, power])
     return np.array([[*np.mean(rows, axis=0)[:4], np.sum(rows, axis=0)[4]] for rows in cells.values()])
 
@@ -172,11 +168,7 @@ def test_every_realisation_is_the_centroid_of_every_cell_as_a_plain_loop_has_it(
 
 
 @few
-@given(
-    axis=st.integers(0, 3),
-    steps=st.lists(st.floats(1.0001, 3), min_size=1, max_size=8),
-    cell=st.sampled_from([0.5, 1.0]),
-)
+@given(st.integers(0, 3), st.lists(st.floats(1.0001, 3), min_size=1, max_size=8), st.sampled_from([0.5, 1]))
 def test_lone_scatterers_farther_than_a_cell_apart_are_returned_exactly(axis, steps, cell):
     radio = replace(scenario_of(np.empty((0, 3)), []), array=VirtualArray((1, 1), (32, 32)))
     size = [SYSTEM.range_bin_m, SYSTEM.velocity_bin_mps, 2 / 32, 2 / 32][axis]
@@ -193,12 +185,9 @@ def test_lone_scatterers_farther_than_a_cell_apart_are_returned_exactly(axis, st
 @given(seed=st.integers(0, 9999), n=st.integers(20, 80))
 def test_half_cells_are_never_coarser_on_average(seed, n):
     scenario = random_scenario(seed, n)
-    one, half = (
-        np.mean([len(cloud) for cloud in Oracle(cell).realisations(scenario, scenario.truth)])
-        for cell in (1.0, 0.5)
-    )
-    assert half >= one
-    assert half <= n
+    clouds = (Oracle(cell).realisations(scenario, scenario.truth) for cell in (1.0, 0.5))
+    one, half = (np.mean([len(cloud) for cloud in of]) for of in clouds)
+    assert one <= half <= n
 
 
 @few
@@ -209,16 +198,15 @@ def test_chance_fills_the_box_of_the_truth_with_as_many_points_as_half_cells(see
     clouds = Chance().realisations(scenario, truth)
     n_points = round(np.mean([len(cloud) for cloud in Oracle(cell=0.5).realisations(scenario, truth)]))
     assert [len(cloud) for cloud in clouds] == [n_points] * 64
-    box, drawn = truth.to_array()[:, :4], np.vstack([cloud.to_array() for cloud in clouds])
-    assert (drawn[:, :4] >= box.min(axis=0)).all()
-    assert (drawn[:, :4] <= box.max(axis=0)).all()
+    box, drawn = truth.to_array()[:, :4], rows_of(clouds)
+    assert ((drawn >= box.min(axis=0)) & (drawn <= box.max(axis=0))).all()
     assert clouds[3].power.sum() == pytest.approx(truth.power.sum())
 
 
 def test_chance_is_uniform_in_the_box():
     scenario = random_scenario(1, 60)
     box = scenario.truth.to_array()[:, :4]
-    drawn = np.vstack([cloud.to_array()[:, :4] for cloud in Chance().realisations(scenario, scenario.truth)])
+    drawn = rows_of(Chance().realisations(scenario, scenario.truth))
     shares = np.sort((drawn - box.min(axis=0)) / np.ptp(box, axis=0), axis=0)
     expected = (np.arange(len(shares)) + 0.5) / len(shares)
     # Kolmogorov and Smirnov: exceeded once in a million uniform samples.
@@ -228,8 +216,7 @@ def test_chance_is_uniform_in_the_box():
 @pytest.mark.parametrize("n", [1, 3])
 def test_chance_does_not_know_where_a_lone_place_is(n):
     scenario = scenario_of([[3.0, 20.0, 1.0]] * n, [2.0] * n)
-    clouds = Chance().realisations(scenario, scenario.truth)
-    drawn = np.vstack([cloud.to_array()[:, :4] for cloud in clouds])
+    drawn = rows_of(Chance().realisations(scenario, scenario.truth))
     limits = np.array([REGION.x_m, REGION.y_m, REGION.z_m, REGION.speed_mps])
     assert ((drawn >= limits[:, 0]) & (drawn <= limits[:, 1])).all()
     assert (np.ptp(drawn, axis=0) > 0.8 * np.ptp(limits, axis=1)).all()
@@ -247,11 +234,10 @@ def test_chance_draws_the_same_numbers_everywhere():
 @BOTH
 def test_the_estimate_is_the_realisation_nearest_to_the_mean_deviation(reference):
     scenario = random_scenario(2)
-    truth, bin_mps = scenario.truth, scenario.system.velocity_bin_mps
-    cloud = reference.estimate(Simulator(scenario).observe(0.0), truth)
-    clouds = reference.realisations(scenario, truth)
-    scores = [paper_scores(truth, other, scenario.region, bin_mps).deviation for other in clouds]
-    nearest = clouds[int(np.argmin(np.abs(np.array(scores) - np.mean(scores))))]
+    cloud = reference.estimate(Simulator(scenario).observe(0.0), scenario.truth)
+    clouds = reference.realisations(scenario, scenario.truth)
+    deviations = np.array([score_of(scenario, other).deviation for other in clouds])
+    nearest = clouds[np.abs(deviations - deviations.mean()).argmin()]
     np.testing.assert_array_equal(cloud.to_array(), nearest.to_array())
 
 

@@ -24,10 +24,9 @@ def street_part(shape, x_m=(10.0, 16.0), y_m=(15.0, 20.0)):
     """A part of the street seen by an array: quick, and still a crowd."""
     street = load_scenario("street")
     region = Region(x_m, y_m, street.region.z_m, street.region.speed_mps)
-    inside = region.contains(street.scatterers.xyz)
-    scatterers = Scatterers(
-        *(getattr(street.scatterers, name)[inside] for name in ("xyz", "velocity", "amplitude", "phase_rad"))
-    )
+    inside, every = region.contains(street.scatterers.xyz), street.scatterers
+    columns = every.xyz, every.velocity, every.amplitude, every.phase_rad
+    scatterers = Scatterers(*(column[inside] for column in columns))
     array = VirtualArray((1, 1), shape, 1, 1)
     return replace(street, name="part", array=array, region=region, scatterers=scatterers)
 
@@ -59,8 +58,7 @@ def test_a_street_is_dense_without_ghosts_and_remarks_are_of_atoms_left_out(make
         scores = score(scenario.truth, cloud, region=scenario.region)
         other = Esprit2d().estimate(observation)
         ratios.append(hausdorff_sum_m(scenario, cloud) / hausdorff_sum_m(scenario, other))
-        assert scores["precision"] > 0.95
-        assert scores["recall"] > 0.95
+        assert min(scores["precision"], scores["recall"]) > 0.95
         assert scores["density"] < 0.6
         assert scores["velocity_nmse"] < 1e-3
         assert remarks.counts["unexplained"] == (0, 1)

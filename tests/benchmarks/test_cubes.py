@@ -51,16 +51,8 @@ def plain_chain(cube, scenario, estimator):
     assert power.shape == cube.shape[:2]
     gate = build_gate(scenario.system, scenario.base_station_m, scenario.region)
     rows = np.ix_(gate.range_bins % cube.shape[0], gate.doppler_bins % cube.shape[1])
-    observation = Observation(
-        cells[rows],
-        gate,
-        scenario.system,
-        scenario.array,
-        scenario.frame,
-        scenario.base_station_m,
-        scenario.region,
-    )
-    return estimator.estimate(observation)
+    radio = scenario.system, scenario.array, scenario.frame, scenario.base_station_m, scenario.region
+    return estimator.estimate(Observation(cells[rows], gate, *radio))
 
 
 @pytest.mark.parametrize("integration", ["noncoherent", "element"])

@@ -42,20 +42,14 @@ class Estimates:
             task = job.plan.task(block.scenario)
             for one in task.entries:
                 environment = environments.setdefault(one.name, environment_of(one.plugin))
-                name = environment_id(environment)
-                known = {
-                    "suite": job.suite.name,
-                    "scenario": task.name,
+                place = {"scenario": task.name, "scenario_content": task.content, "trial": block.trial}
+                own = {
                     "estimator": one.name,
                     "params": one.params,
-                    "snr_db": block.snr_db,
-                    "trial": block.trial,
-                    "seed": 0,
-                    "scenario_content": task.content,
-                    "n_true": 466,
-                    "timing": False,
-                    "environment": name,
+                    "environment": environment_id(environment),
                 }
+                always = {"suite": job.suite.name, "seed": 0, "n_true": 466, "timing": False}
+                known = {**place, "snr_db": block.snr_db, **own, **always}
                 scores = dict(zip(SCORES, random.random(len(SCORES)).tolist(), strict=True))
                 status, n_points = "ok", N_POINTS
                 if scores["recall"] < 0.02:
@@ -82,13 +76,8 @@ class Estimates:
 def test_a_million_rows_are_written_resumed_and_reported(
     tmp_path, monkeypatch, estimators, n_snrs, n_trials, most_s
 ):
-    suite = Suite(
-        name="million",
-        scenarios=["street", "street-paper"],
-        estimators=estimators,
-        snr_db=list(range(-25, n_snrs - 25)),
-        trials=n_trials,
-    )
+    cells = {"estimators": estimators, "snr_db": list(range(-25, n_snrs - 25)), "trials": n_trials}
+    suite = Suite(name="million", scenarios=["street", "street-paper"], **cells)
     folder, estimates, spent_s = tmp_path / "run", Estimates(), {}
 
     def timed(name, function, *arguments):
