@@ -122,16 +122,15 @@ def _is_worse_far_off(subject: MetricSubject) -> None:
     truth = subject.scenario.truth
     here = subject.scores(truth)
     there = subject.scores(PointCloud(truth.xyz + np.array([MOVED_M, 0, 0]), truth.velocity, truth.power))
-    for column in subject.plugin.columns:
-        if column.name not in here or column.better == "neither":
-            continue
-        change = there[column.name] - here[column.name]
-        if (change if column.better == "higher" else -change) > ROUNDING:
-            raise CheckFailedError(
-                f"{column.name} of the truth is {here[column.name]:.4g}, and {there[column.name]:.4g} where "
-                f"all of it is moved by {MOVED_M:g} m, but {column.better} is better: correct the score or "
-                "its better"
-            )
+    directions = {"lower": -1, "neither": 0, "higher": 1}
+    for column in (one for one in subject.plugin.columns if one.name in here):
+        gain = directions[column.better] * (there[column.name] - here[column.name])
+        require(
+            not gain > ROUNDING,  # of NaN as well
+            f"{column.name} of the truth is {here[column.name]:.4g}, and {there[column.name]:.4g} where all "
+            f"of it is moved by {MOVED_M:g} m, but {column.better} is better: correct the score or the "
+            "direction",
+        )
 
 
 SCORED = "scores"

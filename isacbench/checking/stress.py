@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
@@ -145,12 +146,8 @@ def _severity(finding: Finding) -> tuple[bool, float]:
 
 def find_targets(kind: PluginKind, specs: Sequence[str]) -> list[Target]:
     """Targets that specifications stand for, grids included, each once."""
-    found = [
-        Target(kind, spec, canonical_params(plugin))
-        for text in specs
-        for spec, plugin in build_variants(kind, text)
-    ]
-    return list(dict.fromkeys(found))
+    variants = (variant for text in specs for variant in build_variants(kind, text))
+    return list(dict.fromkeys(Target(kind, spec, canonical_params(plugin)) for spec, plugin in variants))
 
 
 def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list[Task]:
@@ -159,9 +156,8 @@ def tasks_of(targets: Sequence[Target], cases: Sequence[str], seed: int) -> list
     Refuses a case that is unknown, or meant for none of the targets.
     """
     kinds = {target.kind for target in targets}
-    texts = dict.fromkeys(cases) if cases else [family.name for family in find_families([], kinds)]
-    chosen = [case for text in texts for case in find_cases(text, kinds)]
-    pairs = product(targets, chosen)
+    texts = dict.fromkeys(cases or [family.name for family in find_families([], kinds)])
+    pairs = product(targets, [case for text in texts for case in find_cases(text, kinds)])
     return [Task(target, case, seed) for target, case in pairs if case.family.kind == target.kind]
 
 
@@ -176,12 +172,9 @@ def run_case(case: Case, plugin: Any, seed: int = 0) -> list[Finding]:
     if not made:
         return [finding]
     subject, checks = made
-    findings: list[Finding] = []
-    for check in checks:
-        findings.append(run_check(check, subject, is_strict=True))
-        if findings[0].status != "ok":
-            break
-    return findings
+    first, *others = (partial(run_check, check, subject, is_strict=True) for check in checks)
+    finding = first()
+    return [finding, *(run() for run in others)] if finding.status == "ok" else [finding]
 
 
 class CaseProcess(GuardedProcess):

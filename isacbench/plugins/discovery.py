@@ -8,7 +8,7 @@ import linecache
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -117,7 +117,16 @@ _files: dict[PluginFile, tuple[RegisteredPlugin, ...]] = {}
 def entries(kind: PluginKind) -> dict[str, RegisteredPlugin]:
     """Look up everything registered of a kind, by name, which two packages or files must not share."""
     local = [entry for registered in _files.values() for entry in registered if entry.kind == kind]
-    return _by_name([*_installed(kind, tuple(sys.path)), *local])
+    named: dict[str, RegisteredPlugin] = {}
+    for entry in (*_installed(kind, tuple(sys.path)), *local):
+        if entry.name in named:
+            first, second = (f"{one.origin} ({one.target})" for one in (named[entry.name], entry))
+            raise InputError(
+                f"{entry.kind} {entry.name!r} is registered twice, by {first} and by {second}: "
+                "names must be unique, uninstall or rename one"
+            )
+        named[entry.name] = entry
+    return named
 
 
 def load_plugin_file(path: str | Path) -> list[str]:
@@ -188,20 +197,6 @@ def _installed(kind: PluginKind, _path: tuple[str, ...]) -> tuple[RegisteredPlug
         for one in entry_points(group=GROUPS[kind])
         if one.dist
     )
-
-
-def _by_name(found: Iterable[RegisteredPlugin]) -> dict[str, RegisteredPlugin]:
-    """Entries by name, which must be unique."""
-    named: dict[str, RegisteredPlugin] = {}
-    for entry in found:
-        if entry.name in named:
-            first, second = (f"{one.origin} ({one.target})" for one in (named[entry.name], entry))
-            raise InputError(
-                f"{entry.kind} {entry.name!r} is registered twice, by {first} and by {second}: "
-                "names must be unique, uninstall or rename one"
-            )
-        named[entry.name] = entry
-    return named
 
 
 def _defined(file: PluginFile, module: ModuleType) -> tuple[RegisteredPlugin, ...]:
