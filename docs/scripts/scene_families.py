@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 
 from isacbench import load_scenario
 from isacbench.model.scenes.scene_families import FAMILIES
-from isacbench.report.figures import new_figure, save, styled, velocity_colours
+from isacbench.report.clouds import velocity_colours
+from isacbench.report.figures import new_figure, save, styled
 
 FIGURE = Path(__file__).resolve().parents[1] / "images" / "scene-families.png"
 SEEDS = 0, 2

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import AsinhNorm, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -38,6 +39,18 @@ FLATTEST = 0.1
 
 AXES = "xyz"
 
+CONTEXT = "0.72"
+"""Grey of the truth behind an estimate."""
+
+# Dark in the middle, so that static points are seen on white.
+VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
+UNKNOWN = "#7A7A7A"
+"""Grey of points whose velocity is unknown."""
+
+VELOCITY = "radial velocity [m/s], approaching > 0"
+SLOW_MPS = 2.0
+TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
+
 MOST_CLOUDS = 16
 """Most estimators of which clouds, maps and spectra are shown; of more, those of least mean deviation."""
 
@@ -61,6 +74,16 @@ class _Scene(NamedTuple):
     colours: ScalarMappable
     has_velocities: bool
     radius_m: float
+
+
+def velocity_colours(fastest_mps: float) -> ScalarMappable:
+    """Map radial velocities to colours: 0 in the middle, slow ones spread to differ visibly from it.
+
+    The fastest speed is at both ends. Unknown velocities, NaN, have a colour of their own.
+    """
+    fastest_mps = max(SLOW_MPS, fastest_mps)
+    colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS).with_extremes(bad=UNKNOWN)
+    return ScalarMappable(AsinhNorm(SLOW_MPS, -fastest_mps, fastest_mps), colours)
 
 
 def best_variants(rows: pd.DataFrame, candidates: Sequence[Variant]) -> list[Variant]:
@@ -109,8 +132,7 @@ def draw_clouds(
     for number, (heading, image) in enumerate(images, start=1):
         panels.append(figure.add_subplot(n_rows, n_columns, number, projection="3d"))
         _draw_perspective(panels[-1], scene, heading, image)
-    if scene.has_velocities:
-        figures.velocity_bar(figure, scene.colours, panels)
+    _draw_velocity_bar(figure, scene, panels)
     return figure
 
 
@@ -128,8 +150,7 @@ def draw_comparison(
     _draw_perspective(panels["estimate"], scene, heading, image)
     for plane in ("xy", "xz", "yz"):
         _draw_projection(panels[plane], scene, image.cloud, plane)
-    if scene.has_velocities:
-        figures.velocity_bar(figure, scene.colours, [panels["truth"], panels["estimate"]])
+    _draw_velocity_bar(figure, scene, [panels["truth"], panels["estimate"]])
     return figure
 
 
@@ -142,7 +163,7 @@ def _scene(truth: PointCloud, images: Sequence[Image], region: Region, radius_m:
     upper_m = np.ceil(points.max(axis=0))
     shortest_m = max(SMALLEST_BOX_M, FLATTEST * float((upper_m - lower_m).max()))
     upper_m = np.maximum(upper_m, np.ceil(lower_m + shortest_m))
-    colours = figures.velocity_colours(max(map(abs, region.speed_mps)))
+    colours = velocity_colours(max(map(abs, region.speed_mps)))
     has_velocities = any(image.cloud.has_velocity for image in images)
     return _Scene(truth, lower_m, upper_m, colours, has_velocities, radius_m)
 
@@ -163,7 +184,7 @@ def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -
     axes.text2D(0.5, 1.0, figures.drawable(heading), weight="bold", **centred)
     axes.text2D(0.5, 0.94, image.note, size=8, **centred)
     style: dict[str, Any] = {"depthshade": False, "clip_on": False}
-    axes.scatter(*scene.truth.xyz.T, color=figures.CONTEXT, s=2, linewidths=0, **style)
+    axes.scatter(*scene.truth.xyz.T, color=CONTEXT, s=2, linewidths=0, **style)
     for points, marks in _marked(scene, image.cloud):
         axes.scatter(*points.xyz.T, c=scene.colours.to_rgba(points.velocity), **marks, **style)
 
@@ -172,7 +193,7 @@ def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -
     """Draw truth and estimate over each other, projected on a plane."""
     shown = [AXES.index(name) for name in plane]
     across, up = scene.truth.xyz[:, shown].T
-    axes.scatter(across, up, s=22, facecolors="none", edgecolors=figures.CONTEXT)
+    axes.scatter(across, up, s=22, facecolors="none", edgecolors=CONTEXT)
     for points, marks in _marked(scene, cloud):
         across, up = points.xyz[:, shown].T
         axes.scatter(across, up, c=scene.colours.to_rgba(points.velocity), **marks)
@@ -183,6 +204,14 @@ def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -
     axes.xaxis.set_major_locator(_ticks(scene, plane[0]))
     axes.yaxis.set_major_locator(_ticks(scene, plane[1]))
     axes.grid(True)
+
+
+def _draw_velocity_bar(figure: Figure, scene: _Scene, panels: Sequence[Axes3D]) -> None:
+    """Draw the colours of velocities to the right of some panels, if there are any."""
+    if scene.has_velocities:
+        ticks = TICKS_MPS[np.abs(TICKS_MPS) <= (scene.colours.norm.vmax or 0.0)]
+        place: dict[str, Any] = {"fraction": 0.8 / figure.get_figwidth(), "shrink": 0.7}
+        figure.colorbar(scene.colours, ax=panels, label=VELOCITY, ticks=ticks, format="%g", **place)
 
 
 def _ticks(scene: _Scene, name: str) -> MaxNLocator:
@@ -206,7 +235,7 @@ def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str
 def _legend(scene: _Scene) -> list[Line2D]:
     """Make the entries that explain the marks; none where there is no truth."""
     false = f"false point: farther than {scene.radius_m:g} m from the truth"
-    entries = ("o", figures.CONTEXT, "truth"), ("o", "0.2", "estimate"), ("x", "0.2", false)
+    entries = ("o", CONTEXT, "truth"), ("o", "0.2", "estimate"), ("x", "0.2", false)
     return [
         Line2D([], [], marker=marker, linestyle="", color=colour, label=label)
         for marker, colour, label in (entries if len(scene.truth) else ())

@@ -13,8 +13,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import AsinhNorm, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.lines import Line2D
@@ -37,20 +35,8 @@ FONT = "DejaVu Sans"
 ROW_IN = 0.175
 """Height of a row of a legend."""
 
-CONTEXT = "0.72"
-"""Grey of the truth behind an estimate."""
-
 THRESHOLD = "#D55E00"
 """Colour of thresholds."""
-
-# Dark in the middle, so that static points are seen on white.
-VELOCITY_COLOURS = ("#3FA7E6", "#0072B2", "#333333", "#D55E00", "#F2A900")
-UNKNOWN = "#7A7A7A"
-"""Grey of points whose velocity is unknown."""
-
-VELOCITY = "radial velocity [m/s], approaching > 0"
-SLOW_MPS = 2.0
-TICKS_MPS = np.array([-200, -100, -50, -20, -10, -5, -2, 0, 2, 5, 10, 20, 50, 100, 200])
 
 RC = {
     "font.family": FONT,
@@ -113,23 +99,6 @@ def drawable(text: str) -> str:
     font = get_font(findfont(FontProperties(family=[FONT])))
     shown = [char if char.isprintable() and font.get_char_index(ord(char)) else "\ufffd" for char in text]
     return "".join(shown).replace("$", r"\$")
-
-
-def velocity_colours(fastest_mps: float) -> ScalarMappable:
-    """Map radial velocities to colours: 0 in the middle, slow ones spread to differ visibly from it.
-
-    The fastest speed is at both ends. Unknown velocities, NaN, have a colour of their own.
-    """
-    fastest_mps = max(SLOW_MPS, fastest_mps)
-    colours = LinearSegmentedColormap.from_list("velocity", VELOCITY_COLOURS).with_extremes(bad=UNKNOWN)
-    return ScalarMappable(AsinhNorm(SLOW_MPS, -fastest_mps, fastest_mps), colours)
-
-
-def velocity_bar(figure: Figure, colours: ScalarMappable, panels: Iterable[Axes]) -> None:
-    """Draw the colour bar of `velocity_colours` to the right of some panels."""
-    ticks = TICKS_MPS[np.abs(TICKS_MPS) <= (colours.norm.vmax or 0.0)]
-    place: dict[str, Any] = {"fraction": 0.8 / figure.get_figwidth(), "shrink": 0.7}
-    figure.colorbar(colours, ax=list(panels), label=VELOCITY, ticks=ticks, format="%g", **place)
 
 
 MARKERS = {

@@ -1,7 +1,7 @@
 """The report of a run: its tables, its figures, chosen figures for papers, and its page."""
 
 import warnings
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,7 +48,6 @@ NamedFigure = tuple[str, Figure]
 MOST_FAILURES = 20
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
 CLOUDS_A_FIGURE = 4
-CELL = ["estimator", "params", "snr_db"]
 MOST_WORST = 6
 """Most estimators whose worst scene is drawn."""
 
@@ -290,19 +289,16 @@ def cloud_figures(
         yield f"{stem}{suffix}", figure
 
 
-def _images(run: Run, scenario: str, trial: int) -> dict[Hashable, Image]:
+def _images(run: Run, scenario: str, trial: int) -> dict[tuple[str, str, float], Image]:
     """Images of one trial of a scenario, by name, parameters and SNR."""
-    # Numbers first: they are compared much faster than text, and leave little of it.
-    places = np.flatnonzero(run.rows["trial"] == trial)
-    places = places[run.rows["scenario"].iloc[places] == scenario]
-    rows, found = run.rows.iloc[places].set_index(CELL), {}
-    for place, (key, row) in zip(places.tolist(), rows.iterrows(), strict=True):
-        cloud = PointCloud.from_array(run.points[place])
+    is_own, found = (run.rows["trial"] == trial) & (run.rows["scenario"] == scenario), {}
+    for place in np.flatnonzero(is_own).tolist():
+        row, cloud = run.rows.iloc[place], PointCloud.from_array(run.points[place])
         note = "nothing detected" if row["status"] == "no_detection" else str(row["status"])
         if note == "ok":
             hausdorff_m = row[[*PROJECTIONS]].sum()
             note = f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m"
-        found[key] = Image(cloud, note)
+        found[row["estimator"], row["params"], row["snr_db"]] = Image(cloud, note)
     return found
 
 

@@ -12,7 +12,6 @@ from isacbench.report.figures import (
     drawn_charts,
     save_figures,
     styled,
-    velocity_colours,
 )
 
 RED, BLUE = LineStyle("#FF0000", "dashdot", "square"), LineStyle("#0000FF", "solid", "circle")
@@ -213,11 +212,3 @@ def test_figures_are_written_by_stem_and_extension_each_in_its_format(tmp_path):
 
 def test_names_are_drawn_without_missing_glyphs():
     assert drawable("$x$ é_a\n街") == "\\$x\\$ é_a\ufffd\ufffd"
-
-
-def test_velocity_colours_are_centred_at_zero_and_span_both_directions():
-    norm = velocity_colours(15.0).norm
-    assert norm(0.0) == pytest.approx(0.5)
-    assert (norm.vmin, norm.vmax) == (-15.0, 15.0)
-    assert norm(2.0) - 0.5 > 2 * 2 / 30
-    assert velocity_colours(0.0).norm.vmax > 0

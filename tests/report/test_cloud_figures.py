@@ -5,7 +5,7 @@ import pytest
 
 from isacbench import InputError, PointCloud, load_scenario, plot_clouds
 from isacbench.model.region import Region
-from isacbench.report.clouds import Image, draw_clouds, draw_comparison
+from isacbench.report.clouds import Image, draw_clouds, draw_comparison, velocity_colours
 
 REGION = Region((0.0, 30.0), (0.0, 20.0), (0.0, 20.0), (-15.0, 15.0))
 EMPTY = PointCloud.empty()
@@ -144,3 +144,11 @@ def test_points_without_velocities_have_one_colour_and_no_scale(truth):
     assert len(colours) == 1
     has_scale = any("radial velocity" in axes.get_ylabel() for axes in figure.axes)
     assert has_scale == (truth is not None)
+
+
+def test_velocity_colours_are_centred_at_zero_and_span_both_directions():
+    norm = velocity_colours(15.0).norm
+    assert norm(0.0) == pytest.approx(0.5)
+    assert (norm.vmin, norm.vmax) == (-15.0, 15.0)
+    assert norm(2.0) - 0.5 > 2 * 2 / 30
+    assert velocity_colours(0.0).norm.vmax > 0

@@ -30,9 +30,8 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import median_gain_db
-from isacbench.report.clouds import SHOWN_SNR_DB, shown_snr_db
+from isacbench.report.clouds import SHOWN_SNR_DB, VELOCITY_COLOURS, shown_snr_db
 from isacbench.report.comparison import ComparisonReport, Row
-from isacbench.report.figures import VELOCITY_COLOURS
 from isacbench.report.html.joined_runs import KEY, RUN, JoinedRuns
 from isacbench.report.tables import json_rows
 
