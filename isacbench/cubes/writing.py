@@ -206,7 +206,8 @@ class FrameSimulator:
             grid = resource_grid(self._scenario, array.positions, subcarriers)
             if correction is not None:
                 noise = self._white_block(subcarriers)
-                noise += self._along_doppler.conj().T @ self._along_subcarriers(correction, subcarriers)
+                lines = self._along_range[:, subcarriers].conj().T @ correction.reshape(len(correction), -1)
+                noise += self._along_doppler.conj().T @ lines.reshape(-1, *correction.shape[1:])
                 noise *= self._noise_amplitude
                 grid += noise
             if self._carried is not None:
@@ -229,11 +230,6 @@ class FrameSimulator:
         for cells in self._each_block(share):
             correction -= cells
         return correction
-
-    def _along_subcarriers(self, cells: Complex, subcarriers: slice) -> Complex:
-        """Doppler bins (n, n_doppler, e) of a block of subcarriers that cells of the gate have."""
-        lines = self._along_range[:, subcarriers].conj().T @ cells.reshape(len(cells), -1)
-        return lines.reshape(-1, *cells.shape[1:])
 
     def _white_block(self, subcarriers: slice) -> Complex:
         """Unit noise (n, n_symbols, e) of a block; the same whenever it is asked for."""

@@ -61,8 +61,7 @@ def read_ply(path: Path) -> dict[str, Floats]:
     if LIST in (kind for _, kind in properties):
         raise InputError(f"{path}: element vertex: has a list property; only plain ones can be read")
     if not order:
-        first = len(header) + 3
-        lines = enumerate(body.decode("ascii", "replace").splitlines(), first)
+        lines = enumerate(body.decode("ascii", "replace").splitlines(), len(header) + 3)
         rows = [(number, line) for number, line in lines if line.strip()]
         n_held = len(rows)
         if n_held > n and n_elements == 1:
@@ -73,9 +72,8 @@ def read_ply(path: Path) -> dict[str, Floats]:
     if n_held < n:
         raise InputError(f"{path}: is truncated: {n_held} of {n} vertices")
     if not order:
-        numbers, texts = [number for number, _ in rows[:n]], [line for _, line in rows[:n]]
-        table = CsvTable(path, split_rows(path, texts, numbers, BLANKS, len(names)), numbers, BLANKS, [], "")
-        values = table.values(names, [*columns.values()])
+        numbers, fields = [number for number, _ in rows[:n]], split_rows(path, rows[:n], BLANKS, len(names))
+        values = CsvTable(path, fields, numbers, BLANKS, [], "").values(names, [*columns.values()])
     else:
         records = np.frombuffer(body, layout, n) if n else np.empty(0, layout)
         values = np.column_stack([records[f"f{k}"].astype(np.float64) for k in columns.values()])

@@ -179,19 +179,17 @@ def read_csv_table(path: Path) -> CsvTable:
         numbered.pop(0)
     if not numbered:
         raise InputError(f"{path}: is empty; at least the header x,y,z is required")
-    numbers, texts = zip(*numbered, strict=True)
+    (number, first), numbers = numbered[0], [number for number, _ in numbered]
     # A tab beside another mark, or at the ends of a line, separates nothing.
-    marks = re.sub(r"\s*([,;])\s*", r"\1", re.sub('"[^"]*"', '""', texts[0]).strip())
+    marks = re.sub(r"\s*([,;])\s*", r"\1", re.sub('"[^"]*"', '""', first).strip())
     delimiter = next((mark for mark in ";\t," if mark in marks), BLANKS)
-    (names,), place = split_rows(path, texts[:1], numbers, delimiter), f"row {numbers[0]}"
-    names = [name.strip() for name in names]
+    names, place = [name.strip() for name in split_rows(path, numbered[:1], delimiter)[0]], f"row {number}"
     if not any(is_number(name.replace(",", ".")) for name in names) or "x" in map(plain_name, names):
-        rows = _named_rows(path, texts[1:], numbers[1:], delimiter, len(names))
+        rows = _named_rows(path, numbered[1:], delimiter, len(names))
         if rows and len(rows[0]) > len(names):
             names = ["", *names]
         return CsvTable(path, rows, numbers[1:], delimiter, names, place)
-    rows = split_rows(path, texts, numbers, delimiter)
-    names = []
+    rows, names = split_rows(path, numbered, delimiter), []
     for line in above:
         if {"x", "y", "z"} <= {*re.findall(r"\w+", line.lower())}:
             names = re.split(r"\s*[;\t,]\s*|\s+", line)
@@ -204,35 +202,34 @@ def read_csv_table(path: Path) -> CsvTable:
 
 
 def _named_rows(
-    path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str, n_names: int
+    path: Path, lines: Sequence[tuple[int, str]], delimiter: str, n_names: int
 ) -> list[list[str]]:
     """Split the rows below a header, which may leave out the name of a first column with names of rows.
 
     A number is the name of a row only if it alone is quoted, or if they count two rows or more: else the name
     of another column may be missing.
     """
-    if lines and len(split_rows(path, lines[:1], numbers, delimiter)[0]) == n_names + 1:
-        rows = split_rows(path, lines, numbers, delimiter)
+    if lines and len(split_rows(path, lines[:1], delimiter)[0]) == n_names + 1:
+        rows = split_rows(path, lines, delimiter)
         first = [row[0].strip() for row in rows]
         counts = [[str(number + start) for number in range(len(rows))] for start in (0, 1)]
-        has_names = _ROW_NAME.match(lines[0].strip()) or not is_number(first[0].replace(",", "."))
+        has_names = _ROW_NAME.match(lines[0][1].strip()) or not is_number(first[0].replace(",", "."))
         if rows[0][-1].strip() and (has_names or (len(rows) > 1 and first in counts)):
             return rows
-    return split_rows(path, lines, numbers, delimiter, n_names)
+    return split_rows(path, lines, delimiter, n_names)
 
 
 def split_rows(
-    path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str, n_fields: int | None = None
+    path: Path, lines: Sequence[tuple[int, str]], delimiter: str, n_fields: int | None = None
 ) -> list[list[str]]:
-    """Split lines into rows of one number of fields, by default that of the first."""
-    if delimiter == BLANKS:
-        lines = [" ".join(line.split()) for line in lines]
+    """Split numbered lines into rows of one number of fields, by default that of the first."""
+    texts = [" ".join(line.split()) if delimiter == BLANKS else line for _, line in lines]
     try:
-        rows = [*csv.reader(lines, delimiter=delimiter, skipinitialspace=True)]
+        rows = [*csv.reader(texts, delimiter=delimiter, skipinitialspace=True)]
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read as csv: {error}") from error
     wanted = len(rows[0]) if rows and n_fields is None else n_fields
-    for number, row in zip(numbers, rows, strict=False):
+    for (number, _), row in zip(lines, rows, strict=False):
         if len(row) != wanted:
             raise InputError(
                 f"{path}: row {number}: {len(row)} fields instead of {wanted}; allowed are as many in all "
