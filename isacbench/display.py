@@ -50,13 +50,13 @@ class Displayed(ABC):
 
     def __repr__(self) -> str:
         title, facts = self._description()
-        told = [f"{name} {value};".replace(" ", NO_BREAK) for name, value in facts.items()]
-        if not told:
+        parts = [f"{name} {value};".replace(" ", NO_BREAK) for name, value in facts.items()]
+        if not parts:
             return title
-        text = " ".join(told).removesuffix(";")
+        text = " ".join(parts).removesuffix(";")
         lines = _wrapped(text, WIDTH)
         if len(lines) > MOST_FACT_LINES:
-            lines = _wrapped(text, len(text) // MOST_FACT_LINES + max(map(len, told)) + len(INDENT))
+            lines = _wrapped(text, len(text) // MOST_FACT_LINES + max(map(len, parts)) + len(INDENT))
         return "\n".join([title, *lines]).replace(NO_BREAK, " ")
 
 
@@ -98,11 +98,11 @@ def brief(instance: Any) -> str:
 
     To be assigned to ``__repr__`` in the body of a dataclass.
     """
-    told = (
+    fields = (
         f"{field.name}={_brief_value(getattr(instance, field.name))}"
         for field in dataclasses.fields(instance)
     )
-    return f"{type(instance).__name__}({', '.join(told)})"
+    return f"{type(instance).__name__}({', '.join(fields)})"
 
 
 def _brief_value(value: Any) -> str:

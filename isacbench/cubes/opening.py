@@ -192,8 +192,8 @@ def _only_array(path: Path, entries: Entries, wanted: str, n_axes: int) -> tuple
     if len(names) == 1 and names[0] in stored:
         return names[0], stored[names[0]]
     others = "" if named else f", or exactly one array with {n_axes} axes"
-    found = arrays.names_of({name: entries[name] for name in named or entries}) or "no arrays"
-    raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {found}")
+    contents = arrays.names_of({name: entries[name] for name in named or entries}) or "no arrays"
+    raise InputError(f"{path}: needs an array named {wanted!r}{others}; it holds {contents}")
 
 
 def _all_named(entries: Entries, wanted: str) -> list[str]:

@@ -410,14 +410,14 @@ def in_order(
 
 def _warn_of_zeros(name: str, has_signal: Mask, is_sensed: Mask | np.bool_) -> None:
     """Tell of subcarriers and symbols that hold nothing, but are transformed as if something was received."""
-    is_empty, found = ~has_signal & is_sensed, []
+    is_empty, places = ~has_signal & is_sensed, []
     for noun, axis in (("subcarrier", 1), ("symbol", 0)):
         where = is_empty.any(axis) & ~has_signal.any(axis)
         if where.any():
-            found.append(f"{counted(int(where.sum()), noun)} from {where.argmax()} on")
-    if found and has_signal.any():
+            places.append(f"{counted(int(where.sum()), noun)} from {where.argmax()} on")
+    if places and has_signal.any():
         warnings.warn(
-            f"{name}: {' and '.join(found)} hold zeros alone, which give false ranges or velocities; a "
+            f"{name}: {' and '.join(places)} hold zeros alone, which give false ranges or velocities; a "
             "transmitted grid that is 0 in null carriers leaves them out, symbols have to be cut off",
             InputWarning,
             stacklevel=2,

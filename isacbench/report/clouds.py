@@ -191,14 +191,14 @@ def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -
 
 def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -> None:
     """Draw truth and estimate over each other, projected on a plane."""
-    shown = [AXES.index(name) for name in plane]
-    across, up = scene.truth.xyz[:, shown].T
+    columns = [AXES.index(name) for name in plane]
+    across, up = scene.truth.xyz[:, columns].T
     axes.scatter(across, up, s=22, facecolors="none", edgecolors=CONTEXT)
     for points, marks in _marked(scene, cloud):
-        across, up = points.xyz[:, shown].T
+        across, up = points.xyz[:, columns].T
         axes.scatter(across, up, c=scene.colours.to_rgba(points.velocity), **marks)
     margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
-    x_m, y_m = zip(scene.lower_m[shown] - margin_m, scene.upper_m[shown] + margin_m, strict=True)
+    x_m, y_m = zip(scene.lower_m[columns] - margin_m, scene.upper_m[columns] + margin_m, strict=True)
     axes.set(xlim=x_m, ylim=y_m, xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]")
     axes.set_aspect("equal")
     axes.xaxis.set_major_locator(_ticks(scene, plane[0]))

@@ -127,22 +127,22 @@ def find_diagnoses(
         for name in scenarios
     )
     wanted = [cell for cells in zip_longest(*of_scenario) for cell in cells if cell is not None]
-    found = []
+    diagnoses = []
     for name, variant in wanted[:most]:
         label = labels.get(variant, variant[0])
         observation, noise_power = observe(name)
         try:
             diagnosis = diagnosers[variant].diagnose(observation)
-            found.append(over_noise(run.scenarios[name], label, diagnosis, noise_power))
+            diagnoses.append(over_noise(run.scenarios[name], label, diagnosis, noise_power))
         except Exception as error:  # a plugin's fault must not cost the others
             reason = f"{type(error).__name__}: {error}"
             warnings.warn(f"no map and no spectra of {label}: {reason}", InputWarning, stacklevel=2)
-    return found, len(wanted) - len(wanted[:most])
+    return diagnoses, len(wanted) - len(wanted[:most])
 
 
 def _diagnosers(suite: Suite) -> dict[Variant, Diagnoser]:
     """Estimators of a suite that show their work, as far as they are installed."""
-    found: dict[Variant, Diagnoser] = {}
+    diagnosers: dict[Variant, Diagnoser] = {}
     for spec in suite.estimators:
         try:
             plugins: list[Estimator] = [plugin for _, plugin in build_variants("estimator", spec)]
@@ -151,8 +151,8 @@ def _diagnosers(suite: Suite) -> dict[Variant, Diagnoser]:
             continue
         for plugin in plugins:
             if isinstance(plugin, Diagnoser):
-                found[plugin.name, canonical_params(plugin)] = plugin
-    return found
+                diagnosers[plugin.name, canonical_params(plugin)] = plugin
+    return diagnosers
 
 
 def diagnosed_maps(run: Run) -> dict[str, Any]:
@@ -165,7 +165,7 @@ def diagnosed_maps(run: Run) -> dict[str, Any]:
         return {}
     snr_db, trial = shown_snr_db(run.rows), int(run.rows["trial"].min())
     names = [name for name in dict.fromkeys(run.rows["scenario"].astype(object)) if name in run.scenarios]
-    found, n_left_out = find_diagnoses(run, names, snr_db, trial, MOST_MAPS)
+    diagnoses, n_left_out = find_diagnoses(run, names, snr_db, trial, MOST_MAPS)
     maps = [
         {
             "scene": one.scenario.name,
@@ -179,7 +179,7 @@ def diagnosed_maps(run: Run) -> dict[str, Any]:
             "mask": one.mask.astype(int).tolist(),
             "spectra": [_page_spectrum(spectrum) for spectrum in one.spectra],
         }
-        for one in found
+        for one in diagnoses
     ]
     return {"maps": maps, "left_out": n_left_out}
 
@@ -198,15 +198,15 @@ def _page_spectrum(spectrum: Spectrum) -> dict[str, Any]:
 def _rounded(values: Any, digits: int) -> list[Any]:
     """Round numbers for JSON, None for what is not finite."""
     numbers = np.round(np.asarray(values, dtype=float), digits)
-    found: list[Any] = np.ma.masked_invalid(numbers).tolist()
-    return found
+    listed: list[Any] = np.ma.masked_invalid(numbers).tolist()
+    return listed
 
 
 def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[tuple[str, Figure]]:
     """Draw map and spectra of every estimator that shows its work, by the stems of their files."""
-    found, _ = find_diagnoses(run, [scenario], snr_db, trial)
-    stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in found])
-    for one, stem in zip(found, stems.values(), strict=True):
+    diagnoses, _ = find_diagnoses(run, [scenario], snr_db, trial)
+    stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in diagnoses])
+    for one, stem in zip(diagnoses, stems.values(), strict=True):
         title = f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}"
         yield f"rdm-{stem}", draw_map(drawable(title), one)
         if one.spectra:

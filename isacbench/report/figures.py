@@ -97,8 +97,10 @@ def drawable(text: str) -> str:
     'a�\\$b\\$'
     """
     font = get_font(findfont(FontProperties(family=[FONT])))
-    shown = [char if char.isprintable() and font.get_char_index(ord(char)) else "\ufffd" for char in text]
-    return "".join(shown).replace("$", r"\$")
+    characters = [
+        char if char.isprintable() and font.get_char_index(ord(char)) else "\ufffd" for char in text
+    ]
+    return "".join(characters).replace("$", r"\$")
 
 
 MARKERS = {
@@ -162,13 +164,13 @@ def _legend(group: ChartGroup) -> list[Artist]:
     for series in (series for chart in group.charts for series in chart.series if series.label):
         by_label.setdefault(series.label, []).append(series)
     entries: list[Artist] = []
-    for label, found in by_label.items():
+    for label, own in by_label.items():
         if label.endswith(NO_SCORE) and label.removesuffix(NO_SCORE) in by_label:
             continue  # what has a score in one of the charts has it
         # A closed symbol stands for all, where some points have an open one.
-        first = min(found, key=lambda one: one.style.symbol.endswith("-open"))
+        first = min(own, key=lambda one: one.style.symbol.endswith("-open"))
         text = drawable(shortened(label, LONGEST_LEGEND))
-        colour = _colour(first.style) if len({one.style.colour for one in found}) == 1 else MIXED_COLOUR
+        colour = _colour(first.style) if len({one.style.colour for one in own}) == 1 else MIXED_COLOUR
         if first.mark == "bar":
             entries.append(Patch(color=colour, label=text))
         else:

@@ -148,10 +148,10 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] | None = None
         row["label"] = label = labels[row["estimator"], row["params"]]
         cell = row["scenario"], label, row["snr_db"], row["trial"]
         row["command"] = command_to_show(manifest or {}, *cell)
-    shown, rest = counts[:MOST_FAILURES], counts[MOST_FAILURES:]
+    listed, rest = counts[:MOST_FAILURES], counts[MOST_FAILURES:]
     if rest:
         n_cells = sum(row["n_cells"] for row in rest)
-        shown.append({"reason": f"{len(rest)} further rows", "n_cells": n_cells})
+        listed.append({"reason": f"{len(rest)} further rows", "n_cells": n_cells})
     columns = [
         Column("reason", "reason", shortened),
         Column("status", "status"),
@@ -161,7 +161,7 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] | None = None
     ]
     if any(row["command"] for row in counts):  # no command repeats the cells of some kinds
         columns.append(Column("the first one again", "command"))
-    return [Table(f"{len(broken)} of {len(rows)} cells failed", columns, shown)]
+    return [Table(f"{len(broken)} of {len(rows)} cells failed", columns, listed)]
 
 
 def draw_run(run: Run, choice: FigureChoice = EVERYTHING, extension: str = "png") -> list[Path]:
@@ -273,12 +273,12 @@ def cloud_figures(
     """Draw clouds of one scenario and trial beside the truth, a row an SNR, a few estimators a figure."""
     # A run of references alone still has clouds to show.
     candidates = [variant for variant, line in lines.items() if not line.is_reference] or list(lines)
-    shown = best_variants(run.rows[run.rows["scenario"] == scenario], candidates)
+    variants = best_variants(run.rows[run.rows["scenario"] == scenario], candidates)
     title = drawable(scenario)
-    if len(shown) < len(candidates):
-        title += f", the {len(shown)} of {len(candidates)} estimators with the least mean deviation"
+    if len(variants) < len(candidates):
+        title += f", the {len(variants)} of {len(candidates)} estimators with the least mean deviation"
     images, scene = _images(run, scenario, trial), run.scenarios[scenario]
-    pages = charts.batched(shown, CLOUDS_A_FIGURE)
+    pages = charts.batched(variants, CLOUDS_A_FIGURE)
     for number, page in enumerate(pages, start=1):
         panels: list[tuple[str, Image]] = []
         for snr_db in snrs_db:
@@ -291,15 +291,15 @@ def cloud_figures(
 
 def _images(run: Run, scenario: str, trial: int) -> dict[tuple[str, str, float], Image]:
     """Images of one trial of a scenario, by name, parameters and SNR."""
-    is_own, found = (run.rows["trial"] == trial) & (run.rows["scenario"] == scenario), {}
+    is_own, images = (run.rows["trial"] == trial) & (run.rows["scenario"] == scenario), {}
     for place in np.flatnonzero(is_own).tolist():
         row, cloud = run.rows.iloc[place], PointCloud.from_array(run.points[place])
         note = "nothing detected" if row["status"] == "no_detection" else str(row["status"])
         if note == "ok":
             hausdorff_m = row[[*PROJECTIONS]].sum()
             note = f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m"
-        found[row["estimator"], row["params"], row["snr_db"]] = Image(cloud, note)
-    return found
+        images[row["estimator"], row["params"], row["snr_db"]] = Image(cloud, note)
+    return images
 
 
 def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:

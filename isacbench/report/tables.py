@@ -24,19 +24,19 @@ def terminal_tables(table: Table, width: int) -> list[RichTable]:
     Without room it leaves out optional columns, then shows parts one below the other, and last breaks lines.
     """
     for most in sorted({column.optional for column in table.columns}, reverse=True):
-        kept = replace(table, columns=[column for column in table.columns if column.optional <= most])
-        if _fits(kept, width):
-            return [_rich_table(kept)]
-    names = [column for column in kept.columns if column.part == 0]
-    found: list[Table] = []
-    for part in dict.fromkeys(column.part for column in kept.columns if column.part):
-        own = [column for column in kept.columns if column.part == part]
-        longer = replace(kept, columns=[*found[-1].columns, *own]) if found else None
+        shorter = replace(table, columns=[column for column in table.columns if column.optional <= most])
+        if _fits(shorter, width):
+            return [_rich_table(shorter)]
+    names = [column for column in shorter.columns if column.part == 0]
+    parts: list[Table] = []
+    for part in dict.fromkeys(column.part for column in shorter.columns if column.part):
+        own = [column for column in shorter.columns if column.part == part]
+        longer = replace(shorter, columns=[*parts[-1].columns, *own]) if parts else None
         if longer is not None and _fits(longer, width):
-            found[-1] = longer
+            parts[-1] = longer
         else:
-            found.append(replace(kept, columns=[*names, *own]))
-    return [_rich_table(one, no_wrap=_fits(one, width)) for one in found]
+            parts.append(replace(shorter, columns=[*names, *own]))
+    return [_rich_table(one, no_wrap=_fits(one, width)) for one in parts]
 
 
 def _fits(table: Table, width: int) -> bool:

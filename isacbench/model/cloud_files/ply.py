@@ -51,10 +51,10 @@ def read_ply(path: Path) -> dict[str, Floats]:
     The first element is ``vertex`` with the properties x, y and z; v (or velocity) and power are optional and
     others are ignored, as are other elements. A v beside u or s belongs to a texture or a colour.
     """
-    found = _FILE.fullmatch(path.read_bytes())
-    if not found:
+    match = _FILE.fullmatch(path.read_bytes())
+    if not match:
         raise InputError(f"{path}: is no PLY file, which starts with 'ply' and has a line 'end_header'")
-    header, body = found["header"].decode("latin-1").splitlines(), found["body"]
+    header, body = match["header"].decode("latin-1").splitlines(), match["body"]
     order, n, properties, n_elements = _parsed_header(path, header)
     names = [name for name, _ in properties]
     columns = find_columns(path, "element vertex", names)

@@ -146,8 +146,8 @@ def read_points_csv(path: str | Path) -> Points:
 def _read_csv(path: Path) -> dict[str, Floats]:
     table = read_csv_table(path)
     if table.names:
-        found = find_columns(path, table.place, table.names)
-        return dict(zip(found, table.values(table.names, [*found.values()]).T, strict=True))
+        places = find_columns(path, table.place, table.names)
+        return dict(zip(places, table.values(table.names, [*places.values()]).T, strict=True))
     first = table.rows[0]
     if len(first) not in (3, 4, 5):
         raise InputError(
@@ -211,13 +211,13 @@ def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
             for name, array in outer.items()
             if len(array.shape) == 2 and array.shape[1] in n_columns and (array.shape != (3, 3) or not name)
         }
-    found = next(iter(tables.values())) if len(tables) == 1 else None
+    table = next(iter(tables.values())) if len(tables) == 1 else None
     rivals = {  # such as the points beside the pose of a sensor
         name: array
         for name, array in numbers.items()
-        if found is None or prod(array.shape) > prod(found.shape) or _has_points(array, found.shape[0])
+        if table is None or prod(array.shape) > prod(table.shape) or _has_points(array, table.shape[0])
     }
-    if found is None or rivals:
+    if table is None or rivals:
         held = names_of({**tables, **rivals} if tables else arrays) or "nothing"
         raise InputError(
             f"{path}: takes real numbers: xyz (n, 3), optionally velocity (n) and power (n), or exactly one "

@@ -84,18 +84,18 @@ def find_columns(path: Path, place: str, names: Sequence[str]) -> dict[str, int]
             f"{path}: {place}: {faults[0]}; a cloud takes x, y, z and, if there, v (or velocity) and power; "
             f"it has {shortened(', '.join(names)) or 'none'}"
         )
-    found = {name: plain.index(name) for name in POINT_COLUMNS if name in plain}
-    others = [name for name, spelled in zip(names, plain, strict=True) if spelled not in found]
-    require_no_other_names(path, found, others)
-    return found
+    places = {name: plain.index(name) for name in POINT_COLUMNS if name in plain}
+    others = [name for name, spelled in zip(names, plain, strict=True) if spelled not in places]
+    require_no_other_names(path, places, others)
+    return places
 
 
 def require_no_other_names(path: Path, columns: Collection[str], others: Sequence[str]) -> None:
     """Refuse what may be velocity or power, where no column is named so: all points would get none or 1."""
     for column, (like, name, allowed) in _ALIKE.items():
-        found = ", ".join(filter(re.compile(like, re.IGNORECASE).search, others))
-        if column not in columns and found:
-            raise InputError(f"{path}: has no {name}, but {shortened(found)}; allowed is {allowed}")
+        similar = ", ".join(filter(re.compile(like, re.IGNORECASE).search, others))
+        if column not in columns and similar:
+            raise InputError(f"{path}: has no {name}, but {shortened(similar)}; allowed is {allowed}")
 
 
 def require_finite(path: Path, values: Floats, columns: Sequence[str], row_numbers: Sequence[int]) -> None:

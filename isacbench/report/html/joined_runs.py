@@ -59,19 +59,19 @@ def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool =
     """
     _require_comparable(runs, only_common)
     own = [estimator_labels(variants_in(run.rows)) for run in runs]
-    found, notes = _common(runs) if only_common else (list(runs), [])
-    kept: list[Run] = []
+    compared, notes = _common(runs) if only_common else (list(runs), [])
+    parts: list[Run] = []
     labels: dict[Variant, str] = {}
     specs: dict[Variant, str] = {}
-    seen: dict[Variant, pd.DataFrame] = {}
-    for number, run in enumerate(found):
+    first_rows: dict[Variant, pd.DataFrame] = {}
+    for number, run in enumerate(compared):
         rows, limits = run.rows.assign(**{RUN: number}), find_limits(run.rows)
         is_kept = np.ones(len(rows), dtype=np.bool_)
         for name, params in variants_in(run.rows):
             variant, label = (name, params), own[number][name, params]
             of_variant = ((run.rows["estimator"] == name) & (run.rows["params"] == params)).to_numpy()
             is_shared = name not in limits and sum(variant in other for other in own) > 1
-            earlier = seen.setdefault(variant, rows[of_variant])
+            earlier = first_rows.setdefault(variant, rows[of_variant])
             is_first = earlier[RUN].iloc[0] == number
             is_other = is_shared and (rename_all or not _scores_equal(earlier, rows[of_variant]))
             if not is_first and not is_other:
@@ -87,9 +87,9 @@ def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool =
             if label in labels.values():  # parameters of estimators that are not installed
                 label = f"{label}{ending}"
             labels[name, params], specs[name, params] = label, spec
-        kept.append(run.changed(rows=rows).take(is_kept))
+        parts.append(run.changed(rows=rows).take(is_kept))
     scenarios = dict(ChainMap(*(run.manifest["scenarios"] for run in runs)))
-    joined = Run.joined(kept).changed(manifest={**runs[0].manifest, "scenarios": scenarios})
+    joined = Run.joined(parts).changed(manifest={**runs[0].manifest, "scenarios": scenarios})
     if joined.rows.empty:
         raise InputError("the runs have no common page: no SNR and trial is in all of them")
     return JoinedRuns(runs, joined.changed(rows=with_ratios(joined)), labels, specs, notes)
@@ -109,14 +109,14 @@ def _require_comparable(runs: Sequence[Run], only_common: bool) -> None:
 def _common(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """Take the rows of scenes, SNRs and trials that all runs have, and say what is left out."""
     cells = [pd.MultiIndex.from_frame(run.rows[KEY].astype({"scenario": object})) for run in runs]
-    found, notes = [], []
+    parts, notes = [], []
     for run, own in zip(runs, cells, strict=True):
         is_common = np.all([own.isin(other) for other in cells], axis=0)
         if not is_common.all():
             n_other = counted(int((~is_common).sum()), "row")
             notes.append(f"{n_other} of {run.label} left out: not all runs have their SNR and trial")
-        found.append(run.take(is_common))
-    return found, notes
+        parts.append(run.take(is_common))
+    return parts, notes
 
 
 def _scores_equal(one: pd.DataFrame, other: pd.DataFrame) -> bool:

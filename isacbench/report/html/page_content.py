@@ -141,21 +141,21 @@ def _columns(joined: JoinedRuns, scenes: Iterable[str]) -> dict[str, Any]:
     """Columns of rows: numbers of estimator and scene, numbers, and texts as levels and codes."""
     records = joined.table.rows
     of_scene = {scene: number for number, scene in enumerate(scenes)}
-    found: dict[str, Any] = {
+    columns: dict[str, Any] = {
         "estimator": _numbers_of(joined, records["estimator"], records["params"]),
         "scene": [of_scene[scene] for scene in records["scenario"]],
     }
     for name in records.columns.drop(["scenario", "estimator", "params", *HIDDEN], errors="ignore"):
         values = records[name]
         if name == "snr_db":  # with all digits: other parts of the page name the same SNRs
-            found[name] = values.tolist()
+            columns[name] = values.tolist()
         elif pd.api.types.is_numeric_dtype(values):
             if values.notna().any():
-                found[name] = numbers(values.astype(float) if values.dtype == bool else values)
+                columns[name] = numbers(values.astype(float) if values.dtype == bool else values)
         else:
             codes, levels = pd.factorize(values.astype(object).fillna(""))
-            found[name] = {"codes": codes.tolist(), "levels": [str(level) for level in levels]}
-    return found
+            columns[name] = {"codes": codes.tolist(), "levels": [str(level) for level in levels]}
+    return columns
 
 
 def _numbers_of(joined: JoinedRuns, names: Iterable[str], params: Iterable[str]) -> list[int]:
@@ -171,11 +171,11 @@ def _scenes(
 
     Truths are numbered from the number of clouds in the page on.
     """
-    found: list[dict[str, Any]] = []
+    scenes: list[dict[str, Any]] = []
     truths: list[PointCloud] = []
     for name in dict.fromkeys(records["scenario"].astype(object)):
         if name not in imaged:
-            found.append({"name": name, "family": "", "truth": []})
+            scenes.append({"name": name, "family": "", "truth": []})
             continue
         run = imaged[name]
         scene = run.imaged_scenes[name]
@@ -183,10 +183,10 @@ def _scenes(
         trials: list[int | None] = [None]
         if scene.is_drawn:
             trials = sorted(set(records.loc[records["scenario"] == name, "trial"].tolist()))
-        drawn = [template if trial is None else run.observed(name, trial) for trial in trials]
-        objects = drawn[0].scatterers.objects if len(drawn) == 1 else ()
+        observed = [template if trial is None else run.observed(name, trial) for trial in trials]
+        objects = observed[0].scatterers.objects if len(observed) == 1 else ()
         codes, levels = pd.factorize(np.array(objects, dtype=object))
-        found.append(
+        scenes.append(
             {
                 "name": name,
                 "family": template.family,
@@ -194,7 +194,7 @@ def _scenes(
                 "frame": run.manifest["scenarios"].get(template.name, {}).get("frame", {}).get("name", ""),
                 "coherent_phase": template.system.coherent_phase,
                 "radius_m": template.radius_m,
-                "gain_db": numbers([median_gain_db(drawn[0])])[0],
+                "gain_db": numbers([median_gain_db(observed[0])])[0],
                 "region_m": [list(region.x_m), list(region.y_m), list(region.z_m)],
                 "speed_mps": max(map(abs, region.speed_mps)),
                 "objects": {"codes": codes.tolist(), "levels": list(levels)},
@@ -202,8 +202,8 @@ def _scenes(
                 "seed": int(run.manifest["seed"]),
             }
         )
-        truths += [one.truth for one in drawn]
-    return found, truths
+        truths += [one.truth for one in observed]
+    return scenes, truths
 
 
 def _estimator(joined: JoinedRuns, variant: Variant, line: Line) -> dict[str, Any]:
@@ -237,7 +237,7 @@ def _metrics(joined: JoinedRuns, imaged: Mapping[str, Run]) -> list[dict[str, An
     records = joined.table.rows
     columns = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial", RUN])
     described = stored_columns(joined.table.manifest)
-    found = []
+    metrics = []
     for name in dict.fromkeys([*SCORES, *FURTHER_METRICS, *columns]):
         if name not in columns or not records[name].notna().any() or name.endswith("_spread"):
             continue
@@ -249,7 +249,7 @@ def _metrics(joined: JoinedRuns, imaged: Mapping[str, Run]) -> list[dict[str, An
             better = "neither"
         plain = described[name].title if name in described else FURTHER_METRICS.get(name, name)
         score = SCORES.get(name, Score(plain, "log" if name == TIME else "linear"))
-        found.append(
+        metrics.append(
             {
                 "name": name,
                 "title": plain,
@@ -260,12 +260,12 @@ def _metrics(joined: JoinedRuns, imaged: Mapping[str, Run]) -> list[dict[str, An
                 "is_median": name == TIME,
             }
         )
-    return found
+    return metrics
 
 
 def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[str, Any]:
     """Rank sets by metric; or the reason why there are none."""
-    found: dict[str, Any] = {}
+    ranks: dict[str, Any] = {}
     few = "{}: six or more have ranks"
     n_scenes = joined.table.rows["scenario"].nunique()
     is_few = joined.table.kind in SCENE_KINDS and n_scenes < MIN_INTERVAL_TRIALS
@@ -273,25 +273,25 @@ def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[st
         if name not in metrics:
             continue
         if is_few:  # without the work of a ranking
-            found[name] = {"reason": few.format(counted(n_scenes, "scene"))}
+            ranks[name] = {"reason": few.format(counted(n_scenes, "scene"))}
             continue
         try:
             ranking = rank_table(joined.table, name)
         except InputError as error:
-            found[name] = {"reason": str(error)}
+            ranks[name] = {"reason": str(error)}
             continue
         if ranking.is_descriptive:
-            found[name] = {"reason": few.format(counted(len(ranking.scores), "scene"))}
+            ranks[name] = {"reason": few.format(counted(len(ranking.scores), "scene"))}
             continue
-        found[name] = {"better": ranking.better, "notes": list(ranking.notes)}
+        ranks[name] = {"better": ranking.better, "notes": list(ranking.notes)}
         for part in ("ranks", "wins", "worst"):
             table = getattr(ranking, part)
             for one, params in (("estimator", "params"), ("other", "other_params")):
                 if one in table:
                     own = _numbers_of(joined, table[one], table[params])
                     table = table.assign(**{one: own}).drop(columns=params)
-            found[name][part] = json_rows(table)
-    return found
+            ranks[name][part] = json_rows(table)
+    return ranks
 
 
 def _times(joined: JoinedRuns) -> dict[str, Any]:
@@ -419,7 +419,7 @@ def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[s
     groups = compared_scenes(joined.table.manifest, joined.table.rows["scenario"].astype(object))
     is_shown = np.zeros(len(joined.table.rows), dtype=np.bool_)
     names = list(joined.labels)
-    found = []
+    listed = []
     for row in json_rows(rows.iloc[order]):
         pair = comparison.between or (
             (row["estimator"], row["params"]),
@@ -434,7 +434,7 @@ def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[s
         if base is not None and new is not None:
             scenes = groups.get(row["scenario"], [row["scenario"]])
             worst = _worst_cell(joined, row, scenes, names[base], names[new], is_shown)
-        found.append({**row, "base": base, "new": new, "worst": worst})
+        listed.append({**row, "base": base, "new": new, "worst": worst})
     lost = [
         {"what": what, "n": len(cells), "cells": json_rows(cells.head(50))}
         for cells, what in report.lost + report.gained
@@ -447,7 +447,7 @@ def compared_content(comparison: Comparison, joined: JoinedRuns) -> tuple[dict[s
         "sides": list(report.sides),
         "unit": comparison.unit,
         "tolerances": list(map(str, comparison.tolerances)),
-        "rows": found,
+        "rows": listed,
         "lost": lost,
         "is_regression": bool(comparison.is_regression),
     }

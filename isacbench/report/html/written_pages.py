@@ -63,10 +63,10 @@ def write_comparison_page(comparison: Comparison, compared: Sequence[Run]) -> Pa
         names = ["base", "new"]
     runs = [run.changed(label=name) for run, name in zip(compared, names, strict=True)]
     joined = join_runs(runs, rename_all=True)
-    found, is_shown = compared_content(comparison, joined)
+    described, is_shown = compared_content(comparison, joined)
     metric = comparison.tolerances[0].metric if comparison.tolerances else DEFAULT_METRIC
     content, clouds = page_content(joined, metric, is_shown)
-    content["comparison"] = found
+    content["comparison"] = described
     path = compared[-1].folder / COMPARISON_PAGES[is_between]
     return _write(path, f"{' and '.join(names)} compared - isacbench", content, clouds)
 
@@ -116,7 +116,7 @@ def _write(path: Path, title: str, content: dict[str, Any], clouds: bytes) -> Pa
         "plotly": packed_plotly,
         "script": own,
     }
-    page = re.sub(r"\{\{(\w+)\}\}", lambda found: replaced[found[1]], _asset("page.html"))
+    page = re.sub(r"\{\{(\w+)\}\}", lambda match: replaced[match[1]], _asset("page.html"))
     with replacing(path, afterwards="") as temporary:
         temporary.write_text(page, encoding="utf-8", newline="\n")
     return path
