@@ -9,14 +9,7 @@ from isacbench.cubes import open_cube
 from isacbench.cubes.tiles import Cube
 from isacbench.files.arrays import StoredArray
 
-from .samples import (
-    all_elements,
-    assert_gives,
-    cross_elements,
-    of_elements,
-    random_cube,
-    sum_of_tiles,
-)
+from .samples import all_elements, assert_gives, cross_elements, of_elements, random_cube, sum_of_tiles
 
 shapes = st.tuples(st.integers(1, 40), st.integers(1, 6), st.integers(1, 5), st.integers(1, 5))
 

@@ -64,10 +64,7 @@ DISC = {"shape": "disc", "radius": 1.0}
             {"title": "a", "shapes": [{"shape": "bax"}]},
             "shapes[0].shape = 'bax': did you mean 'box'? allowed are box, disc",
         ),
-        (
-            {"title": "a", "shapes": {"shape": "box"}},
-            "shapes = {'shape': 'box'}: input should be",
-        ),
+        ({"title": "a", "shapes": {"shape": "box"}}, "shapes = {'shape': 'box'}: input should be"),
         ({"title": "a", "tags": []}, "tags = []: list should have at least 1 item"),
         (
             {"title": "a", "shapes": [{"shape": "box", "sides": [1, 2, 3]}]},

@@ -16,16 +16,7 @@ from isacbench.cubes import open_cube, read_grid
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import read_points_csv
 
-from ..cubes.samples import (
-    SHAPE,
-    h5,
-    mat,
-    mat73,
-    npz,
-    random_cube,
-    write_zarr,
-    zarr_of,
-)
+from ..cubes.samples import SHAPE, h5, mat, mat73, npz, random_cube, write_zarr, zarr_of
 
 # Points in text
 

@@ -131,8 +131,7 @@ def test_a_file_and_a_family_give_the_errors(tiny):
 
 
 @pytest.mark.parametrize(
-    "keys",
-    ["gain_error_db = -0.5", "gain_error_db = 10.1", "phase_error_deg = 181", "phase_error_deg = nan"],
+    "keys", ["gain_error_db = -0.5", "gain_error_db = 10.1", "phase_error_deg = 181", "phase_error_deg = nan"]
 )
 def test_a_file_with_an_impossible_error_is_refused_by_file_key_and_value(tiny, keys):
     path = file_with(keys, tiny)

@@ -38,8 +38,7 @@ def test_a_numerology_that_is_none_is_refused(key, value):
 
 
 @pytest.mark.parametrize(
-    "array",
-    [{"tx_shape": (0, 1)}, {"rx_shape": (8, -1)}, {"tx_spacing": 0}, {"rx_spacing": 1.5}],
+    "array", [{"tx_shape": (0, 1)}, {"rx_shape": (8, -1)}, {"tx_spacing": 0}, {"rx_spacing": 1.5}]
 )
 def test_an_array_without_elements_or_spacing_is_refused(array):
     with pytest.raises(InputError, match=rf"^array.{next(iter(array))} = .*a whole number from 1"):

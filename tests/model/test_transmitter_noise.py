@@ -123,10 +123,7 @@ def test_what_takes_noise_to_be_the_receivers_refuses_another(noisy):
     for refused, task in (
         (lambda: observe(scenario, 10.0, sensing="prs"), "the PRS alone and unequal symbols"),
         (lambda: LinkKind().tasks(load_suite("link"), {"few": scenario}), "a suite of the kind link"),
-        (
-            lambda: EfficiencyKind().tasks(load_suite("efficiency"), {"few": scenario}),
-            "the Cramér-Rao bound",
-        ),
+        (lambda: EfficiencyKind().tasks(load_suite("efficiency"), {"few": scenario}), "the Cramér-Rao bound"),
     ):
         expected = rf"^\[system\] noise = 'transmitter': allowed is 'receiver' for {task}$"
         with pytest.raises(InputError, match=expected):

@@ -63,11 +63,7 @@ def test_the_line_of_sight_is_as_much_stronger_as_the_table_says(name, rice_db):
     assert 10 * np.log10(profile.power[0] / profile.power[1]) == pytest.approx(rice_db)
 
 
-@given(
-    n_paths=st.integers(1, 5),
-    speed_hz=st.sampled_from([0.0, 1000.0]),
-    seed=st.integers(0, 2**16),
-)
+@given(n_paths=st.integers(1, 5), speed_hz=st.sampled_from([0.0, 1000.0]), seed=st.integers(0, 2**16))
 def test_the_closed_form_is_a_plain_double_loop(n_paths, speed_hz, seed):
     system = System(n_subcarriers=7, n_symbols=3)
     stream = np.random.default_rng(seed)

@@ -88,9 +88,7 @@ def test_polynomials_in_time_are_followed_up_to_the_order(order):
     for burst in estimator.bursts:
         sounded[burst] = np.interp(burst.mean(), np.arange(224), expected)
     values = np.polynomial.Polynomial.fit(
-        [burst.mean() for burst in estimator.bursts],
-        [sounded[burst[0]] for burst in estimator.bursts],
-        order,
+        [burst.mean() for burst in estimator.bursts], [sounded[burst[0]] for burst in estimator.bursts], order
     )(np.arange(224))
     received = np.where(np.isnan(sounded), 1, sounded) * grid.symbols
     estimate = estimator.estimate(received, grid.symbols)

@@ -119,8 +119,7 @@ def turned_ber(modulation, gain, snr):
 
 
 @pytest.mark.parametrize(
-    ("modulation", "snr_db"),
-    [("qpsk", 4.0), ("qpsk", 8.0), ("16qam", 14.0), ("64qam", 16.0)],
+    ("modulation", "snr_db"), [("qpsk", 4.0), ("qpsk", 8.0), ("16qam", 14.0), ("64qam", 16.0)]
 )
 def test_the_effective_snr_predicts_what_the_estimate_costs(modulation, snr_db):
     """The mean over estimates, by the exact error rate given each."""

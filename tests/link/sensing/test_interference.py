@@ -19,9 +19,7 @@ def link_map(system, delay_samples, doppler_ratio):
     """Everything received of a unit path, of every resource element sent: (n, m received, n, m sent)."""
     shape = system.n_subcarriers, system.n_symbols
     paths = Paths(
-        [[1.0]],
-        [delay_samples / system.bandwidth_hz],
-        [doppler_ratio * system.subcarrier_spacing_hz],
+        [[1.0]], [delay_samples / system.bandwidth_hz], [doppler_ratio * system.subcarrier_spacing_hz]
     )
     received = np.empty((*shape, *shape), dtype=complex)
     for place in np.ndindex(shape):

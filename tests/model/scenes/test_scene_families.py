@@ -152,8 +152,7 @@ def test_speeds_differ_within_walkers_vehicles_lorries_and_cyclists():
     for family, kind in movers.items():
         entries, placed = objects(f"{family}[seed=2,visible=all]")
         speeds = np.split(
-            scene(f"{family}[seed=2,visible=all]").scatterers.velocity,
-            np.cumsum([*map(len, placed)])[:-1],
+            scene(f"{family}[seed=2,visible=all]").scatterers.velocity, np.cumsum([*map(len, placed)])[:-1]
         )
         spreads = [np.ptp(part) for part, entry in zip(speeds, entries, strict=True) if entry["kind"] == kind]
         assert max(spreads) > 1.0
