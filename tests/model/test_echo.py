@@ -2,6 +2,7 @@
 
 import cmath
 import dataclasses
+import itertools
 import math
 import warnings
 
@@ -24,25 +25,24 @@ from isacbench.model.echo import (
     resource_grid,
     unit_noise,
 )
-from isacbench.model.gate import build_gate
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from tests.conftest import few
+from tests.gated_cells import cells_in_gate, gate_of
 
 C = 299_792_458.0
 SIGMAS = 5.0
+PLACES, SPEEDS = st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)), st.floats(-15, 15)
 
 
-def gate_of(scenario):
-    """Gate of a scenario."""
-    return build_gate(scenario.system, scenario.base_station_m, scenario.region)
+EACH_PHASE = pytest.mark.parametrize("coherent_phase", [False, True])
+EACH_FRAME = pytest.mark.parametrize("frame", ["paper", "panel"])
 
 
 def assert_closed_form_is_the_transformed_grid(scenario, elements, largest_error=None):
     """Hold the cells of the gate to those of the full resource grid of some elements."""
-    gate, system = gate_of(scenario), scenario.system
-    rows, columns = gate.range_bins % system.n_subcarriers, gate.doppler_bins % system.n_symbols
-    expected = range_doppler_map(resource_grid(scenario, elements))[np.ix_(rows, columns)]
+    gate = gate_of(scenario)
+    expected = cells_in_gate(resource_grid(scenario, elements), gate)
     p, q = np.transpose(elements)
     error = np.abs(clean_echo(scenario, gate)[:, :, p, q] - expected).max()
     assert error <= (largest_error or 1e-10 * np.abs(expected).max())
@@ -55,11 +55,9 @@ def one_by_one(scenario):
         yield dataclasses.replace(scenario, scatterers=alone)
 
 
-@pytest.mark.parametrize("frame", ["paper", "panel"])
-@pytest.mark.parametrize("coherent_phase", [False, True])
-def test_the_resource_grid_is_the_sum_over_scatterers_that_the_design_writes(
-    make_scenario, frame, coherent_phase
-):
+@EACH_FRAME
+@EACH_PHASE
+def test_the_resource_grid_is_the_sum_over_scatterers_of_the_design(make_scenario, frame, coherent_phase):
     scenario = make_scenario(frame, n_subcarriers=5, n_symbols=3, coherent_phase=coherent_phase)
     elements = [(0, 0), (3, 1), (2, 2)]
     system, echoes = scenario.system, scenario.scatterers
@@ -84,8 +82,8 @@ def test_the_resource_grid_is_the_sum_over_scatterers_that_the_design_writes(
     np.testing.assert_allclose(resource_grid(scenario, elements), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("frame", ["paper", "panel"])
-@pytest.mark.parametrize("coherent_phase", [False, True])
+@EACH_FRAME
+@EACH_PHASE
 def test_the_closed_form_is_the_transformed_grid_whatever_the_size(make_scenario, frame, coherent_phase):
     for n_subcarriers, n_symbols in ((256, 32), (251, 13), (33, 1), (1, 7)):
         size = {"n_subcarriers": n_subcarriers, "n_symbols": n_symbols}
@@ -93,11 +91,7 @@ def test_the_closed_form_is_the_transformed_grid_whatever_the_size(make_scenario
         assert_closed_form_is_the_transformed_grid(scenario, [(0, 0), (3, 1), (1, 3)])
 
 
-@given(
-    place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
-    speed_mps=st.floats(-15, 15),
-    n_symbols=st.integers(1, 40),
-)
+@given(place=PLACES, speed_mps=SPEEDS, n_symbols=st.integers(1, 40))
 def test_the_closed_form_is_the_transformed_grid_for_any_scatterer(
     make_scenario, place, speed_mps, n_symbols
 ):
@@ -110,64 +104,49 @@ def test_the_closed_form_is_the_transformed_grid_on_the_street(name):
     assert_closed_form_is_the_transformed_grid(load_scenario(name), [(0, 0), (15, 9)])
 
 
-@pytest.mark.parametrize("coherent_phase", [False, True])
+@EACH_PHASE
 def test_the_phase_of_a_scatterer_turns_its_own_echo_and_no_other(make_scenario, coherent_phase):
-    scenario = make_scenario(coherent_phase=coherent_phase)
-    gate, phase_rad = gate_of(scenario), np.array([0.0, 1.2, -2.5])
-
-    scatterers = scenario.scatterers
-    parts = [clean_echo(alone, gate) for alone in one_by_one(scenario)]
+    phase_rad = np.array([0.0, 1.2, -2.5])
+    turned = make_scenario(coherent_phase=coherent_phase, phase_rad=phase_rad)
+    gate = gate_of(turned)
+    parts = [clean_echo(alone, gate) for alone in one_by_one(make_scenario(coherent_phase=coherent_phase))]
     expected = sum(part * cmath.exp(1j * phase) for part, phase in zip(parts, phase_rad, strict=True))
-    turned = dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
     np.testing.assert_allclose(clean_echo(turned, gate), expected, atol=1e-9 * np.abs(expected).max())
     assert_closed_form_is_the_transformed_grid(turned, [(0, 0), (3, 2)])
 
 
-@pytest.mark.parametrize("frame", ["paper", "panel"])
-@pytest.mark.parametrize("coherent_phase", [False, True])
-def test_the_central_phase_is_that_of_the_middle_element_of_grid_and_array(
-    make_scenario, frame, coherent_phase
-):
-    scenario = make_scenario(frame, n_subcarriers=255, n_symbols=31, coherent_phase=coherent_phase)
-    scenario = dataclasses.replace(scenario, array=VirtualArray((1, 1), (5, 3), 1, 1))
-    scatterers = dataclasses.replace(scenario.scatterers, phase_rad=np.array([0.3, -2.0, 3.0]))
-    scenario = dataclasses.replace(scenario, scatterers=scatterers)
-    found = scatterers.amplitude * np.exp(1j * central_phase(scenario))
+@EACH_FRAME
+@EACH_PHASE
+def test_the_central_phase_is_that_of_the_middle_of_grid_and_array(make_scenario, frame, coherent_phase):
+    system = {"n_subcarriers": 255, "n_symbols": 31, "coherent_phase": coherent_phase}
+    array = VirtualArray((1, 1), (5, 3), 1, 1)
+    scenario = make_scenario(frame, phase_rad=[0.3, -2.0, 3.0], array=array, **system)
+    found = scenario.scatterers.amplitude * np.exp(1j * central_phase(scenario))
     middles = [resource_grid(alone, [(2, 1)])[127, 15, 0] for alone in one_by_one(scenario)]
     np.testing.assert_allclose(found, middles, atol=1e-7)
 
 
 def test_an_approaching_scatterer_turns_as_the_shrinking_path_says(make_scenario):
-    still = make_scenario(xyz=[[5.0, 5.0, 2.0]], velocity=[0.0], amplitude=[1.0], coherent_phase=True)
-    system, speed_mps = still.system, 9.0
-    direction = (still.scatterers.xyz[0] - still.base_station_m) / np.linalg.norm(
-        still.scatterers.xyz[0] - still.base_station_m
-    )
-    nearer = still.scatterers.xyz - direction * speed_mps * system.symbol_time_s
-    later = make_scenario(xyz=nearer, velocity=[0.0], amplitude=[1.0], coherent_phase=True)
-    moving = make_scenario(
-        xyz=still.scatterers.xyz, velocity=[speed_mps], amplitude=[1.0], coherent_phase=True
-    )
+    def grid_of(xyz, speed_mps):
+        scenario = make_scenario(xyz=xyz, velocity=[speed_mps], amplitude=[1.0], coherent_phase=True)
+        return resource_grid(scenario, [(0, 0)])
+
+    scenario, xyz, speed_mps = make_scenario(), np.array([[5.0, 5.0, 2.0]]), 9.0
+    offset_m = xyz - scenario.base_station_m
+    nearer = xyz - offset_m / np.linalg.norm(offset_m) * speed_mps * scenario.system.symbol_time_s
     # The first subcarrier lies on the carrier, where the convention is exact.
-    assert resource_grid(moving, [(0, 0)])[0, 1, 0] == pytest.approx(resource_grid(later, [(0, 0)])[0, 0, 0])
+    assert grid_of(xyz, speed_mps)[0, 1, 0] == pytest.approx(grid_of(nearer, 0.0)[0, 0, 0])
 
 
-def alone_at(make_scenario, xyz, speed_mps, amplitude=(1.0,), **system):
+def alone_at(make_scenario, xyz, speed_mps, amplitude=(1.0,), **others):
     """Scenario of scatterers wherever they are."""
     n = len(amplitude)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        return make_scenario(
-            xyz=np.tile(xyz, (n, 1)), velocity=[speed_mps] * n, amplitude=amplitude, **system
-        )
+        return make_scenario(xyz=[xyz] * n, velocity=[speed_mps] * n, amplitude=amplitude, **others)
 
 
-@given(
-    place=st.tuples(st.floats(0, 10), st.floats(0, 10), st.floats(0, 5)),
-    speed_mps=st.floats(-15, 15),
-    turns=st.integers(1, 1600),
-    speed_turns=st.integers(-9, 9),
-)
+@given(place=PLACES, speed_mps=SPEEDS, turns=st.integers(1, 1600), speed_turns=st.integers(-9, 9))
 def test_echoes_from_beyond_what_is_unambiguous_are_those_of_the_place_that_they_fold_to(
     make_scenario, place, speed_mps, turns, speed_turns
 ):
@@ -206,37 +185,35 @@ def test_the_closed_form_is_the_transformed_grid_however_far_and_fast(
         (np.ones(600), np.arange(600) * 2 * np.pi / 600),
     ],
 )
-@pytest.mark.parametrize("coherent_phase", [False, True])
+@EACH_PHASE
 def test_echoes_that_cancel_leave_no_dust(make_scenario, amplitude, phase_rad, coherent_phase):
-    scenario = alone_at(make_scenario, [1.3, 2.2, 0.4], 3.7, amplitude, coherent_phase=coherent_phase)
-    scatterers = dataclasses.replace(scenario.scatterers, phase_rad=phase_rad)
-    scenario = dataclasses.replace(scenario, scatterers=scatterers)
+    others = {"phase_rad": phase_rad, "coherent_phase": coherent_phase}
+    scenario = alone_at(make_scenario, [1.3, 2.2, 0.4], 3.7, amplitude, **others)
     assert not np.any(clean_echo(scenario, gate_of(scenario)))
     assert not np.any(resource_grid(scenario, [(0, 0), (1, 2)]))
 
 
 def test_two_opposite_echoes_a_hair_apart_and_a_weak_one_beside_a_strong_one_are_no_dust(make_scenario):
-    scatterers = Scatterers([[1.3, 2.2, 0.4], [1.3, 2.2 + 1e-9, 0.4]], [0, 0], [1, 1], [0, np.pi])
-    scenario = dataclasses.replace(make_scenario(coherent_phase=True), scatterers=scatterers)
+    pair = {"xyz": [[1.3, 2.2, 0.4], [1.3, 2.2 + 1e-9, 0.4]], "velocity": [0, 0], "amplitude": [1, 1]}
+    scenario = make_scenario(**pair, phase_rad=[0, np.pi], coherent_phase=True)
     apart_rad = 4 * np.pi / scenario.system.wavelength_m * 1e-9 * np.cos(0.3)
     found = np.abs(clean_echo(scenario, gate_of(scenario))).max()
     assert found > 0.1 * apart_rad * np.sqrt(scenario.system.processing_gain)
     both = make_scenario(amplitude=[1.0, 1e-7, 1.0])
-    weak, without = (
-        clean_echo(make_scenario(amplitude=[1.0, amplitude, 1.0]), gate_of(both)) for amplitude in (1e-7, 0.0)
-    )
-    assert np.abs(weak - without).max() > 0.3e-7 * np.sqrt(both.system.processing_gain)
+    without = clean_echo(make_scenario(amplitude=[1.0, 0.0, 1.0]), gate_of(both))
+    difference = np.abs(clean_echo(both, gate_of(both)) - without).max()
+    assert difference > 0.3e-7 * np.sqrt(both.system.processing_gain)
 
 
 @pytest.mark.parametrize("velocity", [np.linspace(-15, 15, 40), np.repeat([-9.0, 4.0], 20)])
 def test_a_scene_too_large_for_memory_is_summed_in_parts(make_scenario, monkeypatch, velocity):
     rng = np.random.default_rng(4)
     scenario = make_scenario(xyz=rng.uniform(0, 5, (40, 3)), velocity=velocity, amplitude=np.ones(40))
-    whole = clean_echo(scenario, gate_of(scenario)), resource_grid(scenario, [(0, 0), (1, 2)])
+    expected = clean_echo(scenario, gate_of(scenario)), resource_grid(scenario, [(0, 0), (1, 2)])
     monkeypatch.setattr(echo, "MOST_PRODUCTS", 5000)
     parts = clean_echo(scenario, gate_of(scenario)), resource_grid(scenario, [(0, 0), (1, 2)])
-    for part, expected in zip(parts, whole, strict=True):
-        np.testing.assert_allclose(part, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    for part, whole in zip(parts, expected, strict=True):
+        np.testing.assert_allclose(part, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
 
 
 @few
@@ -244,20 +221,18 @@ def test_a_scene_too_large_for_memory_is_summed_in_parts(make_scenario, monkeypa
 def test_the_order_of_scatterers_does_not_matter(make_scenario, order):
     rng = np.random.default_rng(8)
     xyz, velocity, amplitude = rng.uniform(0, 5, (12, 3)), rng.uniform(-15, 15, 12), rng.uniform(0, 2, 12)
-    expected = Simulator(make_scenario(xyz=xyz, velocity=velocity, amplitude=amplitude)).observe(10.0).cells
-    shuffled = make_scenario(xyz=xyz[order], velocity=velocity[order], amplitude=amplitude[order])
-    found = Simulator(shuffled).observe(10.0).cells
+    expected, found = (
+        observe_echo(make_scenario(xyz=xyz[i], velocity=velocity[i], amplitude=amplitude[i]), 10.0).cells
+        for i in (slice(None), order)
+    )
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
 @given(exponent=st.integers(-480, 480), snr_db=st.sampled_from([-20.0, 10.0, 200.0, math.inf]))
 def test_an_observation_scales_exactly_with_powers_of_two(make_scenario, exponent, snr_db):
-    scale = 2.0**exponent
-    amplitude = np.array([1.0, 0.7, 0.3])
-    plain, scaled = (
-        Simulator(make_scenario(amplitude=factor * amplitude, n_subcarriers=64)).observe(snr_db).cells
-        for factor in (1.0, scale)
-    )
+    scale, amplitude = 2.0**exponent, np.array([1.0, 0.7, 0.3])
+    scenes = (make_scenario(amplitude=factor * amplitude, n_subcarriers=64) for factor in (1.0, scale))
+    plain, scaled = (observe_echo(scene, snr_db).cells for scene in scenes)
     np.testing.assert_array_equal(scaled, plain * scale)
 
 
@@ -289,9 +264,8 @@ def test_noise_is_circular_and_gaussian():
 
 @given(st.floats(-100, 100))
 def test_the_snr_is_the_sum_of_single_echo_powers_over_the_noise_power(make_scenario, snr_db):
-    scenario = make_scenario(amplitude=[1.0, 2.0, 0.5])
-    ratio = (1.0 + 4.0 + 0.25) / Simulator(scenario).noise_power(snr_db)
-    assert 10 * np.log10(ratio) == pytest.approx(snr_db)
+    noise_power = Simulator(make_scenario(amplitude=[1.0, 2.0, 0.5])).noise_power(snr_db)
+    assert 10 * np.log10((1.0 + 4.0 + 0.25) / noise_power) == pytest.approx(snr_db)
 
 
 @pytest.mark.parametrize("amplitude", [[], [0.0]])
@@ -303,10 +277,9 @@ def test_a_scene_without_echoes_has_the_noise_of_one_unit_scatterer(make_scenari
     assert np.abs(resource_grid(empty, [(0, 0), (1, 2)])).max() == 0
 
 
-@pytest.mark.parametrize("scene", [("panel", True), ("paper", False)])
-def test_an_observation_is_the_echo_and_noise_of_its_power_whatever_was_asked_before(make_scenario, scene):
-    frame, coherent_phase = scene
-    scenario = make_scenario(frame, coherent_phase=coherent_phase)
+@pytest.mark.parametrize("frame", ["panel", "paper"])
+def test_an_observation_is_the_echo_and_noise_of_its_power_whatever_was_asked_before(make_scenario, frame):
+    scenario = make_scenario(frame, coherent_phase=frame == "panel")
     reused = Simulator(scenario)
     echo = reused.clean
     for snr_db, trial, seed in ((-20.0, 0, 0), (10.0, 0, 0), (0.0, 3, 1), (math.inf, 1, 0), (10.0, 0, 0)):
@@ -318,32 +291,19 @@ def test_an_observation_is_the_echo_and_noise_of_its_power_whatever_was_asked_be
     assert reused.clean is echo
 
 
-def drawn_in_the_gate():
-    """Unit noise as it is drawn, for the cells of a gate alone."""
-    return unit_noise("gate", 0, 0, (24, 16, 4, 3))
-
-
-def transformed_and_gated():
-    """Unit noise of a whole resource grid, transformed, and cut down to the cells of a gate."""
-    cells = range_doppler_map(unit_noise("grid", 0, 0, (128, 56, 4, 3)))
-    return cells[np.ix_(np.arange(-4, 20) % 128, np.arange(-8, 8) % 56)]
-
-
-@pytest.mark.parametrize("noise_of_gate", [drawn_in_the_gate, transformed_and_gated])
-def test_noise_in_the_gate_has_the_law_of_transformed_noise_of_the_whole_grid(noise_of_gate):
-    noise, chance = noise_of_gate(), 1e-6
-    assert noise.shape == (24, 16, 4, 3)
+@pytest.mark.parametrize("is_transformed", [False, True])
+def test_noise_in_the_gate_has_the_law_of_transformed_noise_of_the_whole_grid(is_transformed):
+    noise, chance = unit_noise("gate", 0, 0, (24, 16, 4, 3)), 1e-6
+    if is_transformed:
+        cells = range_doppler_map(unit_noise("grid", 0, 0, (128, 56, 4, 3)))
+        noise = cells[np.ix_(np.arange(-4, 20) % 128, np.arange(-8, 8) % 56)]
     power = np.abs(noise) ** 2
     n = noise.size
     # Twice a power is chi-square with two degrees of freedom.
-    low, high = chi2.ppf([chance, 1 - chance], 2 * n)
-    assert low < 2 * power.sum() < high
-    for axis in range(4):
-        others = tuple(other for other in range(4) if other != axis)
-        n_each = n // noise.shape[axis]
-        low, high = chi2.ppf([chance, 1 - chance], 2 * n_each)
-        assert (low < 2 * power.sum(axis=others)).all()
-        assert (2 * power.sum(axis=others) < high).all()
+    for axes in (range(4), *itertools.combinations(range(4), 3)):
+        sums = power.sum(axis=tuple(axes))
+        low, high = chi2.ppf([chance, 1 - chance], 2 * n / sums.size)
+        assert ((low < 2 * sums) & (2 * sums < high)).all()
     low, high = binom.interval(1 - chance, n, math.exp(-2))
     assert low <= np.count_nonzero(power > 2) <= high
     for axis in range(4):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from isacbench.bench.suites.scenario_digest import scenario_digest
-from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
 from isacbench.link.sensing.observing import observe
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, clean_echo, resource_grid
 from isacbench.model.scenes.scenario import load_scenario
+from tests.gated_cells import cells_in_gate, gate_of
 
 ARRAY = VirtualArray((2, 2), (2, 2), 2, 1)
 
@@ -21,10 +21,8 @@ def leaking(make_scenario):
     """Return a function that builds scenes whose transmitters leak."""
 
     def build(leakage_db, mimo="ideal"):
-        scenario = make_scenario(n_subcarriers=240, n_symbols=112)
-        return dataclasses.replace(
-            scenario, array=dataclasses.replace(ARRAY, leakage_db=leakage_db, mimo=mimo)
-        )
+        array = dataclasses.replace(ARRAY, leakage_db=leakage_db, mimo=mimo)
+        return make_scenario(array=array, n_subcarriers=240, n_symbols=112)
 
     return build
 
@@ -46,16 +44,15 @@ def test_the_direct_path_is_a_static_echo_half_a_bin_away_with_the_phases_of_ele
 @pytest.mark.parametrize("mimo", ["ideal", "comb", "tdm"])
 def test_cells_are_the_transform_of_the_grid(leaking, mimo):
     scenario = leaking(40.0, mimo)
-    gate, grid = Simulator(scenario).gate, resource_grid(scenario, ARRAY.positions)
-    bins = gate.range_bins % 240, gate.doppler_bins % 112
-    cells = scenario.array.n_turns * range_doppler_map(grid)[np.ix_(*bins)]
+    gate = gate_of(scenario)
+    cells = scenario.array.n_turns * cells_in_gate(resource_grid(scenario, ARRAY.positions), gate)
     found = clean_echo(scenario, gate).reshape(cells.shape)
     np.testing.assert_allclose(found, cells, atol=1e-9 * np.abs(cells).max())
 
 
 def test_sidelobes_fall_with_the_inverse_range_and_no_mover_meets_them(leaking):
     scenario, without = leaking(30.0), leaking(None)
-    gate = Simulator(scenario).gate
+    gate = gate_of(scenario)
     power = np.mean(np.abs(clean_echo(scenario, gate) - clean_echo(without, gate)) ** 2, axis=(2, 3))
     peak = 1e3 * scenario.scatterers.total_amplitude**2 * scenario.system.processing_gain
     distance = gate.range_bins - 0.5
@@ -81,10 +78,8 @@ def test_leakage_and_dynamic_range_are_parameters_of_families(leaking):
     town, leaky = load_scenario("town[seed=101]"), load_scenario("town[seed=101,leakage_db=40]")
     assert (town.array.leakage_db, leaky.array.leakage_db) == (None, 40.0)
     np.testing.assert_array_equal(leaky.scatterers.xyz, town.scatterers.xyz)
-    by_range = {
-        limit_db: load_scenario(f"weak[seed=101,dynamic_range_db={limit_db}]").scatterers.amplitude
-        for limit_db in (0, 20, 40)
-    }
-    np.testing.assert_array_equal(by_range[40], load_scenario("weak[seed=101]").scatterers.amplitude)
-    assert (by_range[0] == 1).all()
-    np.testing.assert_allclose(by_range[20], np.sqrt(by_range[40]), atol=2e-3)
+    ranges = [*(f",dynamic_range_db={limit_db}" for limit_db in (0, 20, 40)), ""]
+    flat, low, high, plain = (load_scenario(f"weak[seed=101{key}]").scatterers.amplitude for key in ranges)
+    np.testing.assert_array_equal(high, plain)
+    assert (flat == 1).all()
+    np.testing.assert_allclose(low, np.sqrt(high), atol=2e-3)

@@ -12,7 +12,6 @@ from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.cubes.frame import observe_cube
 from isacbench.cubes.image_cost import image_cost
 from isacbench.cubes.writing import FrameSimulator
-from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
 from isacbench.link.sensing.noise_colouring import noise_covariance
 from isacbench.link.sensing.observing import observe
@@ -21,6 +20,7 @@ from isacbench.model.echo import Simulator, clean_echo, resource_grid, transmitt
 from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.registry import get_estimator
+from tests.gated_cells import cells_in_gate
 
 ARRAYS = (
     VirtualArray((2, 2), (2, 2), 2, 1),
@@ -35,28 +35,22 @@ def taking_turns(make_scenario):
     """Return a function that builds scenes whose transmitters take turns."""
 
     def build(mimo, array=ARRAYS[0], **given):
-        scenario = make_scenario(**{"n_subcarriers": 240, "n_symbols": 112, **given})
-        return dataclasses.replace(scenario, array=dataclasses.replace(array, mimo=mimo))
+        array = dataclasses.replace(array, mimo=mimo)
+        return make_scenario(array=array, **{"n_subcarriers": 240, "n_symbols": 112, **given})
 
     return build
 
 
-def in_gate(grid, gate):
-    """Cells of the gate from a resource grid."""
-    n_subcarriers, n_symbols = grid.shape[:2]
-    bins = gate.range_bins % n_subcarriers, gate.doppler_bins % n_symbols
-    return range_doppler_map(grid)[np.ix_(*bins)]
-
-
 @MODES
 @pytest.mark.parametrize("array", ARRAYS)
-@pytest.mark.parametrize("size", [(240, 108), (24, 48)])
-def test_cells_are_the_transform_of_the_grid_that_is_sent_times_the_number_of_transmitters(
-    taking_turns, mimo, array, size
+@pytest.mark.parametrize(("n", "m"), [(240, 108), (24, 48)])
+def test_cells_are_the_transform_of_the_sent_grid_times_the_number_of_transmitters(
+    taking_turns, mimo, array, n, m
 ):
     # In the smaller map the gate holds all bins up to where it repeats.
-    size = dict(zip(("n_subcarriers", "n_symbols"), size, strict=True))
-    scenario, all_at_once = taking_turns(mimo, array, **size), taking_turns("ideal", array, **size)
+    scenario, all_at_once = (
+        taking_turns(one, array, n_subcarriers=n, n_symbols=m) for one in (mimo, "ideal")
+    )
     simulator, positions = Simulator(scenario), array.positions
     full, n_tx = resource_grid(all_at_once, positions), array.tx_shape[0] * array.tx_shape[1]
     tx = [(array.tx_spacing * i, array.tx_spacing * j) for i, j in np.ndindex(array.tx_shape)]
@@ -70,13 +64,13 @@ def test_cells_are_the_transform_of_the_grid_that_is_sent_times_the_number_of_tr
     np.testing.assert_array_equal(resource_grid(scenario, positions), sent)
     part = resource_grid(scenario, positions[1:3], slice(5, 9))
     np.testing.assert_allclose(part, sent[5:9, :, 1:3], atol=1e-12)
-    expected = n_tx * in_gate(sent, simulator.gate)
+    expected = n_tx * cells_in_gate(sent, simulator.gate)
     found = clean_echo(scenario, simulator.gate).reshape(expected.shape)
     np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
     # So does noise that the signal carries.
     noisy = dataclasses.replace(scenario, system=dataclasses.replace(scenario.system, noise="transmitter"))
     factor = 1 + scenario.scatterers.total_amplitude * transmitted_noise(noisy, 0, 0)
-    expected = n_tx * in_gate(sent * factor[:, :, None], simulator.gate)
+    expected = n_tx * cells_in_gate(sent * factor[:, :, None], simulator.gate)
     found = Simulator(noisy).observe(0.0).cells.reshape(expected.shape)
     np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
 
@@ -121,14 +115,9 @@ def test_noise_of_the_resource_elements_that_are_read_is_white_in_the_gate(takin
 @MODES
 def test_maps_repeat_up_to_the_phases_of_the_transmitters(taking_turns, mimo):
     scenario = taking_turns(mimo)
-    n_bins = 240 // 4 if mimo == "comb" else 112 // 4
     gate = Simulator(scenario).gate
-    if mimo == "comb":
-        farther = dataclasses.replace(gate, range_bins=gate.range_bins + n_bins)
-        sign = 1
-    else:
-        farther = dataclasses.replace(gate, doppler_bins=gate.doppler_bins + n_bins)
-        sign = -1
+    name, n_bins, sign = ("range_bins", 240 // 4, 1) if mimo == "comb" else ("doppler_bins", 112 // 4, -1)
+    farther = dataclasses.replace(gate, **{name: getattr(gate, name) + n_bins})
     phases = np.exp(sign * 2j * np.pi * scenario.array.transmitters.reshape(4, 4) / 4)
     cells = clean_echo(scenario, gate)
     np.testing.assert_allclose(clean_echo(scenario, farther), cells * phases, atol=1e-9 * np.abs(cells).max())
@@ -155,10 +144,7 @@ def test_regions_beyond_what_turns_leave_unambiguous_are_refused(taking_turns):
     far = dataclasses.replace(street.region, y_m=(-60.0, 20.0))
     fast = dataclasses.replace(street.region, speed_mps=(-52.0, 15.0))
     for refused, message in (
-        (
-            lambda: turn("comb", region=far),
-            r"at most 156\.1 m, which is c .*4 transmitters with mimo = 'comb'",
-        ),
+        (lambda: turn("comb", region=far), r"at most 156\.1 m, which is c .*4 transmitters .* mimo = 'comb'"),
         (lambda: turn("tdm", region=fast), r"at most 51\.4 m/s for 4 transmitters with mimo = 'tdm'"),
         (lambda: taking_turns("comb", n_subcarriers=241), "n_subcarriers = 241: allowed is a multiple for 4"),
         (lambda: taking_turns("tdm", n_symbols=49), "n_symbols = 49: allowed is a multiple for 4 transm"),

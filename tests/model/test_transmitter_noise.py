@@ -11,13 +11,13 @@ from isacbench.bench.kinds.efficiency import EfficiencyKind
 from isacbench.bench.kinds.link import LinkKind
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.bench.suites.suite_kinds import load_suite
-from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.errors import InputError
 from isacbench.link.sensing.observing import observe
 from isacbench.model.echo import Simulator, echo_parameters, transmitted_noise
 from isacbench.model.numerology import System
 from isacbench.model.radio_coordinates import gain_db
 from isacbench.model.scenes.scenario import load_scenario
+from tests.gated_cells import cells_in_gate
 
 SIGMAS = 5.0
 
@@ -52,8 +52,7 @@ def test_cells_are_the_transform_of_echoes_times_the_noisy_signal(noisy, frame):
             turns = doppler - delay - (p * u[k] + q * w[k]) / 2
             grid[n, m, p, q] += gain[k] * cmath.exp(2j * math.pi * turns) * factor[n, m]
     observation = Simulator(scenario).observe(10.0, 2, 1)
-    gate = observation.gate
-    expected = range_doppler_map(grid)[np.ix_(gate.range_bins % 32, gate.doppler_bins % 12)]
+    expected = cells_in_gate(grid, observation.gate)
     np.testing.assert_allclose(observation.cells, expected, atol=1e-10 * np.abs(expected).max())
 
 
