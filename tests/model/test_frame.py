@@ -68,35 +68,21 @@ def test_directions_outside_the_visible_region_have_no_offset(frame, angle, radi
 
 @given(FRAMES, cosines(), st.floats(0.1, 600))
 def test_the_jacobian_is_the_slope_of_the_offsets(frame, cosine, range_m):
-    u, w = cosine
     # Off the singular places, where slopes grow and a difference needs ever smaller steps.
-    assume(0.05 < np.hypot(u, w)[0] < 0.99)
-    step = 1e-5
-    expected = np.stack(
-        [
-            frame.offsets([range_m + step], u, w) - frame.offsets([range_m - step], u, w),
-            frame.offsets([range_m], u + step, w) - frame.offsets([range_m], u - step, w),
-            frame.offsets([range_m], u, w + step) - frame.offsets([range_m], u, w - step),
-        ],
-        axis=-1,
-    ) / (2 * step)
-    jacobian = frame.offset_jacobian([range_m], u, w)
+    assume(0.05 < np.hypot(*cosine)[0] < 0.99)
+    place, steps = np.array([[range_m], *cosine]), 1e-5 * np.eye(3)[:, :, None]
+    slopes = [(frame.offsets(*place + step) - frame.offsets(*place - step)) / 2e-5 for step in steps]
+    jacobian = frame.offset_jacobian(*place)
     assert jacobian.shape == (1, 3, 3)
-    np.testing.assert_allclose(jacobian, expected, rtol=1e-6, atol=1e-5 * max(range_m, 1))
+    np.testing.assert_allclose(jacobian, np.stack(slopes, -1), rtol=1e-6, atol=1e-5 * max(range_m, 1))
 
 
-@pytest.mark.parametrize(
-    ("frame", "u", "w"),
-    [
-        (PaperFrame(), 0.0, 0.0),
-        (PaperFrame(), 1.0, 0.0),
-        (PaperFrame(), 0.8, 0.8),
-        (PanelFrame(), 0.0, -1.0),
-        (PanelFrame(), 0.8, 0.8),
-    ],
-)
-def test_where_a_frame_is_singular_or_blind_there_is_no_jacobian(frame, u, w):
-    assert np.isnan(frame.offset_jacobian([10.0], [u], [w])).any()
+def test_where_a_frame_is_singular_or_blind_there_is_no_jacobian():
+    for frame, u, w in (
+        *((PaperFrame(), 0.0, 0.0), (PaperFrame(), 1.0, 0.0), (PaperFrame(), 0.8, 0.8)),
+        *((PanelFrame(), 0.0, -1.0), (PanelFrame(), 0.8, 0.8)),
+    ):
+        assert np.isnan(frame.offset_jacobian([10.0], [u], [w])).any(), (frame, u, w)
 
 
 @given(st.floats(0, 2 * np.pi))
@@ -129,18 +115,14 @@ def test_the_axes_of_a_panel_are_orthonormal(panel):
     np.testing.assert_allclose(panel.axes @ panel.axes.T, np.eye(3), atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("yaw_deg", "tilt_deg", "along_u", "along_w", "normal"),
-    [
-        (0, 0, [1, 0, 0], [0, 0, -1], [0, -1, 0]),
-        (90, 0, [0, 1, 0], [0, 0, -1], [1, 0, 0]),
-        (0, 90, [1, 0, 0], [0, 1, 0], [0, 0, -1]),
-    ],
-)
-def test_yaw_turns_counter_clockwise_from_above_and_tilt_downwards(
-    yaw_deg, tilt_deg, along_u, along_w, normal
-):
-    np.testing.assert_allclose(PanelFrame(yaw_deg, tilt_deg).axes, [along_u, along_w, normal], atol=1e-15)
+def test_yaw_turns_counter_clockwise_from_above_and_tilt_downwards():
+    """Axes along u, along w, and the normal."""
+    for panel, axes in (
+        (PanelFrame(0, 0), [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
+        (PanelFrame(90, 0), [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
+        (PanelFrame(0, 90), [[1, 0, 0], [0, 1, 0], [0, 0, -1]]),
+    ):
+        np.testing.assert_allclose(panel.axes, axes, atol=1e-15)
 
 
 def test_only_a_panel_can_be_turned():

@@ -1,8 +1,7 @@
 """The gate: every cell that the region can reach, no cell twice."""
 
 import numpy as np
-import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from isacbench.model.gate import DOPPLER_MARGIN_BINS, RANGE_MARGIN_BINS, build_gate
@@ -12,21 +11,17 @@ from isacbench.model.region import Region
 FRACTIONS = st.floats(0, 1)
 
 
-def limits(lowest, highest):
+def limits(size):
     """Two ascending numbers."""
-    return st.tuples(st.floats(lowest, highest), st.floats(lowest, highest)).map(
-        lambda ends: tuple(sorted(ends))
-    )
+    return st.tuples(*[st.floats(-size, size)] * 2).map(lambda ends: tuple(sorted(ends)))
 
 
 @st.composite
 def scenes(draw):
     """Draw a system, a base station and a region that they observe without ambiguity."""
     system = System(n_subcarriers=draw(st.integers(1, 300)), n_symbols=draw(st.integers(1, 60)))
-    reach_m = system.unambiguous_range_m / np.sqrt(3) / 2
-    box = limits(-reach_m, reach_m)
-    speed = limits(-system.unambiguous_speed_mps, system.unambiguous_speed_mps)
-    region = Region(draw(box), draw(box), draw(box), draw(speed))
+    box = limits(system.unambiguous_range_m / np.sqrt(3) / 2)
+    region = Region(draw(box), draw(box), draw(box), draw(limits(system.unambiguous_speed_mps)))
     base_m = region.lower_m + np.array([draw(FRACTIONS) * 2 - 0.5 for _ in range(3)]) * region.size_m
     if region.range_limits_m(base_m)[1] > system.unambiguous_range_m:
         base_m = region.lower_m
@@ -62,11 +57,12 @@ def test_bins_are_consecutive_and_never_more_than_the_map_and_wrap_where_they_ar
 def test_the_mask_is_what_the_slices_say_and_margins_are_equal_to_one_bin(scene):
     gate = build_gate(*scene)
     assert gate.reachable.shape == gate.shape == (gate.range_bins.size, gate.doppler_bins.size)
-    reached = (gate.reachable_range, gate.reachable_doppler)
+    reached, margins = (
+        (gate.reachable_range, gate.reachable_doppler),
+        (RANGE_MARGIN_BINS, DOPPLER_MARGIN_BINS),
+    )
     assert gate.reachable.sum() == np.prod([part.stop - part.start for part in reached])
-    for part, n_bins, margin in zip(
-        reached, gate.shape, (RANGE_MARGIN_BINS, DOPPLER_MARGIN_BINS), strict=True
-    ):
+    for part, n_bins, margin in zip(reached, gate.shape, margins, strict=True):
         before, after = part.start, n_bins - part.stop
         assert 0 <= after - before <= 1
         assert after <= margin
@@ -87,22 +83,19 @@ def test_a_region_at_the_base_station_borrows_its_margin_from_the_far_end_of_the
     assert gate.reachable_doppler == slice(DOPPLER_MARGIN_BINS, DOPPLER_MARGIN_BINS + 1)
 
 
+def assert_same_bins(gate, range_bins, doppler_bins, reachable):
+    np.testing.assert_array_equal(gate.range_bins, range_bins)
+    np.testing.assert_array_equal(gate.doppler_bins, doppler_bins)
+    np.testing.assert_array_equal(gate.reachable, reachable)
+
+
 @given(scenes(), st.integers(0, 2), st.integers(0, 2))
 def test_trimming_takes_bins_off_both_ends_and_keeps_the_reachable_ones_that_are_left(scene, n, m):
     gate = build_gate(*scene)
-    if min(gate.shape[0] - 2 * n, gate.shape[1] - 2 * m) < 1:
-        return
-    trimmed = gate.trim(n, m)
+    assume(min(gate.shape[0] - 2 * n, gate.shape[1] - 2 * m) >= 1)
     rows, columns = slice(n, gate.shape[0] - n), slice(m, gate.shape[1] - m)
-    np.testing.assert_array_equal(trimmed.range_bins, gate.range_bins[rows])
-    np.testing.assert_array_equal(trimmed.doppler_bins, gate.doppler_bins[columns])
-    np.testing.assert_array_equal(trimmed.reachable, gate.reachable[rows, columns])
-
-
-def test_bins_cannot_be_written_to():
-    gate = build_gate(System(), np.zeros(3), Region((5.0, 9.0), (0.0, 1.0), (0.0, 1.0), (0.0, 0.0)))
-    with pytest.raises(ValueError, match="read-only"):
-        gate.range_bins[0] = 1
+    bins = gate.range_bins[rows], gate.doppler_bins[columns]
+    assert_same_bins(gate.trim(n, m), *bins, gate.reachable[rows, columns])
 
 
 @given(scenes(), st.integers(0, 3), st.integers(0, 3))
@@ -111,7 +104,4 @@ def test_extending_a_gate_is_undone_by_trimming_it(scene, n, m):
     longer = gate.extend(n, m)
     assert longer.shape == (gate.shape[0] + 2 * n, gate.shape[1] + 2 * m)
     assert longer.wraps == (gate.wraps[0] and n == 0, gate.wraps[1] and m == 0)
-    again = longer.trim(n, m)
-    np.testing.assert_array_equal(again.range_bins, gate.range_bins)
-    np.testing.assert_array_equal(again.doppler_bins, gate.doppler_bins)
-    np.testing.assert_array_equal(again.reachable, gate.reachable)
+    assert_same_bins(longer.trim(n, m), gate.range_bins, gate.doppler_bins, gate.reachable)

@@ -24,9 +24,8 @@ def test_steering_is_one_phase_step_an_element(n_elements, cosines):
     response = steering(n_elements, cosines)
     assert response.shape == (len(cosines), n_elements)
     for row, u in zip(response, cosines, strict=True):
-        np.testing.assert_allclose(
-            row, [cmath.exp(-1j * cmath.pi * p * u) for p in range(n_elements)], atol=1e-12
-        )
+        expected = [cmath.exp(-1j * cmath.pi * p * u) for p in range(n_elements)]
+        np.testing.assert_allclose(row, expected, atol=1e-12)
 
 
 def test_steering_keeps_the_shape_of_its_cosines_in_front():

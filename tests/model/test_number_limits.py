@@ -16,69 +16,45 @@ from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
 
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("n_subcarriers", 0),
-        ("n_subcarriers", 2.0),
-        ("n_symbols", True),
-        ("n_symbols", 10**12),
-        ("carrier_hz", 0.0),
-        ("carrier_hz", -7e10),
-        ("carrier_hz", math.inf),
-        ("subcarrier_spacing_hz", math.nan),
-        ("cyclic_prefix_ratio", -0.1),
-        ("cyclic_suffix_ratio", 1.1),
-    ],
-)
-def test_a_numerology_that_is_none_is_refused(key, value):
-    with pytest.raises(InputError, match=rf"^{key} = .*: allowed is"):
-        System(**{key: value})
-
-
-@pytest.mark.parametrize(
-    "array", [{"tx_shape": (0, 1)}, {"rx_shape": (8, -1)}, {"tx_spacing": 0}, {"rx_spacing": 1.5}]
-)
-def test_an_array_without_elements_or_spacing_is_refused(array):
-    with pytest.raises(InputError, match=rf"^array.{next(iter(array))} = .*a whole number from 1"):
-        VirtualArray(**array)
-
-
-@pytest.mark.parametrize(
-    ("key", "limits"),
-    [
-        ("x_m", (1.0, 0.0)),
-        ("y_m", (0.0, math.nan)),
-        ("z_m", (-math.inf, 0.0)),
-        ("x_m", (0.0, 1e10)),
-        ("speed_mps", (0.0, 1e9)),
-    ],
-)
-def test_a_region_whose_limits_are_none_is_refused(key, limits):
-    box = {"x_m": (0.0, 1.0), "y_m": (0.0, 1.0), "z_m": (0.0, 1.0), "speed_mps": (0.0, 1.0)}
-    with pytest.raises(InputError, match=rf"^region.{key} = .*two ascending numbers"):
-        Region(**{**box, key: limits})
+VALID = {
+    System: {},
+    VirtualArray: {},
+    Region: {"x_m": (0.0, 1.0), "y_m": (0.0, 1.0), "z_m": (0.0, 1.0), "speed_mps": (0.0, 1.0)},
+    Scatterers: {"xyz": [[0.0, 0.0, 0.0]], "velocity": [0.0], "amplitude": [1.0]},
+}
+WRONG = [
+    *((System, "n_subcarriers", value, "n_subcarriers = {}: allowed is") for value in (0, 2.0)),
+    *((System, "n_symbols", value, "n_symbols = {}: allowed is") for value in (True, 10**12)),
+    *((System, "carrier_hz", value, "carrier_hz = {}: allowed is") for value in (0.0, -7e10, math.inf)),
+    (System, "subcarrier_spacing_hz", math.nan, "subcarrier_spacing_hz = {}: allowed is"),
+    (System, "cyclic_prefix_ratio", -0.1, "cyclic_prefix_ratio = {}: allowed is"),
+    (System, "cyclic_suffix_ratio", 1.1, "cyclic_suffix_ratio = {}: allowed is"),
+    (VirtualArray, "tx_shape", (0, 1), "array.tx_shape = 0: allowed is a whole number from 1"),
+    (VirtualArray, "rx_shape", (8, -1), "array.rx_shape = -1: allowed is a whole number from 1"),
+    (VirtualArray, "tx_spacing", 0, "array.tx_spacing = {}: allowed is a whole number from 1"),
+    (VirtualArray, "rx_spacing", 1.5, "array.rx_spacing = {}: allowed is a whole number from 1"),
+    (Region, "x_m", (1.0, 0.0), "region.x_m = {}: allowed is two ascending numbers"),
+    (Region, "y_m", (0.0, math.nan), "region.y_m = {}: allowed is two ascending numbers"),
+    (Region, "z_m", (-math.inf, 0.0), "region.z_m = {}: allowed is two ascending numbers"),
+    (Region, "x_m", (0.0, 1e10), "region.x_m = {}: allowed is two ascending numbers"),
+    (Region, "speed_mps", (0.0, 1e9), "region.speed_mps = {}: allowed is two ascending numbers"),
+    (Scatterers, "xyz", [[0.0, math.nan, 0.0]], "scatterers.xyz holds nan"),
+    (Scatterers, "xyz", [[0.0, 0.0, 2e9]], "scatterers.xyz holds 2e+09"),
+    (Scatterers, "velocity", [math.inf], "scatterers.velocity holds inf"),
+    (Scatterers, "velocity", [3e8], "scatterers.velocity holds 3e+08"),
+    (Scatterers, "amplitude", [math.nan], "scatterers.amplitude holds nan"),
+    (Scatterers, "phase_rad", math.inf, "scatterers.phase_rad holds inf"),
+    (Scatterers, "amplitude", [1e160], "scatterers.amplitude, summed in power, holds 1e+160"),
+    (Scatterers, "amplitude", [5e-324], "scatterers.amplitude, summed in power, holds 4.94066e-324"),
+    (Scatterers, "xyz", [[0.0, 0.0]], "scatterers: xyz (1, 2), velocity (1,) and amplitude (1,)"),
+    (Scatterers, "amplitude", [1.0, 2.0], "scatterers: xyz (1, 3), velocity (1,)"),
+]
 
 
-@pytest.mark.parametrize(
-    ("xyz", "velocity", "amplitude", "phase_rad", "message"),
-    [
-        ([[0.0, math.nan, 0.0]], [0.0], [1.0], 0.0, "scatterers.xyz holds nan"),
-        ([[0.0, 0.0, 2e9]], [0.0], [1.0], 0.0, "scatterers.xyz holds 2e+09"),
-        ([[0.0, 0.0, 0.0]], [math.inf], [1.0], 0.0, "scatterers.velocity holds inf"),
-        ([[0.0, 0.0, 0.0]], [3e8], [1.0], 0.0, "scatterers.velocity holds 3e+08"),
-        ([[0.0, 0.0, 0.0]], [0.0], [math.nan], 0.0, "scatterers.amplitude holds nan"),
-        ([[0.0, 0.0, 0.0]], [0.0], [1.0], math.inf, "scatterers.phase_rad holds inf"),
-        ([[0.0, 0.0, 0.0]], [0.0], [1e160], 0.0, "summed in power, holds 1e+160"),
-        ([[0.0, 0.0, 0.0]], [0.0], [5e-324], 0.0, "summed in power, holds 4.94066e-324"),
-        ([[0.0, 0.0]], [0.0], [1.0], 0.0, "scatterers: xyz (1, 2), velocity (1,) and amplitude (1,)"),
-        ([[0.0, 0.0, 0.0]], [0.0], [1.0, 2.0], 0.0, "scatterers: xyz (1, 3), velocity (1,)"),
-    ],
-)
-def test_scatterers_that_doubles_do_not_hold_are_refused(xyz, velocity, amplitude, phase_rad, message):
-    with pytest.raises(InputError, match=re.escape(message)):
-        Scatterers(xyz, velocity, amplitude, phase_rad)
+@pytest.mark.parametrize(("kind", "key", "value", "message"), WRONG)
+def test_what_no_radio_region_or_scatterer_has_is_refused(kind, key, value, message):
+    with pytest.raises(InputError, match=f"^{re.escape(message.format(value))}"):
+        kind(**{**VALID[kind], key: value})
 
 
 @pytest.mark.parametrize("amplitude", [[0.0, 0.0], [1.0, 5e-324], [LARGEST_AMPLITUDE, 0.0], [-1.0, 1.0]])
@@ -106,12 +82,11 @@ def test_a_base_station_a_light_minute_away_is_refused(make_scenario):
 
 
 @pytest.mark.parametrize(("excess_m", "n_late"), [(-0.01, 0), (0.01, 1)])
-def test_scatterers_beyond_the_cyclic_prefix_are_warned_of(make_scenario, recwarn, excess_m, n_late):
+def test_scatterers_beyond_the_cyclic_prefix_are_warned_of(make_scenario, excess_m, n_late):
     late_m = make_scenario().system.isi_free_range_m + excess_m
+    xyz = [[5.0, 40.0 - late_m, 10.0], [1.0, 1.0, 1.0]]
     with pytest.warns(InputWarning) as caught:
-        make_scenario(
-            xyz=[[5.0, 40.0 - late_m, 10.0], [1.0, 1.0, 1.0]], velocity=[0.0, 0.0], amplitude=[1.0, 1.0]
-        )
+        make_scenario(xyz=xyz, velocity=[0.0, 0.0], amplitude=[1.0, 1.0])
     messages = [str(warning.message) for warning in caught if "cyclic prefix" in str(warning.message)]
     assert len(messages) == n_late
     assert all("1 of 2 scatterers lie beyond 136.6 m" in message for message in messages)

@@ -34,27 +34,17 @@ def test_the_default_system_has_the_figures_of_table_one(quantity, figure, last_
     assert getattr(System(), quantity) == pytest.approx(figure, abs=last_digit / 2)
 
 
-def test_without_the_suffix_the_whole_prefix_is_free_of_interference():
-    assert System(cyclic_suffix_ratio=0.0).isi_free_range_m == pytest.approx(156.1, abs=0.05)
-
-
-def test_the_suffix_adds_no_time():
-    assert System(cyclic_suffix_ratio=0.0).velocity_bin_mps == System().velocity_bin_mps
+def test_the_suffix_takes_of_the_prefix_what_is_free_of_interference_and_adds_no_time():
+    without = System(cyclic_suffix_ratio=0.0)
+    assert without.isi_free_range_m == pytest.approx(156.1, abs=0.05)
+    assert without.velocity_bin_mps == System().velocity_bin_mps
 
 
 @given(SYSTEMS)
-def test_one_range_bin_turns_the_phase_once_across_the_band(system):
+def test_a_bin_turns_the_phase_once_across_band_or_frame_and_the_unambiguous_limits_hold_whole_maps(system):
     delay_s = 2 * system.range_bin_m / SPEED_OF_LIGHT_MPS
     assert delay_s * system.bandwidth_hz == pytest.approx(1)
-
-
-@given(SYSTEMS)
-def test_one_velocity_bin_turns_the_phase_once_across_the_frame(system):
     doppler_hz = 2 * system.velocity_bin_mps * system.carrier_hz / SPEED_OF_LIGHT_MPS
     assert doppler_hz * system.n_symbols * system.symbol_time_s == pytest.approx(1)
-
-
-@given(SYSTEMS)
-def test_the_unambiguous_limits_hold_whole_maps(system):
     assert system.unambiguous_range_m == pytest.approx(SPEED_OF_LIGHT_MPS / 2 / system.subcarrier_spacing_hz)
     assert 2 * system.unambiguous_speed_mps == pytest.approx(system.n_symbols * system.velocity_bin_mps)
