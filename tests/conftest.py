@@ -14,6 +14,7 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
 from isacbench.model.scenes.scenario import load_scenario
@@ -29,6 +30,14 @@ settings.load_profile("quick")
 def few(test):
     """Give a test whose examples take long a fifth of the examples."""
     return settings(max_examples=settings.default.max_examples // 5)(test)
+
+
+def refusal(call, *args, **options):
+    """Message, of one line, with which a call is refused."""
+    with pytest.raises(InputError) as refused:
+        call(*args, **options)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
 
 
 def slow_but(quick, every):

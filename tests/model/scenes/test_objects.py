@@ -35,15 +35,10 @@ def test_default_objects_have_the_points_and_the_room_of_the_street(outline, n_p
 
 
 @given(SIZES)
-def test_a_car_fills_exactly_the_size_it_is_given(size_m):
-    width, length, height = size_m
+def test_a_car_fills_exactly_its_size_and_is_symmetric_from_side_to_side(size_m):
+    points, (width, length, height) = car(size_m), size_m
     expected = [[-width / 2, -length / 2, 0], [width / 2, length / 2, height]]
-    np.testing.assert_allclose(box(car(size_m)), expected, atol=1e-12)
-
-
-@given(SIZES)
-def test_a_car_is_symmetric_from_side_to_side(size_m):
-    points = car(size_m)
+    np.testing.assert_allclose(box(points), expected, atol=1e-12)
     mirrored = points * [-1, 1, 1]
     np.testing.assert_allclose(points[np.lexsort(points.T)], mirrored[np.lexsort(mirrored.T)])
 
@@ -65,9 +60,6 @@ def test_a_lamp_post_is_a_mast_with_four_arms_at_its_top():
     assert mast[:, 2].tolist() == np.arange(1.0, 6.5, 0.5).tolist()
     arms = {tuple(point) for point in points[(points[:, :2] != 0).any(axis=1)].tolist()}
     assert arms == {(2, 0, 6), (-2, 0, 6), (0, 2, 6), (0, -2, 6)}
-
-
-def test_a_lamp_post_without_a_mast_is_refused():
     with pytest.raises(InputError, match=r"foot_m = 2 must lie below height_m = 1\.5"):
         lamp_post(height_m=1.5)
 
