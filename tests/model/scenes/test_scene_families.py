@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 
 from isacbench import load_scenario
 from isacbench.bench.suites.scenario_digest import scenario_digest
-from isacbench.errors import InputError
 from isacbench.model.scenes import objects as outlines
 from isacbench.model.scenes.generators import SQUARE, scene_table
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
 from isacbench.model.scenes.scene_families import FAMILIES, family_specs, scenario_variants
+from tests.conftest import refusal
 
 SEEDS = range(12)
 scene = cache(load_scenario)
@@ -98,11 +98,8 @@ def objects(name):
 
 
 def n_points(entry):
-    sizes = {
-        key: value
-        for key, value in entry.items()
-        if key.endswith(("size_m", "length_m", "height_m", "spacing_m"))
-    }
+    lengths = ("size_m", "length_m", "height_m", "spacing_m")
+    sizes = {key: value for key, value in entry.items() if key.endswith(lengths)}
     return 1 if entry["kind"] == "point" else len(getattr(outlines, entry["kind"])(**sizes))
 
 
@@ -150,10 +147,9 @@ def test_lone_scatterers_are_a_rayleigh_cell_apart_in_one_coordinate(frame):
 def test_speeds_differ_within_walkers_vehicles_lorries_and_cyclists():
     movers = {"crowd": "pedestrian", "town": "vehicle", "traffic": "lorry", "crossing": "cyclist"}
     for family, kind in movers.items():
-        entries, placed = objects(f"{family}[seed=2,visible=all]")
-        speeds = np.split(
-            scene(f"{family}[seed=2,visible=all]").scatterers.velocity, np.cumsum([*map(len, placed)])[:-1]
-        )
+        name = f"{family}[seed=2,visible=all]"
+        entries, placed = objects(name)
+        speeds = np.split(scene(name).scatterers.velocity, np.cumsum([*map(len, placed)])[:-1])
         spreads = [np.ptp(part) for part, entry in zip(speeds, entries, strict=True) if entry["kind"] == kind]
         assert max(spreads) > 1.0
 
@@ -164,50 +160,46 @@ def test_weak_objects_span_most_of_40_db():
     assert 35 < spread_db <= 40
 
 
-@pytest.mark.parametrize(
-    ("text", "names"),
-    [
-        ("town[density=high,seed=7]", ["town[seed=7,density=high]"]),
-        ("town[seed=7,density=medium,frame=panel]", ["town[seed=7]"]),
-        ("crowd[seed=2:4]", ["crowd[seed=2]", "crowd[seed=3]", "crowd[seed=4]"]),
-        ("sparse[seed=[1,5],frame=paper]", ["sparse[seed=1,frame=paper]", "sparse[seed=5,frame=paper]"]),
-        ("street", ["street"]),
-    ],
-)
+NAMES = {
+    "town[density=high,seed=7]": ["town[seed=7,density=high]"],
+    "town[seed=7,density=medium,frame=panel]": ["town[seed=7]"],
+    "crowd[seed=2:4]": ["crowd[seed=2]", "crowd[seed=3]", "crowd[seed=4]"],
+    "sparse[seed=[1,5],frame=paper]": ["sparse[seed=1,frame=paper]", "sparse[seed=5,frame=paper]"],
+    "street": ["street"],
+}
+
+
+@pytest.mark.parametrize(("text", "names"), NAMES.items())
 def test_a_scene_has_one_canonical_name(text, names):
     assert scenario_variants(text) == names
     for name in names:
         assert load_scenario(name).name == name
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("twon[seed=7]", "unknown family 'twon'; did you mean 'town'?"),
-        ("town[seed=7,densty=high]", "town has no parameter 'densty'; did you mean 'density'?"),
-        ("town[seed=7,density=huge]", "density = 'huge'"),
-        ("town[seed=0:1000000]", "allowed are at most 1000 scenes"),
-        ("town[seed=[0:600,700:1300]]", "allowed are at most 1000 scenes"),
-        ("town[seed=5:1]", "seed=5:1: allowed is a range first:last"),
-        ("town[seed=０:３]", "allowed is a range first:last"),
-        ("town[seed=1_0]", "seed = '1_0'"),
-        ("town[seed=-1]", "seed = -1"),
-        ("town[seed=1.5]", "seed = 1.5"),
-        ("town[density=high]", "a family needs a seed"),
-        ("town", "is a family of scenes; give a seed, such as town[seed=7]"),
-        ("town[seed=7", "expected"),
-        ("town[seed=[7,7]]", "twice"),
-        ("crowd[seed=1,pedestrians=1000]", "no room for more than"),
-        ("sparse[seed=1,scatterers=201]", "scatterers = 201"),
-    ],
-)
-def test_a_mistake_in_the_name_of_a_scene_is_told_in_one_line(text, told):
-    with pytest.raises(InputError) as error:
-        [load_scenario(name) for name in scenario_variants(text)]
-    assert told in str(error.value)
-    assert "\n" not in str(error.value)
+MISTAKES = {
+    "twon[seed=7]": "unknown family 'twon'; did you mean 'town'?",
+    "town[seed=7,densty=high]": "town has no parameter 'densty'; did you mean 'density'?",
+    "town[seed=7,density=huge]": "density = 'huge'",
+    "town[seed=0:1000000]": "allowed are at most 1000 scenes",
+    "town[seed=[0:600,700:1300]]": "allowed are at most 1000 scenes",
+    "town[seed=5:1]": "seed=5:1: allowed is a range first:last",
+    "town[seed=０:３]": "allowed is a range first:last",
+    "town[seed=1_0]": "seed = '1_0'",
+    "town[seed=-1]": "seed = -1",
+    "town[seed=1.5]": "seed = 1.5",
+    "town[density=high]": "a family needs a seed",
+    "town": "is a family of scenes; give a seed, such as town[seed=7]",
+    "town[seed=7": "expected",
+    "town[seed=[7,7]]": "twice",
+    "crowd[seed=1,pedestrians=1000]": "no room for more than",
+    "sparse[seed=1,scatterers=201]": "scatterers = 201",
+}
+
+
+@pytest.mark.parametrize(("text", "message"), MISTAKES.items())
+def test_a_mistake_in_the_name_of_a_scene_is_told_in_one_line(text, message):
+    assert message in refusal(lambda: [load_scenario(name) for name in scenario_variants(text)])
 
 
 def test_one_scenario_is_no_range():
-    with pytest.raises(InputError, match="names 3 scenes"):
-        load_scenario("town[seed=0:2]")
+    assert "names 3 scenes" in refusal(load_scenario, "town[seed=0:2]")

@@ -10,12 +10,12 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from isacbench import load_scenario
-from isacbench.errors import InputError
 from isacbench.model.scenes.object_tables import AnyObject, MeshTable
 from isacbench.model.scenes.objects import turned
 from isacbench.model.scenes.placed_objects import Surroundings
 from isacbench.model.scenes.scene_families import FAMILIES
 from isacbench.model.scenes.solids import solid_of
+from tests.conftest import refusal
 
 BASE_M = np.array([20.0, 100.0, 20.0])
 OUTLINED = {
@@ -88,20 +88,16 @@ def test_a_high_wall_before_an_object_hides_it_and_one_behind_it_does_not(load, 
     assert (behind.xyz[:, 1] > 0.5).sum() == alone
 
 
-@pytest.mark.parametrize(
-    ("kind", "keys", "area_m2"),
-    [
-        ("cylinder", {"radius_m": 2.0, "height_m": 5.0}, 2 * np.pi * 2 * 5 + 2 * np.pi * 4),
-        ("ellipsoid", {"size_m": [6.0, 6.0, 6.0]}, 4 * np.pi * 9),
-        ("cylinder", {"radius_m": 1.0, "height_m": 3.0, "spacing_m": 0.25}, 2 * np.pi * 3 + 2 * np.pi),
-    ],
-)
-def test_cylinders_and_ellipsoids_stand_on_the_ground_and_have_points_all_around(load, kind, keys, area_m2):
-    xyz = load(entry(kind, **keys), "all").scatterers.xyz
-    n_expected = area_m2 / keys.get("spacing_m", 0.5) ** 2
-    assert 0.8 < len(xyz) / n_expected < 1.35
-    assert xyz[:, 2].min() < 0.3
-    np.testing.assert_allclose(xyz[:, :2].mean(axis=0), [20, 10], atol=0.1)
+def test_cylinders_and_ellipsoids_stand_on_the_ground_and_have_points_all_around(load):
+    for object_, n_expected in (
+        (entry("cylinder", radius_m=2.0, height_m=5.0), (2 * np.pi * 2 * 5 + 2 * np.pi * 4) / 0.5**2),
+        (entry("ellipsoid", size_m=[6.0, 6.0, 6.0]), 4 * np.pi * 9 / 0.5**2),
+        (entry("cylinder", radius_m=1.0, height_m=3.0, spacing_m=0.25), 2 * np.pi * (3 + 1) / 0.25**2),
+    ):
+        xyz = load(object_, "all").scatterers.xyz
+        assert 0.8 < len(xyz) / n_expected < 1.35, object_
+        assert xyz[:, 2].min() < 0.3, object_
+        np.testing.assert_allclose(xyz[:, :2].mean(axis=0), [20, 10], atol=0.1)
 
 
 def test_points_and_csv_files_hide_nothing_and_can_be_hidden(load, tmp_path):
@@ -115,21 +111,17 @@ def test_points_and_csv_files_hide_nothing_and_can_be_hidden(load, tmp_path):
 
 def test_a_scene_of_which_nothing_is_seen_is_refused(load, tmp_path):
     trimesh.creation.box([60.0, 200.0, 60.0]).export(tmp_path / "hall.stl")
-    hall = '[[objects]]\nkind = "mesh"\nfile = "hall.stl"\nscale = 1\nposition_m = [20.0, 50.0, 0.0]\n'
-    with pytest.raises(InputError, match="no part of its surface lies in the region"):
-        load(hall)
     trimesh.creation.box([2.0, 2.0, 2.0]).export(tmp_path / "shell.stl")
-    shell = '[[objects]]\nkind = "mesh"\nfile = "shell.stl"\nposition_m = [20.0, 100.0, 20.0]\n'
-    with pytest.raises(InputError, match="no part of its surface"):
-        load(shell + entry("vehicle"))
+    shell = mesh_entry("shell.stl", 20.0, 100.0).replace("0.0]", "20.0]")
+    for scene in (mesh_entry("hall.stl", 20.0, 50.0, scale=1), shell + entry("vehicle")):
+        assert "no part of its surface lies in the region" in refusal(load, scene)
 
 
 def test_a_bar_behind_a_wall_is_hidden_though_the_ray_meets_the_bar_first(load):
     bar = entry("rail", length_m=20.0)
     wall = entry("wall", y=15.0, size_m=[10.0, 12.0], yaw_deg=90.0)
     behind = load(bar + wall).scatterers.xyz
-    behind = behind[(behind[:, 1] < 14) & (behind[:, 2] < 1)]
-    assert len(behind) == 0
+    assert not ((behind[:, 1] < 14) & (behind[:, 2] < 1)).any()
 
 
 @pytest.mark.parametrize("keys", [{"spacing_m": 5.0}, {"size_m": [1.8, 0.5, 1.5]}])
@@ -140,10 +132,8 @@ def test_a_vehicle_without_a_row_of_its_cabin_has_a_body(load, keys):
 
 @pytest.mark.parametrize("length", ["radius_m", "height_m"])
 def test_a_cylinder_of_an_absurd_size_is_refused(load, length):
-    with pytest.raises(
-        InputError, match=rf"objects\[0\]\.{length} = 1e\+200: input should be less than or equal"
-    ):
-        load(entry("cylinder", **{length: 1e200}))
+    message = refusal(load, entry("cylinder", **{length: 1e200}))
+    assert f"objects[0].{length} = 1e+200: input should be less than or equal" in message
 
 
 def test_without_objects_there_is_nothing_to_hide(load):
@@ -152,10 +142,10 @@ def test_without_objects_there_is_nothing_to_hide(load):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_what_is_seen_of_a_family_is_part_of_its_objects(family):
-    everything = load_scenario(f"{family}[seed=4,visible=all]").scatterers
-    seen = load_scenario(f"{family}[seed=4,visible=seen]").scatterers
-    pairs = [np.column_stack([each.xyz, each.velocity]) for each in (seen, everything)]
-    assert is_part(*pairs)
+    everything, seen = (
+        load_scenario(f"{family}[seed=4,visible={which}]").scatterers for which in ("all", "seen")
+    )
+    assert is_part(*(np.column_stack([each.xyz, each.velocity]) for each in (seen, everything)))
     assert (len(seen) == len(everything)) == (family == "sparse")
 
 
@@ -204,10 +194,7 @@ def test_of_a_mesh_the_faces_towards_the_base_station_and_the_roof_are_seen(load
 def test_a_mesh_moves_as_a_rigid_body(load, box_file):
     object_ = mesh_entry(velocity_mps=[3.0, -4.0, 0.0], yaw_rate_dps=20.0)
     scatterers = load(object_, "all").scatterers
-    arm = scatterers.xyz - [20, 10, 0]
-    velocities = np.array([3.0, -4.0, 0.0]) + np.radians(20) * np.column_stack(
-        [-arm[:, 1], arm[:, 0], 0 * arm[:, 0]]
-    )
+    velocities = [3.0, -4.0, 0.0] + np.radians(20) * np.cross([0, 0, 1], scatterers.xyz - [20, 10, 0])
     sight = BASE_M - scatterers.xyz
     expected = (velocities * sight).sum(axis=1) / np.linalg.norm(sight, axis=1)
     np.testing.assert_allclose(scatterers.velocity, expected, atol=1e-6)
@@ -220,23 +207,20 @@ def test_a_mesh_across_the_edge_of_the_region_is_sampled_within_it(load, box_fil
     assert 10 < len(scenario.scatterers) < 164
 
 
-@pytest.mark.parametrize(
-    ("keys", "told"),
-    [
-        ({"x": 100.0}, "objects[0]: box.ply: no part of its surface lies in the region, x 0 to"),
-        ({"x": 100.0}, "its bounding box is x 99 to 101, y 7.5 to 12.5, z 0 to 1.5 m"),
-        ({"file": "missing.ply"}, "missing.ply: does not exist"),
-        ({"file": "../box.ply"}, "leads out of the folder"),
-        ({"scale": 0}, "objects[0].scale = 0"),
-        ({"up": '"x"'}, "objects[0].up = 'x'"),
-        ({"spacing_m": 0.001}, "allowed are at most 200000, a spacing_m of"),
-    ],
-)
-def test_a_mistake_with_a_mesh_is_told_in_one_line(load, box_file, keys, told):
-    with pytest.raises(InputError) as error:
-        load(mesh_entry(**keys))
-    assert told in str(error.value)
-    assert "\n" not in str(error.value)
+MISTAKES = {
+    "objects[0]: box.ply: no part of its surface lies in the region, x 0 to": {"x": 100.0},
+    "its bounding box is x 99 to 101, y 7.5 to 12.5, z 0 to 1.5 m": {"x": 100.0},
+    "missing.ply: does not exist": {"file": "missing.ply"},
+    "leads out of the folder": {"file": "../box.ply"},
+    "objects[0].scale = 0": {"scale": 0},
+    "objects[0].up = 'x'": {"up": '"x"'},
+    "allowed are at most 200000, a spacing_m of": {"spacing_m": 0.001},
+}
+
+
+@pytest.mark.parametrize(("message", "keys"), MISTAKES.items())
+def test_a_mistake_with_a_mesh_is_told_in_one_line(load, box_file, message, keys):
+    assert message in refusal(load, mesh_entry(**keys))
 
 
 def test_an_open_sheet_hides_and_is_seen_from_both_sides(load, tmp_path):
@@ -250,11 +234,9 @@ def test_an_open_sheet_hides_and_is_seen_from_both_sides(load, tmp_path):
 
 def test_a_city_of_12000_faces_has_its_points_in_the_region_on_its_surface(load, tmp_path):
     random = np.random.default_rng(0)
-    houses = []
-    for x, y in random.uniform(-600, 600, (1000, 2)):
-        size = random.uniform([4, 4, 4], [12, 12, 19])
-        houses.append(trimesh.creation.box(bounds=[[x, y, 0], [x + size[0], y + size[1], size[2]]]))
-    city = trimesh.util.concatenate(houses)
+    places = np.column_stack([random.uniform(-600, 600, (1000, 2)), np.zeros(1000)])
+    corners = zip(places, places + random.uniform([4, 4, 4], [12, 12, 19], (1000, 3)), strict=True)
+    city = trimesh.util.concatenate([trimesh.creation.box(bounds=bounds) for bounds in corners])
     city.export(tmp_path / "city.glb")
     assert len(city.faces) == 12_000
     around = Surroundings(tmp_path / "scene.toml", BASE_M, load("").region, with_solids=True)
@@ -262,9 +244,8 @@ def test_a_city_of_12000_faces_has_its_points_in_the_region_on_its_surface(load,
     assert sum(len(triangles) for triangles, _ in placed.parts) == len(city.faces)
     xyz = placed.scatterers.xyz
     assert around.region.contains(xyz).all()
-    near = city.submesh(
-        [np.flatnonzero((np.abs(city.triangles_center[:, :2]) < 80).all(axis=1))], append=True
-    )
+    is_near = (np.abs(city.triangles_center[:, :2]) < 80).all(axis=1)
+    near = city.submesh([np.flatnonzero(is_near)], append=True)
     assert np.abs(trimesh.proximity.closest_point(near, xyz[::50])[1]).max() < 1e-3
 
 
