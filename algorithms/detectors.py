@@ -22,7 +22,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, cast, get_args
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -45,7 +45,6 @@ from isacbench.dsp.cfar.training_cells import (
     Windows,
     check_cells,
     check_fraction,
-    check_threshold,
     checked_axis,
     checked_list,
     checked_power,
@@ -56,7 +55,7 @@ from isacbench.dsp.cfar.training_cells import (
 )
 from isacbench.dsp.cfar.trimmed_factors import tm_factor
 from isacbench.dsp.detection import Detection
-from isacbench.errors import InputError
+from isacbench.errors import InputError, require_option
 
 Power = NDArray[np.floating[Any]]
 
@@ -69,11 +68,16 @@ class _Cfar(ABC):
     guard: Any
     threshold: Threshold
 
+    _axis: ClassVar[str] = ""
+    """Parameter with the axis that is moved to the front before the test; empty if no axis is special."""
+
     def __post_init__(self) -> None:
         check_pfa(self.pfa)
         check_cells("training", self.training)
         self._check_guard()
-        check_threshold(self.threshold)
+        require_option(self, "threshold", get_args(Threshold))
+        if self._axis:
+            checked_axis(self._axis, getattr(self, self._axis))
 
     def _check_guard(self) -> None:
         check_cells("guard", self.guard)
@@ -105,7 +109,7 @@ class _Cfar(ABC):
         """
         values = checked_power(power, looks)
         listed = None if cells is None else checked_list(cells, values.shape)
-        first = self._first_axis(values.ndim)
+        first = checked_axis(self._axis, getattr(self, self._axis), values.ndim) if self._axis else 0
         order = (first, *(axis for axis in range(values.ndim) if axis != first))
         axes = window_axes(values.shape, *spread(self.training, self.guard or 0, values.ndim))
         found = self._test(
@@ -121,10 +125,6 @@ class _Cfar(ABC):
             np.moveaxis(found.threshold, 0, first),
             np.moveaxis(found.noise, 0, first),
         )
-
-    def _first_axis(self, n_axes: int) -> int:
-        """Axis that the detector moves to the front before the test."""
-        return 0
 
     def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
         noise, threshold = self._thresholds(power, axes, cells, looks)
@@ -227,17 +227,12 @@ class _HalvedCfar(_WindowCfar):
 
     split_axis: int = 0
 
+    _axis: ClassVar[str] = "split_axis"
+
     _chosen: ClassVar[Callable[..., Floats]]
     """Chooses the noise from the means of the halves that are not empty."""
     _half_factor: ClassVar[Callable[..., float]]
     """Factor for a rate, the numbers of leading and trailing training cells, and looks."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        checked_axis("split_axis", self.split_axis)
-
-    def _first_axis(self, n_axes: int) -> int:
-        return checked_axis("split_axis", self.split_axis, n_axes)
 
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         training, n_leading = windows.training(power), windows.n_leading
@@ -494,16 +489,11 @@ class OscaCfar(_Cfar):
     threshold: Threshold = "exact"
     order_axis: int = 0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        checked_axis("order_axis", self.order_axis)
+    _axis: ClassVar[str] = "order_axis"
 
     def _check_guard(self) -> None:
         if self.guard is not None:
             super()._check_guard()
-
-    def _first_axis(self, n_axes: int) -> int:
-        return checked_axis("order_axis", self.order_axis, n_axes)
 
     def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
         if self.guard is None and axes[0].training == 0:

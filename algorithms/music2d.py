@@ -42,7 +42,7 @@ from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, parts_of
 from isacbench.dsp.angles.line_subspaces import (
     SMALLEST_NULL,
     Eigenpairs,
@@ -265,8 +265,7 @@ class Music2d(CellwiseEstimator):
         detector = CaCfar(self.product_pfa, PRODUCT_TRAINING, PRODUCT_GUARD)
         (row, u_height), (column, w_height) = along_u.heights(), along_w.heights()
         passed = along_u.peaks.found[:, :, None] & along_w.peaks.found[:, None]
-        for first in range(0, len(passed), CELLS_AT_A_TIME):
-            some = slice(first, first + CELLS_AT_A_TIME)
+        for some in parts_of(len(passed), CELLS_AT_A_TIME):
             product = along_u.spectra[some, :, None] * along_w.spectra[some, None]
             cell, i, j = maxima = np.nonzero(passed[some])
             places = cell, row[some][cell, i], column[some][cell, j]

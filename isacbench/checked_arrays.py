@@ -1,11 +1,11 @@
-"""Types of arrays, and the door for those from outside: what NumPy would cut off in silence is refused.
+"""Types of arrays, a door for those from outside, which refuses what NumPy cuts off, and parts of them.
 
 `numpy.asarray` takes masked numbers for valid ones, texts for numbers, and
 columns of a table by their place; casts to other types cut off imaginary parts
 and fractions.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -113,3 +113,10 @@ def freeze_arrays(owner: object, *names: str, dtype: DTypeLike = np.float64) -> 
         values = checked_array(name, getattr(owner, name), dtype).astype(dtype, order="K", copy=True)
         values.setflags(write=False)
         object.__setattr__(owner, name, values)
+
+
+def parts_of(n: int, n_together: int) -> Iterator[slice]:
+    """Divide n things into parts of so many, of one at least."""
+    step = max(n_together, 1)
+    for first in range(0, n, step):
+        yield slice(first, min(first + step, n))

@@ -20,9 +20,9 @@ from isacbench.dsp.angles.planar_subspaces import leading_eigenpairs, planar_cov
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.partial_dft import doppler_rows, range_rows
 from isacbench.errors import InputError
-from isacbench.link.waveform.figures_of_merit import hard_decision_capacity
 from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.qam import awgn_ber, modulate_bits
+from isacbench.link.waveform.resource_grid import hard_decision_capacity
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame

@@ -12,10 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import scipy.fft
 
-from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.ofdm import modulate
 from isacbench.link.waveform.qam import BITS
-from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.resource_grid import draw_grid, frame_rates
 from isacbench.model.numerology import System
 
 IMAGES = Path(__file__).resolve().parents[1] / "images"

@@ -20,7 +20,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats, parts_of
 from isacbench.cores import one_blas_thread
 from isacbench.errors import require
 from isacbench.model.array import VirtualArray, element_errors
@@ -234,13 +234,12 @@ def _superposed(
         return (delay_doppler @ directions).reshape(len(rows), n_doppler, n_elements)
 
     products_a_row = speeds.size * n_elements if by_speed else n_doppler * n_echoes
-    n_together = max(MOST_PRODUCTS // max(products_a_row, 1), 1)
+    n_together = MOST_PRODUCTS // max(products_a_row, 1)
     if n_together >= n_range:
         return rows_superposed(along_range)
     superposed = np.empty((n_range, n_doppler, n_elements), dtype=np.complex128)
-    for start in range(0, n_range, n_together):
-        part = slice(start, start + n_together)
-        superposed[part] = rows_superposed(along_range[part])
+    for some in parts_of(n_range, n_together):
+        superposed[some] = rows_superposed(along_range[some])
     return superposed
 
 
@@ -287,10 +286,9 @@ def _times_noise(echo: EchoParameters, gate: Gate, noise: Complex, directions: C
 
     n_cells, by_speed = gate.shape[0] * gate.shape[1], np.argsort(echo.doppler_bin)
     cells = np.zeros((n_cells, directions.shape[1]), dtype=np.complex128)
-    n_together = max(MOST_PRODUCTS // n_cells, 1)
-    for first in range(0, by_speed.size, n_together):
-        some = by_speed[first : first + n_together]
-        cells += np.stack([profile(k) for k in some], axis=1) @ directions[some]
+    for some in parts_of(by_speed.size, MOST_PRODUCTS // n_cells):
+        echoes = by_speed[some]
+        cells += np.stack([profile(k) for k in echoes], axis=1) @ directions[echoes]
     return cells
 
 

@@ -39,9 +39,8 @@ from isacbench.link.reception.channel_estimation import require_estimable
 from isacbench.link.reception.receiver import Knowledge, Reception, expected_ber, receive
 from isacbench.link.sensing.division import Signal
 from isacbench.link.sensing.link_observation import SignalSimulator
-from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.qam import awgn_ber
-from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.resource_grid import draw_grid, frame_rates
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import random_stream
 from isacbench.model.numerology import System

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats, checked_array
+from isacbench.checked_arrays import Complex, Floats, checked_array, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
@@ -66,16 +66,15 @@ def capon_spectrum(
     data = checked_array("snapshots", snapshots, np.complex128)
     n_sensors = subarray[0] * subarray[1]
     columns = np.empty((len(data), *subarray, n_sensors))
-    n_cells = max(CHUNK_VALUES // n_sensors**2, 1)
-    for first in range(0, len(data), n_cells):
-        covariance = planar_covariance(data[first : first + n_cells], subarray)
+    for some in parts_of(len(data), CHUNK_VALUES // n_sensors**2):
+        covariance = planar_covariance(data[some], subarray)
         diagonal = np.einsum("nii->ni", covariance)
         mean = diagonal.mean(axis=1, keepdims=True)
         # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
         diagonal += np.where(mean > 0, loading + LEAST_LOADING * mean, 1)
         # |C^-1 a|² with R = C C^T.
         roots = np.linalg.inv(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
-        columns[first : first + n_cells] = roots.reshape(-1, *subarray, n_sensors)
+        columns[some] = roots.reshape(-1, *subarray, n_sensors)
     return BeamformerSpectrum(u, w, 1 / squared_projections(columns, u, w), columns, reciprocal=True)
 
 
@@ -96,13 +95,11 @@ def iaa_spectrum(
     b, into_w = _spanned(real_steering(snapshots.shape[2], w))
     columns = np.einsum("npqs,pi,qj->nijs", real_columns(snapshots), into_u, into_w, optimize=True)
     power = np.empty((len(snapshots), u.size, w.size))
-    n_cells = max(CHUNK_VALUES // (len(a) * len(b)) ** 2, 1)
-    for first in range(0, len(snapshots), n_cells):
-        chunk = columns[first : first + n_cells]
-        level = _matched_power(chunk, a, b) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
+    for some in parts_of(len(snapshots), CHUNK_VALUES // (len(a) * len(b)) ** 2):
+        level = _matched_power(columns[some], a, b) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
         for _ in range(n_iterations):
-            level = _adapted_power(level, chunk, a, b, noise)
-        power[first : first + n_cells] = level
+            level = _adapted_power(level, columns[some], a, b, noise)
+        power[some] = level
     return AngularSpectrum(u, w, power)
 
 

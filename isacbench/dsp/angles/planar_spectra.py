@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from isacbench.checked_arrays import Floats, Integers, Mask
+from isacbench.checked_arrays import Floats, Integers, Mask, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
 from isacbench.dsp.angles.peaks import plane_peaks, with_neighbours
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -56,10 +56,9 @@ def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
     towards_u = towards_u.T
     matrices = np.ascontiguousarray(columns.transpose(0, 3, 1, 2))
     total = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=dtype)
-    n_cells = max(CHUNK_VALUES // max(k * total[:1].size, 1), 1)
-    for first in range(0, n, n_cells):
-        projection = towards_u @ (matrices[first : first + n_cells] @ towards_w)
-        total[first : first + n_cells] = np.einsum("nkgh,nkgh->ngh", projection, projection)
+    for some in parts_of(n, CHUNK_VALUES // max(k * total[:1].size, 1)):
+        projection = towards_u @ (matrices[some] @ towards_w)
+        total[some] = np.einsum("nkgh,nkgh->ngh", projection, projection)
     return total
 
 

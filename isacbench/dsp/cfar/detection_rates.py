@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from isacbench.checked_arrays import Floats, Integers, checked_array
-from isacbench.dsp.cfar.factors import ca_factor, check_pfa, checked_looks, checked_training
+from isacbench.dsp.cfar.factors import ca_factor, check_pfa, checked_count
 from isacbench.errors import require
 
 Swerling = Literal[0, 1, 2, 3, 4]
@@ -59,7 +59,7 @@ def detection_rate(
     Marcum, "A statistical theory of target detection by pulsed radar", ibid.: the sum over k.
     """
     check_pfa(pfa)
-    looks = checked_looks(looks)
+    looks = checked_count("looks", looks)
     require(swerling in get_args(Swerling), "swerling", swerling, "a model from 0 to 4")
     given = checked_array("snr_db", snr_db)
     snr = 10 ** np.minimum(given.ravel() / 10, MOST_SNR)
@@ -67,7 +67,7 @@ def detection_rate(
     if n_training is None:
         threshold = float(special.gammainccinv(looks, pfa))
     else:
-        n_training = checked_training(n_training)
+        n_training = checked_count("n_training", n_training)
         share = ca_factor(pfa, n_training, looks) / n_training
         threshold = share / (1 + share)
     missed, first = np.zeros(snr.size), 0

@@ -26,7 +26,7 @@ import numpy as np
 from scipy import optimize, special
 
 from isacbench.checked_arrays import Floats
-from isacbench.errors import InputError
+from isacbench.errors import InputError, require
 
 LEAST_PFA, MOST_PFA = 1e-30, 0.999999
 """Rates between which factors without a closed form are found."""
@@ -43,22 +43,14 @@ _MANY_LOOKS = 8
 
 def check_pfa(pfa: float) -> None:
     """Refuse a probability of false alarm that is not a number strictly between 0 and 1."""
-    if not isinstance(pfa, Real) or not 0 < pfa < 1:
-        raise InputError(f"pfa = {pfa!r}: a probability of false alarm lies strictly between 0 and 1")
+    allowed = isinstance(pfa, Real) and 0 < pfa < 1
+    require(allowed, "pfa", pfa, "a probability of false alarm, strictly between 0 and 1")
 
 
-def checked_looks(looks: int) -> int:
-    """Check a number of looks, 1 or more, and convert it to int, whose products cannot overflow."""
-    if not isinstance(looks, Integral) or looks < 1:
-        raise InputError(f"looks = {looks!r}: a whole number of averaged powers, at least 1, is allowed")
-    return int(looks)
-
-
-def checked_training(n_training: int) -> int:
-    """Check a number of training cells, 1 or more, and convert it to int, whose products cannot overflow."""
-    if not isinstance(n_training, Integral) or n_training < 1:
-        raise InputError(f"n_training = {n_training!r}: at least one training cell is needed")
-    return int(n_training)
+def checked_count(name: str, number: int) -> int:
+    """Check a number of looks or of training cells, and convert it to int, whose products cannot overflow."""
+    require(isinstance(number, Integral) and number >= 1, name, number, "a whole number, at least 1")
+    return int(number)
 
 
 def checked_factor(factor: float, pfa: float) -> float:
@@ -131,7 +123,7 @@ def paper_factor(pfa: float, n_training: int) -> float:
     check_pfa(pfa)
     # NumPy's exponential overflows to infinity; that of the standard library raises.
     with np.errstate(over="ignore"):
-        factor = float(np.expm1(-math.log(pfa) / checked_training(n_training)))
+        factor = float(np.expm1(-math.log(pfa) / checked_count("n_training", n_training)))
     return checked_factor(factor, pfa)
 
 
@@ -160,7 +152,7 @@ def ca_rate(factor: float, n_training: int, looks: int = 1) -> float:
     InputError
         If `n_training` or `looks` is below 1.
     """
-    n_training, looks = checked_training(n_training), checked_looks(looks)
+    n_training, looks = checked_count("n_training", n_training), checked_count("looks", looks)
     return float(special.betainc(looks * n_training, looks, n_training / (n_training + factor)))
 
 
@@ -197,7 +189,7 @@ def ca_factor(pfa: float, n_training: int, looks: int = 1) -> float:
     1968.
     """
     check_pfa(pfa)
-    n_training, looks = checked_training(n_training), checked_looks(looks)
+    n_training, looks = checked_count("n_training", n_training), checked_count("looks", looks)
     # The share of the cell under test in the total power is beta distributed; it and its
     # complement are inverted separately, since one of them may be tiny.
     share = special.betainccinv(looks, looks * n_training, pfa)
@@ -288,7 +280,7 @@ def soca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
 
 def _chosen_half_factor(pfa: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
     check_pfa(pfa)
-    looks = checked_looks(looks)
+    looks = checked_count("looks", looks)
     _check_halves(halves)
     if 0 in halves:
         return ca_factor(pfa, sum(halves), looks)
@@ -297,7 +289,7 @@ def _chosen_half_factor(pfa: float, halves: tuple[int, int], looks: int, greates
 
 def chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
     """False-alarm rate of a detector that takes the greater, or the smaller, mean of two halves."""
-    looks = checked_looks(looks)
+    looks = checked_count("looks", looks)
     _check_halves(halves)
     if factor == 0:
         return 1.0
@@ -395,7 +387,7 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
     situations", IEEE Trans. AES 19(4), 1983: the one-look order statistic.
     """
     _check_columns(columns)
-    return _OscaLaw(columns, checked_looks(looks)).rate(factor)
+    return _OscaLaw(columns, checked_count("looks", looks)).rate(factor)
 
 
 @lru_cache(maxsize=1024)
@@ -422,7 +414,7 @@ def osca_factor(pfa: float, columns: tuple[tuple[int, int], ...], looks: int = 1
         If `pfa`, `columns` or `looks` is out of range.
     """
     _check_columns(columns)
-    return solve_factor(_OscaLaw(columns, checked_looks(looks)).rate, pfa)
+    return solve_factor(_OscaLaw(columns, checked_count("looks", looks)).rate, pfa)
 
 
 class _OscaLaw:

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checked_arrays import Floats, Mask, checked_array
-from isacbench.dsp.cfar.factors import checked_looks
+from isacbench.checked_arrays import Floats, Mask, checked_array, parts_of
+from isacbench.dsp.cfar.factors import checked_count
 from isacbench.errors import InputError
 
 CellsPerSide = int | tuple[int, ...]
@@ -50,12 +50,6 @@ def check_cells(name: str, sizes: CellsPerSide) -> None:
         raise InputError(f"{name} = {sizes!r}: cells per side are whole numbers >= 0, one or a tuple")
     if name == "training" and not any(per_axis):
         raise InputError(f"training = {sizes}: at least one axis needs training cells")
-
-
-def check_threshold(threshold: str) -> None:
-    """Refuse a kind of threshold factor that is neither "exact" nor "paper"."""
-    if threshold not in ("exact", "paper"):
-        raise InputError(f'threshold = {threshold!r}: "exact" or "paper" is allowed')
 
 
 def check_fraction(name: str, fraction: float, lowest: float, highest: float) -> None:
@@ -92,7 +86,7 @@ def checked_power(power: ArrayLike, looks: int) -> Floats:
         if its strongest cell is so strong that sums overflow, or so weak that they
         lose digits; or if `looks` is out of range.
     """
-    checked_looks(looks)
+    checked_count("looks", looks)
     cells = checked_array("the power map, |.|²", power)
     if cells.ndim == 0 or cells.size == 0:
         raise InputError(f"the power map has shape {cells.shape}: at least one axis and one cell are needed")
@@ -309,23 +303,23 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
 
     Yielded with each is its index in arrays of the map's shape, or of the shape (n,) of the list.
     """
-    n_together = max(1, _MOST_VALUES // prod(axis.n_window for axis in axes))
+    n_together = _MOST_VALUES // prod(axis.n_window for axis in axes)
     if cells is None:
         for block, place in _blocks(axes):
             first, *behind = block
-            n_rows = max(1, n_together // prod(part.stop - part.start for part in behind))
-            for start in range(first.start, first.stop, n_rows):
-                part = (slice(start, min(start + n_rows, first.stop)), *behind)
+            n_rows = n_together // prod(part.stop - part.start for part in behind)
+            for rows in parts_of(first.stop - first.start, n_rows):
+                part = (slice(first.start + rows.start, first.start + rows.stop), *behind)
                 yield part, Windows(axes, part, place)
         return
     places = tuple(index - axis.start(index) for axis, index in zip(axes, cells, strict=True))
     sizes = tuple(axis.n_window for axis in axes)
     keys = np.ravel_multi_index(places, sizes)
     for key in np.unique(keys).tolist():
-        rows = np.flatnonzero(keys == key)
+        listed = np.flatnonzero(keys == key)
         place = tuple(int(p) for p in np.unravel_index(key, sizes))
-        for start in range(0, rows.size, n_together):
-            chosen = rows[start : start + n_together]
+        for some in parts_of(listed.size, n_together):
+            chosen = listed[some]
             yield (chosen,), Windows(axes, tuple(index[chosen] for index in cells), place)
 
 

@@ -14,8 +14,7 @@ from isacbench.checked_arrays import Floats
 from isacbench.dsp.cfar.factors import (
     ca_factor,
     check_pfa,
-    checked_looks,
-    checked_training,
+    checked_count,
     order_span,
     osca_factor,
     solve_factor,
@@ -91,7 +90,7 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
     """
     check_pfa(pfa)
     _check_trimmed(n_training, trimmed)
-    n_training, looks = int(n_training), checked_looks(looks)
+    n_training, looks = int(n_training), checked_count("looks", looks)
     below, above = trimmed
     if below == above == 0:
         return ca_factor(pfa, n_training, looks)
@@ -114,7 +113,7 @@ def _one_look_rate(factor: float, n_training: int, trimmed: tuple[int, int]) -> 
 
 
 def _check_trimmed(n_training: int, trimmed: tuple[int, ...]) -> None:
-    checked_training(n_training)
+    checked_count("n_training", n_training)
     if (
         len(trimmed) != 2
         or not all(isinstance(n, Integral) and n >= 0 for n in trimmed)

@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats, parts_of
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.partial_dft import doppler_rows, range_bins_by_fft
 from isacbench.link.sensing.division import Signal, Weights, division_weights, symbol_moduli
@@ -63,9 +63,7 @@ def _cells(echo: EchoParameters, gate: Gate, weight: Floats, coordinates: Comple
     (n_range, n_doppler), n_subcarriers, n_dimensions = gate.shape, len(weight), coordinates.shape[1]
     cells = np.empty((n_range, n_doppler, n_dimensions), dtype=np.complex128)
     # Whole lines of subcarriers are held, of as many dimensions as memory allows.
-    n_together = max(MOST_NUMBERS // (n_subcarriers * n_doppler), 1)
-    for first in range(0, n_dimensions, n_together):
-        some = slice(first, first + n_together)
+    for some in parts_of(n_dimensions, MOST_NUMBERS // (n_subcarriers * n_doppler)):
         lines = _doppler_lines(echo, gate, weight, coordinates[:, some])
         cells[:, :, some] = range_bins_by_fft(lines, gate.range_bins)
     return cells
@@ -84,9 +82,7 @@ def _doppler_lines(echo: EchoParameters, gate: Gate, weight: Floats, coordinates
     echoes_of = [np.flatnonzero(of_speed == k) for k in range(speeds.size)]
     lines = np.empty((n_subcarriers, len(rows), coordinates.shape[1]), dtype=np.complex128)
     largest = max(speeds.size * max(coordinates.shape[1], len(rows)), len(echo.gain), 1)
-    n_together = max(MOST_NUMBERS // largest, 1)
-    for first in range(0, n_subcarriers, n_together):
-        part = slice(first, min(first + n_together, n_subcarriers))
+    for part in parts_of(n_subcarriers, MOST_NUMBERS // largest):
         subcarriers = np.arange(part.start, part.stop)
         profile = (weight[part] @ columns).view(np.complex128).reshape(-1, len(rows), speeds.size)
         at_speed = np.empty((subcarriers.size, speeds.size, coordinates.shape[1]), dtype=np.complex128)

@@ -35,7 +35,7 @@ import numpy as np
 import scipy.fft
 import scipy.linalg
 
-from isacbench.checked_arrays import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats, Integers, parts_of
 from isacbench.dsp.partial_dft import doppler_rows, range_rows
 from isacbench.model.echo import white_gaussian
 
@@ -131,9 +131,7 @@ def _embedded(white: Complex, spectrum: Floats, stream: np.random.Generator) -> 
     by_element = white.reshape(*shape, n_elements).transpose(2, 0, 1)
     coloured = np.empty((n_elements, *shape), dtype=np.complex128)
     amplitude = np.sqrt(spectrum)
-    n_together = max(MOST_NUMBERS // spectrum.size, 1)
-    for first in range(0, n_elements, n_together):
-        some = slice(first, min(first + n_together, n_elements))
+    for some in parts_of(n_elements, MOST_NUMBERS // spectrum.size):
         field = white_gaussian(stream, (some.stop - some.start, *spectrum.shape))
         field[:, : shape[0], : shape[1]] = by_element[some]
         grid = scipy.fft.ifft(scipy.fft.fft(field, axis=1, overwrite_x=True), axis=2, overwrite_x=True)
@@ -150,13 +148,11 @@ def _drawn_on_grid(amplitude: Floats, shape: tuple[int, ...], stream: np.random.
     along_range = range_rows(np.arange(n_range), n_subcarriers)
     along_doppler = doppler_rows(np.arange(n_doppler), n_symbols)
     cells = np.zeros((n_range, n_doppler * n_p * n_q), dtype=np.complex128)
-    n_together = max(MOST_NUMBERS // cells.shape[1], 1)
-    for first in range(0, n_subcarriers, n_together):
-        some = amplitude[first : first + n_together]
-        lines = np.empty((len(some), n_doppler, n_p * n_q), dtype=np.complex128)
-        for line, amplitudes in zip(lines, some, strict=True):
+    for some in parts_of(n_subcarriers, MOST_NUMBERS // cells.shape[1]):
+        lines = np.empty((some.stop - some.start, n_doppler, n_p * n_q), dtype=np.complex128)
+        for line, amplitudes in zip(lines, amplitude[some], strict=True):
             symbols = np.flatnonzero(amplitudes)
             noise = white_gaussian(stream, (symbols.size, n_p * n_q))
             line[:] = (along_doppler[:, symbols] * amplitudes[symbols]) @ noise
-        cells += along_range[:, first : first + len(some)] @ lines.reshape(len(some), -1)
+        cells += along_range[:, some] @ lines.reshape(len(lines), -1)
     return cells.reshape(shape)

@@ -1,3 +1,3 @@
 """Transmitted waveform: resource grid, symbols, spectrum, peaks and rates."""
 
-__all__ = ["figures_of_merit", "qam", "resource_grid"]
+__all__ = ["qam", "resource_grid"]

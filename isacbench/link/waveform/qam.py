@@ -23,12 +23,14 @@ def bits_per_symbol(modulation: Modulation) -> int:
     return BITS[modulation]
 
 
+@lru_cache
 def constellation(modulation: Modulation) -> Complex:
     """List the symbols of unit mean power, by the number that their bits spell, first bit highest.
 
     Returns
     -------
     ndarray of complex128, shape (2 ** bits_per_symbol,)
+        Read-only.
 
     References
     ----------
@@ -39,7 +41,12 @@ def constellation(modulation: Modulation) -> Complex:
     >>> (constellation("qpsk") * np.sqrt(2)).round(12).tolist()
     [(1+1j), (1-1j), (-1+1j), (-1-1j)]
     """
-    return _constellation(bits_per_symbol(modulation))
+    n_bits = bits_per_symbol(modulation)
+    words = _words(n_bits)
+    points = np.empty(len(words), dtype=np.complex128)
+    points.real, points.imag = (_unit(n_bits) * _axis_levels(words[:, axis::2]) for axis in (0, 1))
+    points.setflags(write=False)
+    return points
 
 
 def modulate_bits(bits: ArrayLike, modulation: Modulation) -> Complex:
@@ -67,7 +74,7 @@ def modulate_bits(bits: ArrayLike, modulation: Modulation) -> Complex:
         raise InputError(f"bits of dtype {values.dtype}: allowed are the whole numbers 0 and 1")
     place_values = 2 ** np.arange(n_bits, dtype=np.uint8)[::-1]
     words: NDArray[np.uint8] = values.astype(np.uint8, copy=False).reshape(-1, n_bits) @ place_values
-    return _constellation(n_bits)[words]
+    return constellation(modulation)[words]
 
 
 def decide_bits(symbols: ArrayLike, modulation: Modulation) -> NDArray[np.uint8]:
@@ -162,13 +169,3 @@ def _axis_levels(bits: NDArray[np.uint8]) -> Integers:
     for order, column in enumerate(signs.T[:0:-1]):
         level = 2 ** (order + 1) - column * level
     return signs[:, 0] * level
-
-
-@lru_cache
-def _constellation(n_bits: int) -> Complex:
-    """Symbols (2 ** n_bits,), read-only."""
-    words = _words(n_bits)
-    points = np.empty(len(words), dtype=np.complex128)
-    points.real, points.imag = (_unit(n_bits) * _axis_levels(words[:, axis::2]) for axis in (0, 1))
-    points.setflags(write=False)
-    return points

@@ -1,4 +1,4 @@
-"""Resource grid of a frame: positioning reference signal from Gold sequences, and data everywhere else."""
+"""Resource grid of a frame: positioning reference signal from Gold sequences, data elsewhere, bit rates."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import max_len_seq
+from scipy.special import xlogy
 
-from isacbench.checked_arrays import Complex, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask, checked_array
 from isacbench.choices import Modulation
 from isacbench.display import brief
 from isacbench.errors import require
 from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
 from isacbench.model.echo import random_stream
+from isacbench.model.number_limits import require_all
 from isacbench.model.numerology import SLOT_SYMBOLS, System, prs_elements
 
 LARGEST_N_ID = 4095
@@ -168,3 +170,55 @@ def require_n_id(n_id: object) -> None:
     """Refuse what is no identity of a PRS sequence, a whole number from 0 to 4095."""
     allowed = type(n_id) is int and 0 <= n_id <= LARGEST_N_ID
     require(allowed, "n_id", n_id, f"a whole number from 0 to {LARGEST_N_ID}")
+
+
+@dataclass(frozen=True)
+class FrameRates:
+    """Bits that frames sent one after the other carry, free of errors.
+
+    Attributes
+    ----------
+    n_data_bits : int
+        Bits of the elements that the PRS leaves.
+    bit_rate_bps : float
+        Data bits over the time of all symbols with their prefixes; a suffix overlaps
+        the next prefix.
+    """
+
+    n_data_bits: int
+    bit_rate_bps: float
+
+    def achievable_rate_bps(self, ber: ArrayLike) -> Floats:
+        """Compute the rate up to which a code could make the decided bits free of errors.
+
+        Parameters
+        ----------
+        ber : array_like, any shape
+            Bit error rate of independent errors, from 0 to 1.
+        """
+        return self.bit_rate_bps * hard_decision_capacity(ber)
+
+
+def frame_rates(system: System, modulation: Modulation) -> FrameRates:
+    """Count the bits of a frame, and its bit rate.
+
+    Examples
+    --------
+    >>> from isacbench.model.numerology import System
+    >>> rates = frame_rates(System(), "256qam")
+    >>> rates.n_data_bits, round(rates.bit_rate_bps / 1e9, 3)
+    (3473408, 2.977)
+    """
+    n_data_bits = bits_per_symbol(modulation) * int((~prs_elements(system)).sum())
+    return FrameRates(n_data_bits, n_data_bits / (system.n_symbols * system.symbol_time_s))
+
+
+def hard_decision_capacity(ber: ArrayLike) -> Floats:
+    """Capacity of the binary symmetric channel: the information in bits that a decided bit carries.
+
+    An `InputError` where a bit error rate is not from 0 to 1.
+    """
+    rate = checked_array("ber", ber)
+    require_all("ber", rate, (rate >= 0) & (rate <= 1), "numbers from 0 to 1")
+    entropy = -(xlogy(rate, rate) + xlogy(1 - rate, 1 - rate)) / np.log(2)
+    return 1 - entropy

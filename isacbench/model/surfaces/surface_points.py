@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from isacbench.checked_arrays import Floats, Integers, Mask
+from isacbench.checked_arrays import Floats, Integers, Mask, parts_of
 from isacbench.errors import InputError, import_extra
 from isacbench.model.number_limits import require_places
 
@@ -218,12 +218,9 @@ def seen_points(
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     heights = np.einsum("ij,ij->i", normals, corners[:, 0])
     tree, (middles, chords) = cKDTree(directions), _caps(corners)
-    step = max(1, MOST_PAIRS // len(xyz))
-    for faces in (
-        np.arange(first, min(first + step, len(corners))) for first in range(0, len(corners), step)
-    ):
-        near = tree.query_ball_point(middles[faces], chords[faces])
-        face = np.repeat(faces, [len(rays) for rays in near])
+    for some in parts_of(len(corners), MOST_PAIRS // len(xyz)):
+        near = tree.query_ball_point(middles[some], chords[some])
+        face = np.repeat(np.arange(some.start, some.stop), [len(rays) for rays in near])
         ray = np.concatenate([np.array(rays, dtype=np.intp) for rays in near])
         is_other = (point_part[ray] == NO_PART) | (face_part[face] != point_part[ray])
         ray, face = ray[is_other], face[is_other]

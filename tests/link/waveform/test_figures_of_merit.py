@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.errors import InputError
-from isacbench.link.waveform.figures_of_merit import frame_rates, hard_decision_capacity
-from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.resource_grid import draw_grid, frame_rates, hard_decision_capacity
 from isacbench.model.numerology import System
 
 MODULATIONS = ("qpsk", "16qam", "64qam", "256qam")

@@ -10,9 +10,8 @@ from scipy.special import erfc, log_ndtr
 
 from isacbench.errors import InputError
 from isacbench.link.sensing.observing import observe
-from isacbench.link.waveform.figures_of_merit import frame_rates
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, constellation, decide_bits, modulate_bits
-from isacbench.link.waveform.resource_grid import draw_grid
+from isacbench.link.waveform.resource_grid import draw_grid, frame_rates
 from isacbench.model.numerology import System
 
 BITS = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
