@@ -64,7 +64,7 @@ class Watched(Observation):
 
 
 def watched(**changes):
-    observation = SHOT.observation()
+    observation = SHOT.fresh_observation()
     names = [field.name for field in dataclasses.fields(Observation)]
     made = Watched(**{**{name: getattr(observation, name) for name in names}, **changes})
     vars(made)["seen"] = []
@@ -111,7 +111,7 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_whatever_estimates_below_the_base_class_is_limited(kind, callers):
-    assert_one([KINDS[kind]()().estimate(SHOT.observation())])
+    assert_one([KINDS[kind]()().estimate(SHOT.fresh_observation())])
     assert threads() == callers
 
 

@@ -116,7 +116,7 @@ FILLED = "constant", "one_cell", "one_element", "checkers", "loud_element"
 def map_(plugin: Estimator, seed: int, filled: str, exponent: float) -> ImageCase:
     """Cells of one value, or zeros but for a cell, an element or every second cell."""
     scene = observed([], 0.0, seed, Layout(region=scenes.NARROW))
-    noise = scene.seen.cells
+    noise = scene.observation.cells
     cells = noise.copy() if filled == "loud_element" else np.zeros_like(noise)
     middle = cells.shape[0] // 2, cells.shape[1] // 2
     where = {

@@ -57,7 +57,7 @@ class ImageSubject(checks.Subject):
     @cached_property
     def cloud(self) -> PointCloud:
         """Image of the scene."""
-        return self.image(self.scene.observation())
+        return self.image(self.scene.fresh_observation())
 
     def image(self, observation: Observation) -> PointCloud:
         """Image another observation of the same scene."""
@@ -65,7 +65,7 @@ class ImageSubject(checks.Subject):
 
     def image_of(self, cells: NDArray[np.complexfloating[Any, Any]]) -> PointCloud:
         """Image other cells (n_range, n_doppler, P, Q) of the same gate."""
-        return self.image(dataclasses.replace(self.scene.observation(), cells=cells))
+        return self.image(dataclasses.replace(self.scene.fresh_observation(), cells=cells))
 
     def difference(self, cloud: PointCloud, amplitude_scale: float = 1.0) -> float:
         """Relative difference of another image of the same scene; see `cloud_difference`."""
@@ -182,7 +182,7 @@ def _no_point(subject: ImageSubject) -> Iterator[float]:
 
 def _scaled(odd: float, subject: ImageSubject) -> Iterator[float]:
     """Difference after scaling the largest amplitude to either limit, by a power of two times `odd`."""
-    cells = subject.scene.seen.cells
+    cells = subject.scene.observation.cells
     largest = math.frexp(float(np.abs(cells).max()))[1]
     for limit in LIMITS:
         factor = odd * 2.0 ** (limit - largest)
@@ -192,13 +192,13 @@ def _scaled(odd: float, subject: ImageSubject) -> Iterator[float]:
 def _with_two_threads(subject: ImageSubject) -> Iterator[float]:
     """Difference with two BLAS threads, for an estimator that does not keep to one itself."""
     with threadpool_limits(2):
-        image = subject.image(subject.scene.observation())
+        image = subject.image(subject.scene.fresh_observation())
     yield subject.difference(image)
 
 
 def _in_other_layouts(subject: ImageSubject) -> Iterator[float]:
     """Difference for cells in Fortran order, with elements first in memory, and backwards in memory."""
-    cells = subject.scene.seen.cells
+    cells = subject.scene.observation.cells
     elements_first = np.ascontiguousarray(cells.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1)
     for laid in (np.asfortranarray(cells), elements_first, cells[::-1].copy()[::-1]):
         yield subject.difference(subject.image_of(laid))
@@ -210,7 +210,7 @@ def _in_other_element_orders(subject: ImageSubject) -> Iterator[float]:
     For a panel without yaw and tilt this mirrors the scene about the base station. Each mirror is its own
     inverse.
     """
-    scenario, observation = subject.scene.scenario, subject.scene.observation()
+    scenario, observation = subject.scene.scenario, subject.scene.fresh_observation()
     if scenario.frame != PanelFrame():
         raise NotApplicableError("its mirrored scenes are known for a panel without yaw and tilt alone")
     cells, array, base_station_m = observation.cells, observation.array, scenario.base_station_m
@@ -232,7 +232,7 @@ def _in_other_element_orders(subject: ImageSubject) -> Iterator[float]:
 
 
 def _in_single_precision(subject: ImageSubject) -> Iterator[float]:
-    yield subject.difference(subject.image_of(subject.scene.seen.cells.astype(np.complex64)))
+    yield subject.difference(subject.image_of(subject.scene.observation.cells.astype(np.complex64)))
 
 
 def _of_cells(name: str, differences: Callable[[ImageSubject], Iterator[float]], bound: float = 0.0) -> Check:
@@ -250,7 +250,7 @@ IN_REGION = Check("region", _is_in_region)
 SPEEDS = Check("velocity", _has_possible_speeds)
 POWERS = Check("power", _has_possible_powers)
 FINITE = Check("finite", _is_possible)
-REPEAT = Check("repeat", lambda subject: subject.difference(subject.image(subject.scene.observation())))
+REPEAT = Check("repeat", lambda subject: subject.difference(subject.image(subject.scene.fresh_observation())))
 NO_FALSE_POINT = Check("no false point", _farthest_false_point, FALSE_POINT_CELLS)
 NO_POINT = _of_cells("no point", _no_point)
 FOUND = Check("found", lambda subject: float(_distances(subject).min(axis=1).max()), FALSE_POINT_CELLS)
@@ -342,7 +342,7 @@ class EstimatorSubject(checks.PluginSubject):
     def prepare_call(self, *, writable: bool) -> tuple[Callable[[], object], str]:
         """Prepare to image three scatterers."""
         image = self.ordinary
-        return partial(image.image, image.scene.observation(writable=writable)), "a small scene"
+        return partial(image.image, image.scene.fresh_observation(writable=writable)), "a small scene"
 
 
 def _returns_a_cloud(subject: EstimatorSubject) -> str:
@@ -372,7 +372,7 @@ def _reads_what_it_declares(subject: EstimatorSubject) -> str:
     if needs.elements == "plane":
         return "all elements"
     image = subject.ordinary
-    cells = image.scene.seen.cells
+    cells = image.scene.observation.cells
     withheld = np.zeros_like(cells)
     if needs.elements == "cross":
         p, q = cross_elements(image.scene.scenario.array.shape).T
@@ -388,7 +388,7 @@ def _reads_what_it_declares(subject: EstimatorSubject) -> str:
 def _without_echo(name: str, subject: EstimatorSubject) -> str:
     """Image a scene without an echo: hardly a point, and no warning."""
     image = subject.of(contract_scene(name))
-    n_cells = int(image.scene.seen.gate.reachable.sum())
+    n_cells = int(image.scene.observation.gate.reachable.sum())
     with checks.warnings_fail(": expect input without any echo"):
         n_points = len(image.cloud)
     require(

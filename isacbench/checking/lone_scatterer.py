@@ -78,7 +78,7 @@ class Place(NamedTuple):
 
 def places_of_mistakes(scene: SmallScene, true: Floats) -> Iterator[Place]:
     """List where mistakes put the scatterer of a scene, first its true place, all in Rayleigh cells."""
-    cells, gate = rayleigh_cells(scene.scenario), scene.seen.gate
+    cells, gate = rayleigh_cells(scene.scenario), scene.observation.gate
     first_range, last_range = map(float, gate.range_bins[[0, -1]])
     first_doppler = float(gate.doppler_bins[0])
     placed = "observation.cloud(...) takes bins"
@@ -262,8 +262,8 @@ def _images(estimator: Estimator, frame: FrameName, *, mixed: bool = False) -> t
     """Image of all that was placed for an image, and the image itself; of cells in other places if mixed."""
     scene = lone(frame)
     if mixed:
-        scene = scene.with_cells(scene.seen.cells[::-1, ::-1])
-    observation = scene.observation()
+        scene = scene.with_cells(scene.observation.cells[::-1, ::-1])
+    observation = scene.fresh_observation()
     placed: list[Floats] = [np.empty((0, 5))]
 
     def cloud(range_bin: Any, doppler_bin: Any, u: Any, w: Any, power: Any) -> PointCloud:

@@ -85,7 +85,7 @@ class MapSubject(checks.Subject):
     looks: int = 1
 
     @cached_property
-    def found(self) -> Detection:
+    def detection(self) -> Detection:
         """Detection of the map."""
         return self.detect(self.power.copy())
 
@@ -102,11 +102,11 @@ class MapSubject(checks.Subject):
         Fails if a cell is detected in only one of the two; ties are cells whose power rounding may take for
         less or for more than their threshold.
         """
-        differs = other.mask != self.found.mask
+        differs = other.mask != self.detection.mask
         if has_ties:
-            differs &= np.abs(self.power - self.found.threshold) > TIE * self.found.threshold
+            differs &= np.abs(self.power - self.detection.threshold) > TIE * self.detection.threshold
         require(not differs.any(), f"{differs.sum()} of {differs.size} cells are decided otherwise")
-        return _apart(self.found, other)
+        return _apart(self.detection, other)
 
 
 def white_noise_map(shape: tuple[int, ...], seed: int, looks: int = 1) -> NDArray[np.float64]:
@@ -127,7 +127,7 @@ def _apart(one: Detection, two: Detection) -> float:
 def _has_shapes(subject: MapSubject) -> None:
     shape = subject.power.shape
     for name, dtype in (("mask", np.bool_), ("threshold", np.float64), ("noise", np.float64)):
-        array = getattr(subject.found, name)
+        array = getattr(subject.detection, name)
         if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
             given = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             raise CheckFailedError(
@@ -137,7 +137,7 @@ def _has_shapes(subject: MapSubject) -> None:
 
 def _has_possible_powers(subject: MapSubject) -> None:
     for name in ("threshold", "noise"):
-        array = getattr(subject.found, name)
+        array = getattr(subject.detection, name)
         require(
             np.isfinite(array).all() and not (array < 0).any(),
             f"{name} has NaN, infinite or negative values: both are powers, in the map's unit",
@@ -145,7 +145,7 @@ def _has_possible_powers(subject: MapSubject) -> None:
 
 
 def _compares_with_its_threshold(subject: MapSubject) -> None:
-    differing = int(np.sum(subject.found.mask != (subject.power > subject.found.threshold)))
+    differing = int(np.sum(subject.detection.mask != (subject.power > subject.detection.threshold)))
     require(
         not differing,
         f"mask is not power > threshold in {differing} of {subject.power.size} cells: a cell is detected "
@@ -168,7 +168,7 @@ def _listed(subject: MapSubject) -> float:
         cells = np.unravel_index(order, subject.power.shape)
         listed = detect_listed(subject.plugin, subject.power.copy(), subject.looks, cells)
         for name in ("mask", "threshold", "noise"):
-            part, whole = getattr(listed, name), getattr(subject.found, name)[cells]
+            part, whole = getattr(listed, name), getattr(subject.detection, name)[cells]
             require(part.shape == whole.shape, f"{name} of {order.size} listed cells has shape {part.shape}")
             differences.append(_relative(whole.astype(np.float64), part.astype(np.float64)))
     return max(differences)
@@ -192,7 +192,7 @@ def _scaled(subject: MapSubject, factor: float, *, has_ties: bool = False) -> fl
 
 
 def _nothing(subject: MapSubject) -> None:
-    n_detected = int(np.count_nonzero(subject.found.mask))
+    n_detected = int(np.count_nonzero(subject.detection.mask))
     require(
         not n_detected,
         f"detects {n_detected} of {subject.power.size} cells: a detected cell exceeds its threshold, "
@@ -204,7 +204,7 @@ def _single_precision(subject: MapSubject) -> float:
     """Difference of noise and thresholds only: cells near their threshold may be decided differently."""
     if max(np.abs(np.log2(subject.power[subject.power > 0])), default=0.0) > -np.finfo(np.float32).minexp:
         raise NotApplicableError("float32 does not hold it in full")
-    return _apart(subject.found, subject.detect(subject.power.astype(np.float32)))
+    return _apart(subject.detection, subject.detect(subject.power.astype(np.float32)))
 
 
 def _rate_order(subject: MapSubject) -> float:
@@ -212,17 +212,17 @@ def _rate_order(subject: MapSubject) -> float:
     rarer = dataclasses.replace(subject.plugin, pfa=subject.plugin.pfa / 2)
     strict = dataclasses.replace(subject, plugin=rarer)
     _finite(strict)
-    is_new = strict.found.mask & ~subject.found.mask
+    is_new = strict.detection.mask & ~subject.detection.mask
     require(not is_new.any(), "a cell is detected at half the rate that is not at the whole one")
-    has_risen = strict.found.threshold > subject.found.threshold
+    has_risen = strict.detection.threshold > subject.detection.threshold
     require(has_risen.any(), "no threshold rises at half the rate")
     between = dataclasses.replace(subject, power=subject.power.copy())
     middle = tuple(n // 2 for n in subject.power.shape)
-    between.power[middle] = (subject.found.threshold[middle] + strict.found.threshold[middle]) / 2
+    between.power[middle] = (subject.detection.threshold[middle] + strict.detection.threshold[middle]) / 2
     for one in (between, dataclasses.replace(between, plugin=strict.plugin)):
         _compares_with_its_threshold(one)
-    fallen = np.maximum(subject.found.threshold - strict.found.threshold, 0.0)
-    return _relative(subject.found.threshold, subject.found.threshold - fallen)
+    fallen = np.maximum(subject.detection.threshold - strict.detection.threshold, 0.0)
+    return _relative(subject.detection.threshold, subject.detection.threshold - fallen)
 
 
 def require_rate(
@@ -233,7 +233,7 @@ def require_rate(
     The map's border, of `margin` cells, does not count. Says nothing where the detector's `pfa` is too rare.
     """
     pfa: float = getattr(detector, "pfa")  # noqa: B009, no part of the protocol
-    mask = MapSubject(detector, white_noise_map(shape, seed, looks), looks).found.mask
+    mask = MapSubject(detector, white_noise_map(shape, seed, looks), looks).detection.mask
     mask = mask[tuple(slice(margin, length - margin) for length in shape)]
     low, high = _rate_limits(pfa, mask.size)
     rate = float(mask.mean())
@@ -318,7 +318,7 @@ class DetectorSubject(checks.PluginSubject):
     def answer(self, plugin: Any = None, *, other: bool = False) -> list[NDArray[Any]]:
         """Test a map of noise with three echoes: mask, threshold and noise."""
         power = 10 * _noise_with_echoes(1) if other else _noise_with_echoes(0).copy()
-        found = MapSubject(plugin or self.plugin, power).found
+        found = MapSubject(plugin or self.plugin, power).detection
         return [found.mask, found.threshold, found.noise]
 
     def prepare_call(self, *, writable: bool) -> tuple[Callable[[], object], str]:
@@ -337,7 +337,7 @@ def _has_a_rate(subject: DetectorSubject) -> None:
 
 
 def _returns_a_detection(subject: DetectorSubject) -> str:
-    mask = subject.ordinary.found.mask
+    mask = subject.ordinary.detection.mask
     return f"{np.count_nonzero(mask)} of {np.size(mask)} cells of a map with 3 echoes"
 
 
@@ -425,7 +425,7 @@ def _border_rates(detector: Any, looks: int) -> dict[str, tuple[float, float, fl
     """Rate of false alarms and its limits, by the part of the border."""
     noise = white_noise_map(BORDER_MAPS, SEED, looks)
     _rate_limits(detector.pfa, noise[BORDERS["corners"]].size)
-    masks = np.stack([MapSubject(detector, power, looks).found.mask for power in noise])
+    masks = np.stack([MapSubject(detector, power, looks).detection.mask for power in noise])
     parts = {name: masks[where] for name, where in BORDERS.items()}
     return {
         name: (float(part.mean()), *_rate_limits(detector.pfa, part.size)) for name, part in parts.items()

@@ -91,18 +91,18 @@ class SmallScene:
     """A scenario and its observation, which is read-only."""
 
     scenario: Scenario
-    seen: Observation
+    observation: Observation
 
-    def observation(self, *, writable: bool = True) -> Observation:
+    def fresh_observation(self, *, writable: bool = True) -> Observation:
         """Copy the observation, with arrays that may be written to, or not."""
-        fresh = copy.deepcopy(self.seen)
+        fresh = copy.deepcopy(self.observation)
         for array in (fresh.cells, fresh.base_station_m, fresh.gate.range_bins, fresh.gate.doppler_bins):
             array.setflags(write=writable)
         return fresh
 
     def with_cells(self, cells: NDArray[np.complexfloating[Any, Any]]) -> SmallScene:
         """Replace the cells, an array of shape (n_range, n_doppler, P, Q)."""
-        return replace(self, seen=replace(self.seen, cells=cells))
+        return replace(self, observation=replace(self.observation, cells=cells))
 
 
 def scenario_of(echoes: Sequence[Echo], layout: Layout = Layout()) -> Scenario:  # noqa: B008, immutable
@@ -168,7 +168,7 @@ def contract_scene(name: str) -> SmallScene:
     """Observe a scene of `CONTRACT`, or "silence": zeros."""
     if name == "silence":
         noise = contract_scene("noise alone")
-        return noise.with_cells(np.zeros_like(noise.seen.cells))
+        return noise.with_cells(np.zeros_like(noise.observation.cells))
     return observed(*CONTRACT[name])
 
 

@@ -114,6 +114,6 @@ def test_a_diagnosis_marks_the_directions_that_the_image_has(small_street):
 
 def test_maximum_likelihood_brings_the_peaks_of_the_adaptive_approach_nearer_to_the_truth():
     shot = observed(RESOLVED, 10.0)
-    images = (Iaa2d(polish=polish).estimate(shot.seen) for polish in (0, 3))
+    images = (Iaa2d(polish=polish).estimate(shot.observation) for polish in (0, 3))
     raw_m, polished_m = (np.median(distances_m(image, shot.scenario.truth).min(axis=0)) for image in images)
     assert polished_m < 0.2 * raw_m

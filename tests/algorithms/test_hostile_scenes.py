@@ -102,7 +102,7 @@ def test_a_scatterer_at_either_end_of_a_range_axis_without_margins_is_seen(name,
     region = Region((-60.0, 60.0), y_m, (0.0, 14.0), (-30.0, 30.0))
     layout = Layout(WHOLE, (6, 6), region=region, base_station_m=(0.0, 0.0, 12.0))
     shot = observed([Echo(range_bin, 0.0, 0.05, 0.005)], 20.0, layout=layout)
-    cloud = build_estimator(name).estimate(shot.seen)
+    cloud = build_estimator(name).estimate(shot.observation)
     assert len(cloud) == 1
     assert np.linalg.norm(cloud.xyz - shot.scenario.truth.xyz) < 0.02 * WHOLE.range_bin_m
     assert abs(cloud.velocity[0]) < 0.5
@@ -111,7 +111,7 @@ def test_a_scatterer_at_either_end_of_a_range_axis_without_margins_is_seen(name,
 @pytest.mark.parametrize("integration", ["noncoherent", "element"])
 def test_exact_nulls_of_a_spectrum_are_drawn_without_a_warning(integration):
     # A scatterer straight ahead: the transform of equal numbers is zero at every multiple of 2/P.
-    diagnosis = Fft4d(integration=integration).diagnose(observed([Echo(9.0, 0.0, 0.0, 0.0)]).seen)
+    diagnosis = Fft4d(integration=integration).diagnose(observed([Echo(9.0, 0.0, 0.0, 0.0)]).observation)
     assert len(diagnosis.spectra) == 2
     for spectrum in diagnosis.spectra:
         assert np.isfinite(spectrum.level_db).all()

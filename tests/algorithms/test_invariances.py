@@ -49,7 +49,7 @@ def nudged(cells, seed=0):
 
 def assert_scaled_by_a_power_of_two(image, exponent):
     """Places are the same in every bit, and powers are those of the other unit."""
-    cloud, scaled = image.cloud, image.image_of(image.scene.seen.cells * 2.0**exponent)
+    cloud, scaled = image.cloud, image.image_of(image.scene.observation.cells * 2.0**exponent)
     np.testing.assert_array_equal(scaled.to_array()[:, :4], cloud.to_array()[:, :4], f"2^{exponent}")
     np.testing.assert_array_equal(scaled.power, cloud.power * 2.0**exponent * 2.0**exponent)
 
@@ -59,7 +59,7 @@ def assert_same_in_any_memory(image, factor, bound, single_bound):
 
     In single precision, with gaps between the elements, it is below another.
     """
-    cells = image.scene.seen.cells
+    cells = image.scene.observation.cells
     single = np.repeat(cells.astype(np.complex64), 2, axis=2)[:, :, ::2]
     assert image.difference(image.image_of(single)) < single_bound
     with threadpool_limits(limits=2):
@@ -108,10 +108,10 @@ def test_so_is_the_image_of_a_crowd(name):
 @example(name="nomp4d", n_echoes=3, draw=1, snr_db=10.0, exponent=NEAR)
 def test_so_is_the_image_of_any_echoes_apart(name, n_echoes, draw, snr_db, exponent):
     image, _ = spread.case(n_echoes=n_echoes, draw=draw).make(get_estimator(name))
-    noisy = replace(image.scene, seen=Simulator(image.scene.scenario).observe(snr_db))
+    noisy = replace(image.scene, observation=Simulator(image.scene.scenario).observe(snr_db))
     image = replace(image, scene=noisy)
     assert_scaled_by_a_power_of_two(image, exponent)
-    assert image.difference(image.image_of(nudged(noisy.seen.cells))) < 1e-9
+    assert image.difference(image.image_of(nudged(noisy.observation.cells))) < 1e-9
 
 
 @pytest.mark.parametrize("name", BLIND)
@@ -139,7 +139,7 @@ def test_the_order_of_scatterers_moves_no_point(name, echoes):
 
 @pytest.mark.parametrize("estimator", EVERY.values(), ids=EVERY)
 def test_cells_whose_power_is_no_number_are_refused(estimator):
-    seen = scene_apart().seen
+    seen = scene_apart().observation
     message = r"observation: its largest amplitude = .*: allowed is less than 3\.3"
     with pytest.raises(InputError, match=message):
         estimator.estimate(replace(seen, cells=seen.cells * 1e200))
@@ -189,4 +189,6 @@ def test_fft4d_images_a_lone_echo_between_samples_on_few_elements(shape):
     for u in rng.uniform(-0.98, 0.98, 12):
         echo = Echo(9.3, 1.2, u, rng.uniform(-0.9, 0.9) * np.sqrt(1 - u * u))
         for snr_db in (np.inf, 20.0):
-            assert len(Fft4d().estimate(observed([echo], snr_db, layout=Layout(array=shape)).seen)) == 1
+            assert (
+                len(Fft4d().estimate(observed([echo], snr_db, layout=Layout(array=shape)).observation)) == 1
+            )

@@ -254,7 +254,7 @@ def test_a_smaller_local_dynamic_range_drops_the_weak_beside_the_strong():
 
 def observation_of(spec):
     """Observation of a case of the stress test."""
-    return stress_case(spec).make(Nomp4d())[0].scene.observation()
+    return stress_case(spec).make(Nomp4d())[0].scene.fresh_observation()
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ def test_every_family_has_words_and_cases_whose_input_follows_from_the_seed_and_
         assert (subject.power >= 0).all()
         np.testing.assert_array_equal(subject.power, again.power)
     elif family.name != "ladder":
-        np.testing.assert_array_equal(subject.scene.seen.cells, again.scene.seen.cells)
+        np.testing.assert_array_equal(subject.scene.observation.cells, again.scene.observation.cells)
 
 
 def test_a_family_name_stands_for_its_cases_in_the_table():
@@ -46,7 +46,7 @@ def test_a_family_name_stands_for_its_cases_in_the_table():
 def test_maps_of_one_level_fill_the_cells_that_their_names_say():
     for filled, share in (("zeros", 0.0), ("constant", 1.0), ("checkers", 0.5)):
         (case,) = find_cases(f"map[filled={filled},exponent=2.0]")
-        is_filled = case.make(None)[0].scene.seen.cells == 100
+        is_filled = case.make(None)[0].scene.observation.cells == 100
         assert np.mean(is_filled) == pytest.approx(share, abs=0.02), filled
     for axis in (0, 1):  # of checkers
         assert np.diff(is_filled, axis=axis).all()
