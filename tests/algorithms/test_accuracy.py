@@ -42,12 +42,11 @@ def test_the_mean_deviation_over_scenes_does_not_rise_significantly_with_snr(est
         for seed, (frame, phases) in enumerate(product(("panel", "paper"), ("false", "true")), 130)
         for family in ("town", "facade", "crowd", "weak", "street")
     ]
-    found = np.array(
-        [
-            [scores(scene, estimator.estimate(observe_echo(scene, snr_db))).deviation for scene in scenes]
-            for snr_db in (-10, 0, 10, 20)
-        ]
-    )
+
+    def deviation(scene, snr_db):
+        return scores(scene, estimator.estimate(observe_echo(scene, snr_db))).deviation
+
+    found = np.array([[deviation(scene, snr_db) for scene in scenes] for snr_db in (-10, 0, 10, 20)])
     pairs = [*pairwise(found), (found[0], found[-1])]
     p_values = [chance_of_being_greater(later, earlier) for earlier, later in pairs]
     # Holm's correction: below the significance, something is significant.

@@ -189,13 +189,8 @@ def test_peaks_on_the_street_are_those_of_the_dense_plane_to_a_hundredth_of_a_de
 def passes_a_cell_average(product, row, column, pfa, training=24, guard=8):
     """Whether a sample of a plane exceeds its training cells' mean by the exact factor."""
     reach = training + guard
-    rows, columns = (
-        range(first, first + 2 * reach + 1)
-        for first in (
-            min(max(place - reach, 0), size - 2 * reach - 1)
-            for place, size in zip((row, column), product.shape, strict=True)
-        )
-    )
+    starts = np.clip(np.array([row, column]) - reach, 0, np.array(product.shape) - 2 * reach - 1)
+    rows, columns = (range(first, first + 2 * reach + 1) for first in starts)
     cells = [product[i, j] for i in rows for j in columns if abs(i - row) > guard or abs(j - column) > guard]
     return product[row, column] > (pfa ** (-1 / len(cells)) - 1) * sum(cells)
 

@@ -31,10 +31,8 @@ def rows(cloud):
 @ALL
 def test_in_double_cells_of_single_precision_are_what_they_are(estimator):
     rounded = observation().cells.astype(np.complex64)
-    clouds = [
-        estimator(precision="double").estimate(replace(observation(), cells=cells))
-        for cells in (rounded, rounded.astype(np.complex128))
-    ]
+    both = (replace(observation(), cells=cells) for cells in (rounded, rounded.astype(np.complex128)))
+    clouds = [estimator(precision="double").estimate(one) for one in both]
     assert len(clouds[0]) == len(XYZ)
     np.testing.assert_array_equal(*(cloud.to_array() for cloud in clouds))
 

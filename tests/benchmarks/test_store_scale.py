@@ -43,11 +43,8 @@ class Estimates:
             for one in task.entries:
                 environment = environments.setdefault(one.name, environment_of(one.plugin))
                 place = {"scenario": task.name, "scenario_content": task.content, "trial": block.trial}
-                own = {
-                    "estimator": one.name,
-                    "params": one.params,
-                    "environment": environment_id(environment),
-                }
+                name = environment_id(environment)
+                own = {"estimator": one.name, "params": one.params, "environment": name}
                 always = {"suite": job.suite.name, "seed": 0, "n_true": 466, "timing": False}
                 known = {**place, "snr_db": block.snr_db, **own, **always}
                 scores = dict(zip(SCORES, random.random(len(SCORES)).tolist(), strict=True))

@@ -59,10 +59,7 @@ def separate_sources(draw):
     """One to four sources in as many columns and rows, more than a Rayleigh cell of half the array apart."""
     k = draw(st.integers(1, 4))
     slots = np.array([-0.75, -0.25, 0.25, 0.75])
-    u, w = (
-        slots[draw(st.permutations(range(4)))[:k]]
-        + np.array(draw(st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)))
-        for _ in range(2)
-    )
+    shifts = st.lists(st.floats(-0.1, 0.1), min_size=k, max_size=k)
+    u, w = (slots[draw(st.permutations(range(4)))[:k]] + np.array(draw(shifts)) for _ in range(2))
     gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in range(k)]
     return u, w, np.array(gain)

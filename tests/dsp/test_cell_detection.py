@@ -1,6 +1,7 @@
 """Detected cells: one element or all, what is reachable, and the two floors."""
 
 from dataclasses import dataclass
+from itertools import product
 from math import comb
 from typing import ClassVar
 
@@ -93,7 +94,7 @@ def test_cells_are_kept_where_detected_reachable_and_above_the_floor(seed, dynam
     mask = rng.random(GATE.shape) < 0.7
     found = detect_cells(GatedMap(cells, GATE), Everything(mask=mask), "noncoherent", dynamic_range_db)
     power = np.mean(np.abs(cells) ** 2, axis=(2, 3))
-    reachable = [(row, column) for row in range(6, 24) for column in range(8, 17)]
+    reachable = [*product(range(6, 24), range(8, 17))]
     strongest = sorted(power[cell] for cell in reachable)[-PEAK_CELLS:]
     clear = [c for c in range(25) if c < 8 - CLEAR_BINS or c >= 17 + CLEAR_BINS]
     below_strongest = sum(strongest) / PEAK_CELLS * 10 ** (-dynamic_range_db / 10)
@@ -215,10 +216,8 @@ def test_binary_integration_detects_where_m_elements_do(m):
     expected = sum(CaCfar(pfa=0.03).detect(power).mask.astype(int) for power in each)
     np.testing.assert_array_equal(found.detection.mask, expected >= m)
     kept = [*zip(found.bins[0] - GATE.range_bins[0], found.bins[1] - GATE.doppler_bins[0], strict=True)]
-    floor = [
-        (r, d) for r in range(6, 24) for d in range(8, 17) if np.max(abs(cells[r, d])) ** 2 > found.floor
-    ]
-    assert kept == [(r, d) for r, d in floor if expected[r, d] >= m]
+    passes = (expected >= m) & (np.max(abs(cells), axis=(2, 3)) ** 2 > found.floor)
+    assert kept == [cell for cell in product(range(6, 24), range(8, 17)) if passes[cell]]
     assert (10, 12) in kept
     assert ((15, 10) in kept) == (m <= 2)
 

@@ -122,16 +122,11 @@ CELLWISE = {"rdm", "detection", "spectrum", "peaks"}
 FITTED = {*CELLWISE, "refinement"}
 
 MARKED = {
-    "fft4d": CELLWISE,
-    "bartlett2d": CELLWISE,
-    "capon2d": CELLWISE,
-    "iaa2d": FITTED,
+    **dict.fromkeys(["fft4d", "bartlett2d", "capon2d"], CELLWISE),
+    **dict.fromkeys(["iaa2d", "nomp4d", "omp4d", "sbl4d"], FITTED),
     "music2d": {*STAGES} - {"refinement"},
     "music2d_joint": {*STAGES},
     "esprit2d": {*STAGES} - {"spectrum"},
-    "nomp4d": FITTED,
-    "omp4d": FITTED,
-    "sbl4d": FITTED,
 }
 
 

@@ -41,9 +41,8 @@ def known_noise(detector, power, cell, looks=1, number=float):
         case _:
             factor_of, chosen = (goca_factor, max) if detector.name == "goca" else (soca_factor, min)
             halves = halves_of(detector, places, cell)
-            return chosen(mean(sorted_at(half)) for half in halves if half), partial(
-                factor_of, detector.pfa, tuple(map(len, halves)), looks
-            )
+            noise = chosen(mean(sorted_at(half)) for half in halves if half)
+            return noise, partial(factor_of, detector.pfa, tuple(map(len, halves)), looks)
 
 
 def training_cells(detector, shape, cell):
@@ -51,10 +50,8 @@ def training_cells(detector, shape, cell):
     training = per_axis(detector.training, len(shape))
     guard = per_axis(0 if detector.guard is None else detector.guard, len(shape))
     reach = [t + g for t, g in zip(training, guard, strict=True)]
-    starts = [
-        min(max(place - r, 0), length - 2 * r - 1)
-        for place, r, length in zip(cell, reach, shape, strict=True)
-    ]
+    axes = zip(cell, reach, shape, strict=True)
+    starts = [min(max(place - r, 0), length - 2 * r - 1) for place, r, length in axes]
     window = product(*(range(start, start + 2 * r + 1) for start, r in zip(starts, reach, strict=True)))
     if detector.guard is None:
         return list(window)

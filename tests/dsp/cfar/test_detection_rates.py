@@ -28,9 +28,8 @@ def test_swerling_1_and_2_in_known_noise_are_the_forms_of_the_literature(looks):
     more = 1 + 1 / (looks * snr)
     first = np.exp(-threshold / (1 + looks * snr))
     if looks > 1:
-        first = special.gammaincc(looks - 1, threshold) + first * more ** (looks - 1) * special.gammainc(
-            looks - 1, threshold / more
-        )
+        rest = first * more ** (looks - 1) * special.gammainc(looks - 1, threshold / more)
+        first = special.gammaincc(looks - 1, threshold) + rest
     np.testing.assert_allclose(detection_rate(SNRS_DB, 1e-3, looks, swerling=1), first, atol=1e-10)
     second = special.gammaincc(looks, threshold / (1 + snr))
     np.testing.assert_allclose(detection_rate(SNRS_DB, 1e-3, looks, swerling=2), second, atol=1e-12)
@@ -98,9 +97,7 @@ def test_many_training_cells_are_as_good_as_a_known_noise(swerling):
     ("given_values", "message"),
     [
         ({"swerling": 5}, "swerling = 5: allowed is a model from 0 to 4"),
-        ({"pfa": 0.0}, "pfa"),
-        ({"looks": 0}, "looks"),
-        ({"n_training": 0}, "n_training"),
+        *(({name: 0}, name) for name in ("pfa", "looks", "n_training")),
     ],
 )
 def test_values_out_of_range_are_refused(given_values, message):

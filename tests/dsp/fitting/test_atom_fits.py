@@ -125,11 +125,9 @@ def test_a_refit_of_some_atoms_is_a_fit_of_them(moves):
 def bound_by_qr(atom_map, places, amplitude):
     """Covariance (4, n, 4, n) in unit noise from all atoms and slopes on the data: nothing is squared."""
     factors, n = atom_map.lines(places), len(places)
-    atoms = [line.value for line in factors]
-    columns = [
-        [*atoms[:axis], factors[axis].slope * amplitude[:, None], *atoms[axis + 1 :]] for axis in range(4)
-    ]
-    columns = [atoms, [atoms[0] * 1j, *atoms[1:]], *columns]
+    atoms, slopes = zip(*((line.value, line.slope * amplitude[:, None]) for line in factors), strict=True)
+    columns = [(*atoms[:axis], slopes[axis], *atoms[axis + 1 :]) for axis in range(4)]
+    columns = [atoms, (atoms[0] * 1j, *atoms[1:]), *columns]
     dense_columns = np.concatenate([np.einsum("kr,kd,ku,kw->krduw", *c).reshape(n, -1) for c in columns])
     triangle = np.linalg.qr(np.concatenate([dense_columns.real, dense_columns.imag], axis=1).T, mode="r")
     root = np.linalg.solve(triangle, np.eye(6 * n))[2 * n :]

@@ -60,12 +60,7 @@ def test_no_direction_nearby_leaves_less_unexplained(scene, seed):
 
 
 @few
-@given(
-    scene=scenes(),
-    shift=st.tuples(st.floats(-0.14, 0.14), st.floats(-0.14, 0.14)),
-    exponent=st.integers(-20, 20),
-    seed=st.integers(0, 99),
-)
+@given(scenes(), st.tuples(*[st.floats(-0.14, 0.14)] * 2), st.integers(-20, 20), st.integers(0, 99))
 def test_directions_follow_a_shift_and_know_neither_scale_nor_order(scene, shift, exponent, seed):
     u, w, gain, offset = scene
     data = shot(u, w, gain) + 0.1 * noise(1, 1, N_P, N_Q, seed=seed)

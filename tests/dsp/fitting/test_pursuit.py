@@ -186,9 +186,8 @@ def test_the_strongest_around_is_the_loudest_sidelobe_or_neighbour_and_never_its
     assert strongest[1] == pytest.approx(16.0)
     assert strongest[2] == pytest.approx(16 / (3 * np.pi * 0.5 * np.pi) ** 2)
     elsewhere = pursuit.strongest_around(PLACE + np.array([[5.5, 0, 0, 0]]), fit)
-    assert elsewhere[0] == pytest.approx(
-        max(16 / (5.5 * np.pi) ** 2, 0.25 / (2.5 * np.pi * 0.5 * np.pi) ** 2)
-    )
+    sidelobes = 16 / (5.5 * np.pi) ** 2, 0.25 / (2.5 * np.pi * 0.5 * np.pi) ** 2
+    assert elsewhere[0] == pytest.approx(max(sidelobes))
 
 
 def test_two_atoms_that_nearly_cancel_hardly_count_as_neighbours():
@@ -202,23 +201,17 @@ def test_sidelobes_of_many_places_are_summed_in_parts_of_bounded_size(monkeypatc
     places, energy = rng.uniform(-9, 9, (50, N_COORDINATES)), rng.uniform(0, 1, 50)
     whole = pursuit.sidelobe_energy(places, places, energy, least_range=3.0)
     monkeypatch.setattr(pursuit, "MOST_PAIRS", 150)
-    np.testing.assert_allclose(
-        pursuit.sidelobe_energy(places, places, energy, least_range=3.0), whole, rtol=1e-12
-    )
-    amplitude = sum(
-        np.sqrt(energy[k]) * pursuit.sidelobe_envelope(places[7] - places[k])
-        for k in range(50)
-        if abs(places[7, 0] - places[k, 0]) >= 3
-    )
+    in_parts = pursuit.sidelobe_energy(places, places, energy, least_range=3.0)
+    np.testing.assert_allclose(in_parts, whole, rtol=1e-12)
+    far = np.abs(places[7, 0] - places[:, 0]) >= 3
+    amplitude = np.sqrt(energy[far]) @ pursuit.sidelobe_envelope(places[7] - places[far])
     assert whole[7] == pytest.approx(amplitude**2)
 
 
 def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():
     fit = fitted(PLACE[None], [4.0])[1]
-    apart = np.array([0.5, 0.0, 0.0, 0.0])
-    here, beyond = (
-        pursuit.strongest_around(fit.places + apart + turns, fit)[0] for turns in (0.0, fit.periods)
-    )
+    beside = fit.places + np.array([0.5, 0.0, 0.0, 0.0])
+    here, beyond = (pursuit.strongest_around(beside + turns, fit)[0] for turns in (0.0, fit.periods))
     assert beyond == pytest.approx(here)
     assert here > 10.0
 
