@@ -4,18 +4,19 @@ import dataclasses
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacbench import load_scenario, score
-from isacbench.errors import InputError, InputWarning
+from isacbench.errors import InputWarning
 from isacbench.metrics.descriptions import object_kind
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.object_scores import Objects, described, group_points, true_objects
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import space_places
-from tests.conftest import few
+from tests.conftest import few, refusal
 from tests.single_scores import all_matchings
 
 TOWN, STREET = load_scenario("town[seed=7]"), load_scenario("street")
@@ -38,15 +39,11 @@ def test_true_objects_are_boxes_around_their_scatterers():
 
 def test_the_scatterers_themselves_are_grouped_into_nearly_all_objects():
     """Over families; objects that touch at one speed are one to a radio."""
-    n_true = n_detected = n_false = 0
-    for family in ("street", "town", "crowd", "weak", "traffic", "crossing"):
-        scene = load_scenario(f"{family}[seed=31]")
-        found = scores(scene, scene.truth)
-        n_true += found["n_objects"]
-        n_detected += found["n_objects"] - found["n_objects_missed"]
-        n_false += found["n_objects_false"]
-    assert n_detected >= 0.85 * n_true
-    assert n_false <= 0.1 * n_true
+    families = ("street", "town", "crowd", "weak", "traffic", "crossing")
+    scenes = [load_scenario(f"{family}[seed=31]") for family in families]
+    found = pd.DataFrame([scores(scene, scene.truth) for scene in scenes]).sum()
+    assert found["n_objects_missed"] <= 0.15 * found["n_objects"]
+    assert found["n_objects_false"] <= 0.1 * found["n_objects"]
 
 
 def test_an_empty_image_detects_nothing_and_has_no_errors():
@@ -80,10 +77,8 @@ def test_the_assignment_is_the_best_of_all(seed, n, m):
     near = scene.truth.xyz[rng.integers(0, n, m)] + rng.normal(0, 1.5, (m, 3))
     image = PointCloud(near, scene.truth.velocity[rng.integers(0, n, m)])
     found = Objects().matches(scene, image)
-    distance = np.linalg.norm(found.truth.centre_m[:, None] - found.found.centre_m[None], axis=2)
-    inside = (distance <= 2.0) & (
-        np.abs(found.truth.velocity_mps[:, None] - found.found.velocity_mps[None]) <= 5.0
-    )
+    distance = np.linalg.norm(found.truth.centre_m[:, None] - found.found.centre_m, axis=2)
+    inside = (distance <= 2) & (np.abs(found.truth.velocity_mps[:, None] - found.found.velocity_mps) <= 5)
     best = max(
         (len(pairs), -sum(distance[pair] for pair in pairs))
         for pairs in all_matchings(*distance.shape)
@@ -107,12 +102,9 @@ def test_groups_do_not_depend_on_the_order_of_points_or_on_copies(seed):
 
 
 def test_objects_far_from_each_other_are_groups_of_their_own_and_a_chain_is_one():
-    cells = np.array(
-        [[260.0, 0.0, 0.0, 0.2], [263.0, 0.0, 0.0, 0.2], [400.0, 0.0, 0.0, 0.2], [400.0, 9.0, 0.0, 0.2]]
-    )
+    cells = np.array([[260, 0, 0, 0.2], [263, 0, 0, 0.2], [400, 0, 0, 0.2], [400, 9, 0, 0.2]])
     system = STREET.system
-    places = cells * [system.range_bin_m, system.velocity_bin_mps, 1, 1]
-    xyz, velocity = space_places(TOWN, places)
+    xyz, velocity = space_places(TOWN, cells * [system.range_bin_m, system.velocity_bin_mps, 1, 1])
     group = group_points(TOWN, PointCloud(xyz, velocity))
     assert group[0] == group[1]
     assert len(set(group.tolist())) == 3
@@ -195,10 +187,9 @@ def test_of_equally_near_objects_the_same_one_is_matched_in_every_order_of_point
 
 
 @pytest.mark.parametrize("name", ["gate_m", "gate_mps", "voxel"])
-@pytest.mark.parametrize("value", [0, -1.0, math.inf, math.nan])
-def test_parameters_are_positive_numbers(name, value):
-    with pytest.raises(InputError, match=f"{name} = .*: allowed is a positive number"):
-        Objects(**{name: value})
+def test_parameters_are_positive_numbers(name):
+    for value in (0, -1.0, math.inf, math.nan):
+        assert f"{name} = {value}: allowed is a positive number" in refusal(Objects, **{name: value})
 
 
 def test_an_image_without_points_has_no_groups():

@@ -1,6 +1,6 @@
 """The published code's metric against hand-worked examples and plain loops."""
 
-import math
+import statistics
 from collections import Counter
 
 import numpy as np
@@ -29,23 +29,18 @@ def velocity_by_loops(true, estimated):
     distinct = sorted(set(true), reverse=True)
     ranked = sorted(Counter(estimated).items(), key=lambda item: (-item[1], item[0]))
     kept = sorted((velocity for velocity, _ in ranked[: len(distinct)]), reverse=True)
-    deviations = []
-    for pair in zip(distinct, kept, strict=False):
-        mean = sum(pair) / 2
-        deviations.append(math.sqrt(sum((value - mean) ** 2 for value in pair) / 2))
-    return sum(deviations) / len(deviations)
+    return statistics.mean(statistics.pstdev(pair) for pair in zip(distinct, kept, strict=False))
 
 
 @given(truth=clouds, estimate=clouds)
 def test_every_component_equals_plain_loops(truth, estimate):
     found = repository_scores(truth, estimate)
-    position = sum(
-        hausdorff_by_loops(truth.xyz[:, axes], estimate.xyz[:, axes]) for axes in ([0], [1], [0, 2])
+    parts = (
+        hausdorff_by_loops(*(one.xyz[:, axes] for one in (truth, estimate))) for axes in ([0], [1], [0, 2])
     )
-    assert found.position == pytest.approx(position, abs=1e-9)
-    assert found.velocity == pytest.approx(
-        velocity_by_loops(truth.velocity.tolist(), estimate.velocity.tolist())
-    )
+    assert found.position == pytest.approx(sum(parts), abs=1e-9)
+    velocity = velocity_by_loops(truth.velocity.tolist(), estimate.velocity.tolist())
+    assert found.velocity == pytest.approx(velocity)
     assert found.density == pytest.approx(abs(len(estimate) - len(truth)) / len(truth))
     assert found.deviation == pytest.approx(found.position + found.velocity + found.density)
 

@@ -17,28 +17,33 @@ from scipy.io import loadmat
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.model.cloud_files.point_files import read_points_csv
-from tests.conftest import few
+from tests.conftest import few, refusal
 
 from ...cubes.samples import mat, mat73, npz
 
 FORMATS = ("csv", "npy", "npz", "mat", "ply")
 TABLE = np.array([[1.0, 2, 3, 4, 0.5], [-0.1, 1 / 3, 1e-7, -3, 2.25]])
-finite = st.floats(allow_nan=False, allow_infinity=False)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+TABLES = st.integers(0, 6).flatmap(lambda n: arrays(np.float64, (n, 5), elements=FINITE))
 
 
-def refusal(path):
+def reason(path):
     """Message with which a file is refused, less its path."""
-    with pytest.raises(InputError) as refused:
-        PointCloud.read(path)
-    message = str(refused.value)
+    message = refusal(PointCloud.read, path)
     assert message.startswith(f"{path}: ")
     return message.removeprefix(f"{path}: ")
 
 
-def text_file(folder, name, text):
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
-    return path
+@pytest.fixture
+def read_csv(tmp_path):
+    """Return a function that reads a text as a cloud, or as scatterers."""
+
+    def read(text, reader=PointCloud.read):
+        path = tmp_path / "cloud.csv"
+        path.write_text(text, encoding="utf-8")
+        return reader(path)
+
+    return read
 
 
 # Round trips
@@ -46,7 +51,7 @@ def text_file(folder, name, text):
 
 @pytest.mark.parametrize("suffix", FORMATS)
 @few
-@given(table=st.integers(0, 6).flatmap(lambda n: arrays(np.float64, (n, 5), elements=finite)))
+@given(table=TABLES)
 def test_a_round_trip_returns_the_same_doubles(suffix, table):
     cloud = PointCloud.from_array(table)
     with TemporaryDirectory() as folder:
@@ -95,35 +100,29 @@ def test_what_cannot_be_written_is_told(tmp_path, name, words):
 # csv
 
 
-@pytest.mark.parametrize(
-    ("text", "rows"),
-    [
-        ("x,y,z,v,power\n", []),
-        ("x,y,z,v\n\n1,2,3,4\n\n5,6,7,8", [[1, 2, 3, 4, 1], [5, 6, 7, 8, 1]]),
-        ("1,2,3,4\n5,6,7,8\n", [[1, 2, 3, 4, 1], [5, 6, 7, 8, 1]]),
-        ("0.0,1,2,3\n1.0,4,5,6\n", [[0, 1, 2, 3, 1], [1, 4, 5, 6, 1]]),  # x, and no count of rows
-    ],
-)
-def test_a_csv_may_have_no_rows_no_powers_and_no_header(tmp_path, text, rows):
-    assert PointCloud.read(text_file(tmp_path, "cloud.csv", text)).to_array().tolist() == rows
+def test_a_csv_may_have_no_rows_no_powers_and_no_header(read_csv):
+    for text, rows in {
+        "x,y,z,v,power\n": [],
+        "x,y,z,v\n\n1,2,3,4\n\n5,6,7,8": [[1, 2, 3, 4, 1], [5, 6, 7, 8, 1]],
+        "1,2,3,4\n5,6,7,8\n": [[1, 2, 3, 4, 1], [5, 6, 7, 8, 1]],
+        "0.0,1,2,3\n1.0,4,5,6\n": [[0, 1, 2, 3, 1], [1, 4, 5, 6, 1]],  # x, and no count of rows
+    }.items():
+        assert read_csv(text).to_array().tolist() == rows
 
 
 # Scatterers of a scenario
 
 
-@pytest.mark.parametrize(
-    ("text", "amplitude"),
-    [
-        ("amplitude,x,y,z,v\n0.5,1,2,3,4\n", 0.5),
-        ("x,y,z,v\n1,2,3,4\n", 1),
-        (",x,y,z,v,amplitude\n0,1,2,3,4,0.5\n", 0.5),
-        ('"";"X";"Y";"Z";"velocity";"amplitude"\n"1";1;2;3;4;0,5\n', 0.5),
-    ],
-)
-def test_scatterers_are_read_with_and_without_amplitude(tmp_path, text, amplitude):
-    points = read_points_csv(text_file(tmp_path, "points.csv", text))
-    assert points.xyz.tolist() == [[1, 2, 3]]
-    assert (points.velocity.tolist(), points.amplitude.tolist()) == ([4], [amplitude])
+def test_scatterers_are_read_with_and_without_amplitude(read_csv):
+    for text, amplitude in {
+        "amplitude,x,y,z,v\n0.5,1,2,3,4\n": 0.5,
+        "x,y,z,v\n1,2,3,4\n": 1,
+        ",x,y,z,v,amplitude\n0,1,2,3,4,0.5\n": 0.5,
+        '"";"X";"Y";"Z";"velocity";"amplitude"\n"1";1;2;3;4;0,5\n': 0.5,
+    }.items():
+        points = read_csv(text, read_points_csv)
+        assert points.xyz.tolist() == [[1, 2, 3]]
+        assert (points.velocity.tolist(), points.amplitude.tolist()) == ([4], [amplitude])
 
 
 # npy, npz and mat
@@ -172,9 +171,7 @@ def ply_bytes(order, rows):
     )
     sign = "<" if order == "little" else ">"
     layout = [("x", f"{sign}f8"), ("y", f"{sign}f8"), ("red", "u1"), ("z", f"{sign}f8"), ("v", f"{sign}f4")]
-    vertices = np.zeros(len(rows), layout)
-    for index, name in enumerate("xyzv"):
-        vertices[name] = rows[:, index]
+    vertices = np.array([(x, y, 0, z, v) for x, y, z, v, _ in rows], layout)
     return header.encode() + vertices.tobytes() + b"\x03\0\0\0\0"
 
 
@@ -184,7 +181,7 @@ def test_a_foreign_binary_ply_is_read_as_a_whole_or_not_at_all(tmp_path, order):
     path.write_bytes(data)
     assert np.array_equal(PointCloud.read(path).to_array(), np.column_stack([TABLE[:, :4], [1, 1]]))
     path.write_bytes(data[:-6])
-    assert refusal(path) == "is truncated: 1 of 2 vertices"
+    assert reason(path) == "is truncated: 1 of 2 vertices"
 
 
 def test_a_mesh_with_a_texture_is_no_cloud(tmp_path):
@@ -194,7 +191,7 @@ def test_a_mesh_with_a_texture_is_no_cloud(tmp_path):
     path = tmp_path / "mesh.ply"
     for name in ("u", "U", "tu", "texture_u", "s"):
         path.write_text(header.replace("float u\n", f"float {name}\n"))
-        assert refusal(path).startswith(f"element vertex: v beside {name} is of a texture")
+        assert reason(path).startswith(f"element vertex: v beside {name} is of a texture")
     path.write_text(header.replace("float v\n", "float velocity\n"))
     assert PointCloud.read(path).velocity.tolist() == [5]
 
@@ -216,10 +213,8 @@ CSV_OF = {
     "R with named rows": 'x,y,z,v,power\n"a",1.5,2,3,-4,0.5\n"b, c",5,6,7.25,8,2\n',
     "R row.names=FALSE": '"velocity","x","y","z","power"\n-4,1.5,2,3,0.5\n8,5,6,7.25,2\n',
     "quoted numbers": '"x","y","z","v","power"\n"1.5","2","3","-4","0.5"\n"5","6","7.25","8","2"\n',
-    "R write.table with all quotes": (
-        '"x" "y" "z" "v" "power"\n"1" "1.5" "2" "3" "-4" "0.5"\n"2" "5" "6" "7.25" "8" "2"\n'
-    ),
-    "R write.table with decimal commas": ('"x" "y" "z" "v" "power"\n"1" 1,5 2 3 -4 0,5\n"2" 5 6 7,25 8 2\n'),
+    "R write.table with all quotes": '"x" "y" "z" "v" "power"\n1 "1.5" "2" "3" "-4" ".5"\n2 5 6 7.25 8 "2"\n',
+    "R write.table with decimal commas": '"x" "y" "z" "v" "power"\n"1" 1,5 2 3 -4 0,5\n"2" 5 6 7,25 8 2\n',
     "tabs and decimal commas": "x\ty\tz\tv\tpower\n1,5\t2\t3\t-4\t0,5\n5\t6\t7,25\t8\t2\n",
     "tabs and decimal commas alone": "1,5\t2\t3\t-4\t0,5\n5\t6\t7,25\t8\t2\n",
     "commas and tabs": "x,\ty,\tz,\tv,\tpower\n1.5,\t2,\t3,\t-4,\t.5\n5,\t6,\t7.25,\t8,\t2\n",
@@ -239,14 +234,13 @@ CSV_OF = {
 }
 
 
-def test_a_csv_is_read_as_other_programs_write_it(tmp_path):
+def test_a_csv_is_read_as_other_programs_write_it(read_csv):
     for program, text in CSV_OF.items():
-        found = PointCloud.read(text_file(tmp_path, "cloud.csv", text))
-        assert found.to_array().tolist() == ROWS, program
+        assert read_csv(text).to_array().tolist() == ROWS, program
 
 
 @few
-@given(table=st.integers(0, 6).flatmap(lambda n: arrays(np.float64, (n, 5), elements=finite)))
+@given(table=TABLES)
 def test_what_pandas_writes_of_a_cloud_is_read_exactly(table):
     frame = PointCloud.from_array(table).to_dataframe()
     with TemporaryDirectory() as folder:
@@ -263,7 +257,7 @@ def test_many_rows_are_read_and_refused_by_their_place(tmp_path):
     assert np.array_equal(PointCloud.read(path).to_array()[:, :4], table)
     with path.open("a") as file:
         file.write("1,2,inf,4\n")
-    assert refusal(path) == "row 7001: column z is inf; expected a finite number"
+    assert reason(path) == "row 7001: column z is inf; expected a finite number"
 
 
 @pytest.mark.parametrize("names", ["x y z v power", "x y z scalar_v scalar_power", "x y z velocity power"])
@@ -311,18 +305,15 @@ def test_a_cloud_without_velocities_is_written_and_read_as_such(tmp_path, suffix
 
 
 def test_points_alone_are_a_cloud_without_velocities(save):
-    for named in ({"xyz": XYZ_ONE}, {"points": XYZ_ONE}):
-        assert_without_velocity(PointCloud.read(save(**{k: np.array(v) for k, v in named.items()})))
+    for name in ("xyz", "points"):
+        assert_without_velocity(PointCloud.read(save(**{name: np.array(XYZ_ONE)})))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_a_csv_of_points_alone_is_a_cloud_without_velocities(read_csv):
+    for text in (
         "x,y,z\n1.5,2,3\n5,6,7.25\n",
         "1.5 2 3\n5 6 7.25\n",
         "//X Y Z R\n1.5 2 3 9\n5 6 7.25 9",
         "level_0,level_1,x,y,z\n0,1,1.5,2,3\n0,2,5,6,7.25\n",
-    ],
-)
-def test_a_csv_of_points_alone_is_a_cloud_without_velocities(tmp_path, text):
-    assert_without_velocity(PointCloud.read(text_file(tmp_path, "cloud.csv", text)))
+    ):
+        assert_without_velocity(read_csv(text))

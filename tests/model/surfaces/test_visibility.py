@@ -9,6 +9,7 @@ from isacbench.model.scenes.solids import cuboid, globe
 from isacbench.model.surfaces.surface_points import NO_PART, TOLERANCE_M, seen_points
 from tests.conftest import few
 
+SEEDS = st.integers(0, 2**32)
 BASE_M = np.array([20.0, 100.0, 20.0])
 WALL = np.array([[[0, 10, 0], [40, 10, 0], [40, 10, 6]], [[0, 10, 0], [40, 10, 6], [0, 10, 6]]], dtype=float)
 
@@ -17,6 +18,11 @@ def seen(xyz, triangles, base_m=BASE_M):
     """Points that only surfaces hide, each triangle of a part of its own."""
     xyz = np.atleast_2d(np.asarray(xyz, dtype=float))
     return seen_points(base_m, xyz, np.full(len(xyz), NO_PART), triangles, np.arange(len(triangles)))
+
+
+def drawn_triangles(random, n, spread=3):
+    """Small triangles within 30 m."""
+    return random.uniform(0, 30, (n, 1, 3)) + random.normal(scale=spread, size=(n, 3, 3))
 
 
 def seen_one_by_one(base_m, points, triangles):
@@ -36,11 +42,10 @@ def seen_one_by_one(base_m, points, triangles):
     return np.array(found)
 
 
-@given(st.integers(0, 2**32))
+@given(SEEDS)
 def test_batched_rays_find_what_a_double_loop_over_rays_and_triangles_finds(seed):
     random = np.random.default_rng(seed)
-    triangles = random.uniform([0, 0, 0], [40, 30, 15], (15, 1, 3)) + random.normal(scale=3, size=(15, 3, 3))
-    points = random.uniform([0, 0, 0], [40, 30, 15], (25, 3))
+    triangles, points = drawn_triangles(random, 15), random.uniform([0, 0, 0], [40, 30, 15], (25, 3))
     np.testing.assert_array_equal(seen(points, triangles), seen_one_by_one(BASE_M, points, triangles))
 
 
@@ -79,15 +84,13 @@ def test_of_a_ball_the_half_towards_the_base_station_is_seen():
     assert not is_seen[cosine < -0.15].any()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75, 1.0])
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
 def test_no_ray_leaks_through_the_edge_between_two_triangles(share):
-    """On the diagonal and at both of its ends, where the two triangles of the wall meet."""
+    """On the diagonal, where the two triangles of the wall meet."""
     on_diagonal = np.array([40 * share, 10, 6 * share])
     behind = on_diagonal + 0.1 * (on_diagonal - BASE_M)
-    inside = 0 < share < 1
-    assert seen(behind, WALL).item() is False or not inside
-    shifted = WALL + np.array([0.0, 0.0, 1e-5]) * (share - 0.5)
-    assert seen(behind, shifted).item() is False or not inside
+    for shift_m in (0.0, 1e-5 * (share - 0.5)):
+        assert not seen(behind, WALL + np.array([0.0, 0.0, shift_m])).any()
 
 
 @pytest.mark.parametrize("distance_m", [1e-9, 0.01, 0.019])
@@ -123,35 +126,24 @@ def test_a_base_station_on_a_roof_does_not_see_through_the_house(above_m):
 
 def test_rays_in_chunks_see_the_same(monkeypatch):
     random = np.random.default_rng(5)
-    triangles = random.uniform(0, 30, (30, 1, 3)) + random.normal(scale=3, size=(30, 3, 3))
-    points = random.uniform(0, 30, (100, 3))
+    triangles, points = drawn_triangles(random, 30), random.uniform(0, 30, (100, 3))
     at_once = seen(points, triangles)
     monkeypatch.setattr("isacbench.model.surfaces.surface_points.MOST_PAIRS", 700)
     np.testing.assert_array_equal(seen(points, triangles), at_once)
 
 
-def test_without_surfaces_everything_is_seen():
-    points = np.random.default_rng(0).uniform(0, 30, (9, 3))
-    assert seen(points, np.empty((0, 3, 3))).all()
+def test_no_surfaces_those_behind_the_base_station_and_those_without_area_hide_nothing():
+    behind, flat = WALL + np.array([0.0, 120.0, 0.0]), np.repeat(WALL[:, :1], 3, axis=1)
+    for triangles in (np.empty((0, 3, 3)), behind, flat):
+        assert seen([[20, 5, 1], [20, 9, 0], [3, 0, 5]], triangles).all()
     assert seen(np.empty((0, 3)), WALL).shape == (0,)
 
 
-def test_what_is_behind_the_base_station_hides_nothing():
-    behind = WALL + np.array([0.0, 120.0, 0.0])
-    assert seen([20, 5, 1], behind).all()
-
-
-def test_triangles_without_area_hide_nothing():
-    flat = np.repeat(WALL[:, :1], 3, axis=1)
-    assert seen([20, 5, 1], flat).all()
-
-
 @few
-@given(st.integers(0, 2**32), st.floats(1e-2, 10))
+@given(SEEDS, st.floats(1e-2, 10))
 def test_visibility_does_not_depend_on_where_the_origin_is(seed, spread):
     random = np.random.default_rng(seed)
-    triangles = random.uniform(0, 30, (20, 1, 3)) + spread * random.normal(size=(20, 3, 3))
-    points = random.uniform(0, 30, (30, 3))
+    triangles, points = drawn_triangles(random, 20, spread), random.uniform(0, 30, (30, 3))
     shift = random.uniform(-1000, 1000, 3)
     moved = seen(points + shift, triangles + shift, BASE_M + shift)
     np.testing.assert_array_equal(seen(points, triangles), moved)
