@@ -75,6 +75,14 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+DRAW_NOTHING = """
+if "isacbench.cli.app" in sys.modules and "run" in sys.argv:  # the process of a run, and no worker
+    import isacbench.report.run_report
+    assert isacbench.report.run_report.draw_with_page
+    isacbench.report.run_report.draw_with_page = lambda run, with_page=True: []
+"""
+"""Part of a plugin file by which runs in processes of their own draw neither figures nor a page."""
+
 PLUGINS = '''
 from dataclasses import dataclass
 from typing import ClassVar, Literal

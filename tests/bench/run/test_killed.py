@@ -20,28 +20,23 @@ from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
+from tests.conftest import DRAW_NOTHING
 
 pytestmark = pytest.mark.first
 
-SLUGGISH = '''
+SLUGGISH = f'''
 import ctypes, os, signal, sys, time
 from collections import deque
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
 
 from isacbench.model.cloud import PointCloud
 
-if os.environ.get("DRAW_NOTHING"):
-    for name in ("figures.run_figures", "html.written_pages"):
-        pictures = sys.modules[f"isacbench.report.{name}"] = ModuleType(name)
-        pictures.draw_run = lambda run: []
-        pictures.write_run_page = lambda run: run.folder / "report.html"
-
+{DRAW_NOTHING}
 if os.environ.get("DIE_AT_STEP"):
     steps, replace = iter(range(100)), Path.replace
 
@@ -180,7 +175,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="look
 @linux
 def test_a_killed_run_leaves_its_rows_no_process_and_no_lock(start, finish, tmp_path, undisturbed):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "1", SLUGGISH_S="0.5", MARKER=marker, DRAW_NOTHING="yes")
+    process = start(folder, "-j", "1", SLUGGISH_S="0.5", MARKER=marker)
     wait_until(lambda: rows_in(folder) >= 4)
     assert len(running(marker)) >= 3
     process.kill()
@@ -217,19 +212,15 @@ def by_what_ends_all_processes_of_a_job(process, marker):
 
 @linux
 @pytest.mark.parametrize(
-    ("interrupt", "code", "environment"),
+    ("interrupt", "code"),
     [
-        (from_the_keyboard, 130, {"DRAW_NOTHING": "yes"}),
-        (by_what_ends_all_processes_of_a_job, 143, {"DRAW_NOTHING": "yes"}),
-        # The process that draws has the same server, which is terminated, too.
-        pytest.param(by_what_ends_all_processes_of_a_job, 143, {}, marks=pytest.mark.slow),
+        (from_the_keyboard, 130),
+        (by_what_ends_all_processes_of_a_job, 143),
     ],
 )
-def test_an_interrupt_writes_the_rows_so_far(
-    start, finish, tmp_path, undisturbed, interrupt, code, environment
-):
+def test_an_interrupt_writes_the_rows_so_far(start, finish, tmp_path, undisturbed, interrupt, code):
     folder, marker = tmp_path / "run", f"run of {tmp_path}"
-    process = start(folder, "-j", "2", SLUGGISH_S="0.5", MARKER=marker, **environment)
+    process = start(folder, "-j", "2", SLUGGISH_S="0.5", MARKER=marker)
     wait_until(lambda: rows_in(folder) >= 4)
     interrupt(process, marker)
     assert process.wait(PATIENCE_S) == code
