@@ -10,9 +10,16 @@ import pytest
 
 from isacbench.bench.cells import process
 
-SCRIPT = """
-import os
+BARE_SERVER = """
+from isacbench.bench.cells import process
 from isacbench.bench.cells.process import GuardedProcess
+
+process._preloaded = list
+"""
+"""Beginning of a script whose server imports nothing, which takes most of its time."""
+
+SCRIPT = f"""{BARE_SERVER}
+import os
 
 before = __spec__, __file__
 with GuardedProcess(os.getpid) as process:
@@ -41,12 +48,10 @@ def test_another_isacbench_in_the_working_folder_is_not_imported(tmp_path):
     assert done.stderr == ""
 
 
-CALLERS = """
+CALLERS = f"""{BARE_SERVER}
 import asyncio, multiprocessing, os, signal, sys, threading
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import spawn
-
-from isacbench.bench.cells.process import GuardedProcess
 
 def work(number):
     with GuardedProcess(os.getpid) as process:
