@@ -215,7 +215,9 @@ def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
     rivals = {  # such as the points beside the pose of a sensor
         name: array
         for name, array in numbers.items()
-        if table is None or prod(array.shape) > prod(table.shape) or _has_points(array, table.shape[0])
+        if table is None
+        or prod(array.shape) > prod(table.shape)
+        or (array.shape[1:] in ((3,), (4,), (5,)) and array.shape[0] > table.shape[0])
     }
     if table is None or rivals:
         held = names_of({**tables, **rivals} if tables else arrays) or "nothing"
@@ -224,11 +226,6 @@ def _chosen_arrays(path: Path, arrays: Entries) -> dict[str, StoredArray]:
             f"array of shape (n, 4) or (n, 5), or else (n, 3), and none larger; it holds {held}"
         )
     return tables
-
-
-def _has_points(array: StoredArray, n: int) -> bool:
-    """Tell if an array may hold more than n points."""
-    return array.shape[1:] in ((3,), (4,), (5,)) and array.shape[0] > n
 
 
 def _parts(path: Path, arrays: Entries) -> dict[str, StoredArray]:

@@ -265,33 +265,33 @@ def _metrics(joined: JoinedRuns, imaged: Mapping[str, Run]) -> list[dict[str, An
 
 def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[str, Any]:
     """Rank sets by metric; or the reason why there are none."""
-    ranks: dict[str, Any] = {}
-    few = "{}: six or more have ranks"
+    names = [name for name in dict.fromkeys([metric, *RANKED]) if name in metrics]
     n_scenes = joined.table.rows["scenario"].nunique()
-    is_few = joined.table.kind in SCENE_KINDS and n_scenes < MIN_INTERVAL_TRIALS
-    for name in dict.fromkeys([metric, *RANKED]):
-        if name not in metrics:
-            continue
-        if is_few:  # without the work of a ranking
-            ranks[name] = {"reason": few.format(counted(n_scenes, "scene"))}
-            continue
-        try:
-            ranking = rank_table(joined.table, name)
-        except InputError as error:
-            ranks[name] = {"reason": str(error)}
-            continue
-        if ranking.is_descriptive:
-            ranks[name] = {"reason": few.format(counted(len(ranking.scores), "scene"))}
-            continue
-        ranks[name] = {"better": ranking.better, "notes": list(ranking.notes)}
-        for part in ("ranks", "wins", "worst"):
-            table = getattr(ranking, part)
-            for one, params in (("estimator", "params"), ("other", "other_params")):
-                if one in table:
-                    own = _numbers_of(joined, table[one], table[params])
-                    table = table.assign(**{one: own}).drop(columns=params)
-            ranks[name][part] = json_rows(table)
-    return ranks
+    if joined.table.kind in SCENE_KINDS and n_scenes < MIN_INTERVAL_TRIALS:  # without the work of a ranking
+        return {name: _too_few(n_scenes) for name in names}
+    return {name: _rank_sets(joined, name) for name in names}
+
+
+def _too_few(n_scenes: int) -> dict[str, Any]:
+    return {"reason": f"{counted(n_scenes, 'scene')}: six or more have ranks"}
+
+
+def _rank_sets(joined: JoinedRuns, metric: str) -> dict[str, Any]:
+    try:
+        ranking = rank_table(joined.table, metric)
+    except InputError as error:
+        return {"reason": str(error)}
+    if ranking.is_descriptive:
+        return _too_few(len(ranking.scores))
+    parts = {}
+    for part in ("ranks", "wins", "worst"):
+        table = getattr(ranking, part)
+        for one, params in (("estimator", "params"), ("other", "other_params")):
+            if one in table:
+                own = _numbers_of(joined, table[one], table[params])
+                table = table.assign(**{one: own}).drop(columns=params)
+        parts[part] = json_rows(table)
+    return {"better": ranking.better, "notes": list(ranking.notes), **parts}
 
 
 def _times(joined: JoinedRuns) -> dict[str, Any]:
@@ -301,8 +301,8 @@ def _times(joined: JoinedRuns) -> dict[str, Any]:
     if rows.empty or not is_timed(records) or rows["deviation"].isna().all():
         return {}
     points = summarise_points(rows)
-    labels = list(joined.labels.values())
-    points["label"] = [labels[one] for one in _numbers_of(joined, points["estimator"], points["params"])]
+    variants = zip(points["estimator"], points["params"], strict=True)
+    points["label"] = [joined.labels[variant] for variant in variants]
     colours = {f"time_{stage}_s_median": style.colour for stage, style in STAGE_STYLES.items()}
     stages = json_rows(summarise_stages(rows))
     return {"points": json_rows(points), "stages": stages, "stage_colours": colours}
