@@ -174,42 +174,48 @@ def draw_run(run: Run, choice: FigureChoice = EVERYTHING, extension: str = "png"
     and trial in their names. Nothing where the run holds no cells.
     """
     rows = run.rows if choice == EVERYTHING else _chosen_rows(run, choice)
-    return [] if rows.empty else save_figures(_figures(run, rows, choice), run.folder / FOLDER, extension)
+    if rows.empty:
+        return []
+    figures = _all_figures(run) if choice == EVERYTHING else _chosen_figures(run, rows, choice)
+    return save_figures(figures, run.folder / FOLDER, extension)
 
 
-def _figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[NamedFigure]:
-    """Figures of a run by the stems of their files."""
-    kind, lines, is_all = KINDS[run.kind], lines_of(rows), choice == EVERYTHING
-    if is_all:
-        yield from drawn_charts(kind.charts(rows, run.scenarios))
-        if not kind.has_images:
-            return
-        yield from drawn_charts(radius_charts(run, lines))
-        if kind.name == "population":
-            yield from _worst_images(run, lines)
-            return
-        if rows["scenario"].nunique() > MANY_SCENARIOS:
-            message = f"of more than {MANY_SCENARIOS} scenarios only means are drawn; "
-            message += "isacbench image -s SCENARIO -e ESTIMATOR --plot draws one"
-            warnings.warn(message, InputWarning, stacklevel=2)
-            return
+def _all_figures(run: Run) -> Iterator[NamedFigure]:
+    """All figures of a run by the stems of their files."""
+    rows, kind, lines = run.rows, KINDS[run.kind], lines_of(run.rows)
+    yield from drawn_charts(kind.charts(rows, run.scenarios))
+    if not kind.has_images:
+        return
+    yield from drawn_charts(radius_charts(run, lines))
+    if kind.name == "population":
+        yield from _worst_images(run, lines)
+    elif rows["scenario"].nunique() > MANY_SCENARIOS:
+        message = f"of more than {MANY_SCENARIOS} scenarios only means are drawn; "
+        message += "isacbench image -s SCENARIO -e ESTIMATOR --plot draws one"
+        warnings.warn(message, InputWarning, stacklevel=2)
+    else:
+        for scenario, stem, own in title_stems(rows, "scenario"):
+            snrs_db = charts.nearest_values(sorted(own["snr_db"].unique()), CLOUD_SNRS_DB)
+            trial = int(own["trial"].min())
+            yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, trial)
+
+
+def _chosen_figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[NamedFigure]:
+    """Chosen figures of a run by the stems of their files."""
+    lines, summary = lines_of(rows), summarise_scores(rows)
     is_of_images = choice.snr_db is not None or choice.trial is not None
-    summary = summarise_scores(rows)
     for scenario, stem, own in title_stems(rows, "scenario"):
-        if not is_all and (choice.metric is not None or not is_of_images):
-            part = summary[summary["scenario"] == scenario]
-            all_scores = [score for score in SCORES if f"{score}_mean" in part]
-            scores = all_scores if choice.metric is None else [choice.metric]
-            own_stem = f"{choice.metric or 'curves'}-{stem}"
-            yield from drawn_charts([score_charts(part, scores, own_stem, lines, run.scenarios[scenario])])
+        if choice.metric is not None or not is_of_images:
+            part, curves = summary[summary["scenario"] == scenario], f"{choice.metric or 'curves'}-{stem}"
+            scores = [choice.metric] if choice.metric else [name for name in SCORES if f"{name}_mean" in part]
+            yield from drawn_charts([score_charts(part, scores, curves, lines, run.scenarios[scenario])])
         if choice.metric is not None and not is_of_images:
             continue
         trial = int(own["trial"].min()) if choice.trial is None else choice.trial
         wanted_db = CLOUD_SNRS_DB if choice.snr_db is None else [choice.snr_db]
         snrs_db = charts.nearest_values(sorted(own["snr_db"].unique()), wanted_db)
-        at = f"clouds-{stem}{'' if choice.snr_db is None else f'-{snrs_db[0]:g}dB'}"
-        at += "" if is_all else f"-trial{trial}"
-        yield from cloud_figures(run, lines, scenario, at, snrs_db, trial)
+        at = "" if choice.snr_db is None else f"-{snrs_db[0]:g}dB"
+        yield from cloud_figures(run, lines, scenario, f"clouds-{stem}{at}-trial{trial}", snrs_db, trial)
         if is_of_images:
             yield from diagnosis_figures(run, scenario, snrs_db[-1], trial)
 
