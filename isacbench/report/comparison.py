@@ -28,7 +28,8 @@ MAX_ROWS = 40
 """Rows of a table that somebody reads: of more, the worst verdicts are shown."""
 
 CELLS_NAMED = 3
-CELL_TABLES = "new_failures", "missing", "repaired", "added"
+CELL_TABLES = {"new_failures": "failed", **{name: name for name in ("missing", "repaired", "added")}}
+"""Changes of cells by the names of their tables in JSON."""
 
 SCENE_LINE = (
     "the scene is the unit: scores are averaged over its trials, and tests, intervals and probabilities are "
@@ -93,9 +94,9 @@ class ComparisonReport:
                 worse += " in one part and better in another"
         lost = ", but results are missing" if comparison.is_regression else ""
         self.outcome = worse if comparison.is_worse else f"{fine}{lost}"
-        cells, (base, new) = comparison.cells, self.sides
-        self.lost = [(cells.new_failures, f"failed in {new} alone"), (cells.missing, f"missing in {new}")]
-        self.gained = [(cells.repaired, f"failed in {base} alone"), (cells.added, f"missing in {base}")]
+        cells, (base, new) = comparison.changed_cells, self.sides
+        self.lost = [(cells("failed"), f"failed in {new} alone"), (cells("missing"), f"missing in {new}")]
+        self.gained = [(cells("repaired"), f"failed in {base} alone"), (cells("added"), f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
         """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
@@ -232,8 +233,8 @@ class ComparisonReport:
         """Write what tables do not show: cells that one side alone has, and what was not compared."""
         lines = [SCENE_LINE] if self.comparison.unit == "scene" else []
         lines += [self.cell_line(cells, what) for cells, what in self.lost + self.gained if len(cells)]
-        if self.comparison.cells.n_failed_both:
-            lines.append(f"{counted(self.comparison.cells.n_failed_both, 'cell')} failed in both, left out")
+        if n_failed_both := len(self.comparison.changed_cells("failed_both")):
+            lines.append(f"{counted(n_failed_both, 'cell')} failed in both, left out")
         return [*lines, *self.comparison.notes]
 
     def cell_line(self, cells: pd.DataFrame, what: str) -> str:
@@ -267,7 +268,7 @@ class ComparisonReport:
 
     def content(self) -> dict[str, Any]:
         """Describe a comparison in terms of JSON; numbers that are not finite are null."""
-        one, cells = self.comparison, self.comparison.cells
+        one = self.comparison
         found: dict[str, Any] = {
             "comparable": True,
             "regression": one.is_regression,
@@ -279,9 +280,9 @@ class ComparisonReport:
             "curves": json_rows(one.curves),
             "points": json_rows(one.points),
             "cells": {
-                "n_paired": cells.n_paired,
-                "n_failed_both": cells.n_failed_both,
-                **{name: json_rows(getattr(cells, name)) for name in CELL_TABLES},
+                "n_paired": one.n_paired,
+                "n_failed_both": len(one.changed_cells("failed_both")),
+                **{name: json_rows(one.changed_cells(change)) for name, change in CELL_TABLES.items()},
                 "n_lost_scores": one.n_lost_scores,
             },
             "notes": list(one.notes),

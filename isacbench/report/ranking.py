@@ -8,10 +8,20 @@ from typing import Any
 import pandas as pd
 
 from isacbench import charts
-from isacbench.bench.compare.pairs import VARIANT
 from isacbench.bench.compare.ranking import Ranking, rank_text
 from isacbench.bench.compare.scenes import MIN_FAMILY_SCENES
-from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant, variants_in
+from isacbench.charts import (
+    VARIANT,
+    Axis,
+    Chart,
+    ChartGroup,
+    Column,
+    Line,
+    Series,
+    Table,
+    Variant,
+    variants_in,
+)
 from isacbench.files.escaping import counted, file_stems
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed

@@ -16,7 +16,7 @@ import pandas as pd
 
 from isacbench.bench.cells.rows import REFERENCE_COLUMNS
 from isacbench.bench.compare import pairs, scenes, verdicts
-from isacbench.bench.compare.pairs import CellChanges, NotComparableError
+from isacbench.bench.compare.pairs import NotComparableError
 from isacbench.bench.compare.verdicts import Tolerance, merge_tolerances, parse_tolerance, verdict_counts
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
@@ -99,9 +99,12 @@ class Comparison:
     points : DataFrame
         The same for each SNR ``snr_db``. A curve of a single SNR
         (``n_snr = 1``) is tested once: its point has the curve's p-values.
-    cells : CellChanges
-        Numbers of paired cells, and tables of cells that failed or are there
-        on one side alone.
+    n_paired : int
+        Number of cells that both sides scored, with points or without.
+    cells : DataFrame
+        A row for each other cell, with status, reason and ``change``: ``"failed"`` in the new run alone,
+        ``"repaired"``, which failed in the base alone, ``"failed_both"``; ``"missing"`` in the new run, or
+        ``"added"`` by it. Status and reason of a repaired or missing cell are those of the base.
     n_lost_scores : int
         Scores that the base has and the new run has not, of cells that both
         delivered.
@@ -130,7 +133,8 @@ class Comparison:
     tolerances: tuple[Tolerance, ...]
     curves: pd.DataFrame
     points: pd.DataFrame
-    cells: CellChanges
+    n_paired: int
+    cells: pd.DataFrame
     n_lost_scores: int
     notes: tuple[str, ...]
     unit: Literal["trial", "scene"] = "trial"
@@ -152,8 +156,12 @@ class Comparison:
     @property
     def is_regression(self) -> bool:
         """Tell whether a curve or point got worse, or a cell or a score failed or went missing."""
-        n_lost = self.n_lost_scores + len(self.cells.new_failures) + len(self.cells.missing)
-        return self.is_worse or n_lost > 0
+        is_lost = self.cells["change"].isin(["failed", "missing"])
+        return self.is_worse or self.n_lost_scores > 0 or bool(is_lost.any())
+
+    def changed_cells(self, change: str) -> pd.DataFrame:
+        """Select the rows of `cells` with one ``change``, and leave out that column."""
+        return self.cells[self.cells["change"] == change].drop(columns="change")
 
     def __repr__(self) -> str:
         """Show what was compared, the verdict, and counts of curves, points and cells."""
@@ -164,8 +172,8 @@ class Comparison:
         return (
             f"<Comparison of {sides}: {'regression' if self.is_regression else 'no regression'}\n"
             f" curves: {curves}; points: {points}\n"
-            f" cells: {self.cells.n_paired} paired, {len(self.cells.new_failures)} failed anew, "
-            f"{len(self.cells.missing)} missing>"
+            f" cells: {self.n_paired} paired, {len(self.changed_cells('failed'))} failed anew, "
+            f"{len(self.changed_cells('missing'))} missing>"
         )
 
 
@@ -328,6 +336,7 @@ def compare_tables(
         tolerances=asked,
         curves=pairs.with_partners(curve_table, partners),
         points=pairs.with_partners(point_table, partners),
+        n_paired=len(paired),
         cells=cells,
         n_lost_scores=n_lost,
         notes=tuple(notes),
@@ -345,9 +354,9 @@ def _as_list(texts: str | Iterable[str]) -> list[str]:
     return [texts] if isinstance(texts, str) else list(texts)
 
 
-def _other_parameters(cells: CellChanges) -> list[str]:
+def _other_parameters(cells: pd.DataFrame) -> list[str]:
     """Say which estimators are unpaired because they ran with other parameters."""
-    gone, come = (set(variants_in(table)) for table in (cells.missing, cells.added))
+    gone, come = (set(variants_in(cells[cells["change"] == change])) for change in ("missing", "added"))
     return [
         f"{name} ran with other parameters: its cells are missing under the old ones and added under the "
         "new; --map pairs them"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,11 @@ from isacbench.bench.labels import estimator_labels
 from isacbench.bench.store.manifest import SCORES, spell_metric
 from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.store.run import Run
-from isacbench.charts import Variant, variants_in
+from isacbench.charts import VARIANT, Variant, variants_in
 from isacbench.errors import InputError, did_you_mean
 from isacbench.files.escaping import shortened
 from isacbench.specifications import Spec, parse_spec, spell_spec
 
-VARIANT = ["estimator", "params"]
 CURVE = ["scenario", *VARIANT]
 
 MAX_LISTED = 10
@@ -44,37 +42,6 @@ class NotComparableError(ValueError):
     def __init__(self, reasons: tuple[str, ...]) -> None:
         super().__init__("; ".join(reasons))
         self.reasons = reasons
-
-
-@dataclass(frozen=True, eq=False)
-class CellChanges:
-    """Cells of two runs, sorted by whether each run has and scored them.
-
-    Tables have the columns of `CELL`, status and reason, and ``new_estimator``
-    and ``new_params``, which differ where an estimator was paired with another.
-
-    Attributes
-    ----------
-    n_paired : int
-        Number of cells that both runs scored, with points or without.
-    n_failed_both : int
-        Number of cells that failed in both runs; they are left out.
-    new_failures : DataFrame
-        Scored by the base only; status and reason are those of the new run.
-    missing : DataFrame
-        In the base only.
-    repaired : DataFrame
-        Scored by the new run only; status and reason are those of the base.
-    added : DataFrame
-        In the new run only.
-    """
-
-    n_paired: int
-    n_failed_both: int
-    new_failures: pd.DataFrame
-    missing: pd.DataFrame
-    repaired: pd.DataFrame
-    added: pd.DataFrame
 
 
 def code_version(manifest: Mapping[str, Any]) -> str:
@@ -239,12 +206,12 @@ def is_of(run: Run, variants: Collection[Variant]) -> NDArray[np.bool_]:
     return pd.MultiIndex.from_frame(run.rows[VARIANT]).isin(list(variants))
 
 
-def pair_cells(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tuple[pd.DataFrame, CellChanges]:
-    """Pair the cells of two runs by scenario, estimator, parameters, SNR and trial.
+def pair_cells(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Pair the cells of two runs by scenario, estimator, parameters, SNR and trial; list the others.
 
     `partners` are variants of the base, each with the variant of the new run that `pair_variants` has renamed
     to it. The pairs have a row for each cell that both runs scored: the columns of `CELL`, and all others
-    twice, ending in ``_base`` and ``_new``.
+    twice, ending in ``_base`` and ``_new``. The second table is `Comparison.cells`.
     """
     # Categorical columns of two runs have different categories: merge them as text.
     text = dict.fromkeys([*CURVE, "status", "reason", "environment"], object)
@@ -252,23 +219,20 @@ def pair_cells(base: Run, new: Run, partners: Mapping[Variant, Variant]) -> tupl
     cells = before.merge(after, on=CELL, how="outer", suffixes=("_base", "_new"), indicator=True)
     side = cells.pop("_merge")
     in_base, in_new = (cells[f"status_{end}"].isin(SCORED) for end in ("base", "new"))
-
-    def listed(chosen: pd.Series[bool], end: str) -> pd.DataFrame:
-        """Cells with the status and the reason that one of the runs has."""
-        table = cells.loc[chosen, [*CELL, f"status_{end}", f"reason_{end}"]]
-        table = table.set_axis([*CELL, "status", "reason"], axis=1).reset_index(drop=True)
-        return with_partners(table, partners)
-
-    in_both = side == "both"
-    changes = CellChanges(
-        n_paired=int((in_base & in_new).sum()),
-        n_failed_both=int((in_both & ~in_base & ~in_new).sum()),
-        new_failures=listed(in_both & in_base & ~in_new, "new"),
-        missing=listed(side == "left_only", "base"),
-        repaired=listed(in_both & ~in_base & in_new, "base"),
-        added=listed(side == "right_only", "new"),
-    )
-    return cells[in_base & in_new], changes
+    changes = {
+        "missing": side == "left_only",
+        "added": side == "right_only",
+        "paired": in_base & in_new,
+        "failed": in_base,
+        "repaired": in_new,
+    }
+    change = pd.Series(np.select([*changes.values()], [*changes], "failed_both"), index=cells.index)
+    is_of_base = change.isin(["missing", "repaired"])
+    reasons = {
+        name: cells[f"{name}_base"].where(is_of_base, cells[f"{name}_new"]) for name in ("status", "reason")
+    }
+    unpaired = cells[CELL].assign(change=change, **reasons)[change != "paired"]
+    return cells[change == "paired"], with_partners(unpaired.reset_index(drop=True), partners)
 
 
 def scored_pairs(pairs: pd.DataFrame, metric: str) -> pd.DataFrame:

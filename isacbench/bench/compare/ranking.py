@@ -12,11 +12,11 @@ import pandas as pd
 
 from isacbench.bench.compare import scenes, significance
 from isacbench.bench.compare.comparison import direction
-from isacbench.bench.compare.pairs import VARIANT, code_version, find_variant
+from isacbench.bench.compare.pairs import code_version, find_variant
 from isacbench.bench.labels import estimator_labels, find_limits
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
-from isacbench.charts import Variant, variants_in
+from isacbench.charts import VARIANT, Variant, variants_in
 from isacbench.errors import InputError
 from isacbench.files.escaping import counted
 

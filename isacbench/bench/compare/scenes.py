@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 from isacbench.bench.cells.rows import failed
-from isacbench.bench.compare.pairs import CURVE, VARIANT, spell_apart
+from isacbench.bench.compare.pairs import CURVE, spell_apart
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS, ROUNDING
 from isacbench.bench.kinds.scores import LONE_COUNTS, POINT_FAMILIES, hausdorff_ratios
 from isacbench.bench.store.run import Run
-from isacbench.charts import Variant, rows_of, variants_in
+from isacbench.charts import VARIANT, Variant, rows_of, variants_in
 from isacbench.files.escaping import counted
 
 MIN_FAMILY_SCENES = 20

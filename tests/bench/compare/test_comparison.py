@@ -208,12 +208,12 @@ def test_new_failures_are_a_regression_repaired_ones_are_told(two_runs):
     base, new = two_runs(change)
     found = compare_tables(base, new)
     assert found.is_regression
-    failures = found.cells.new_failures[["status", "reason"]].to_numpy().tolist()
+    failures = found.changed_cells("failed")[["status", "reason"]].to_numpy().tolist()
     assert sorted(failures) == [[status, "ValueError: no"] for status in statuses]
-    assert found.cells.n_paired == len(base.rows) - 2
+    assert found.n_paired == len(base.rows) - 2
     back = compare_tables(new, base)
     assert not back.is_regression
-    assert sorted(back.cells.repaired["status"]) == statuses
+    assert sorted(back.changed_cells("repaired")["status"]) == statuses
 
 
 def test_nothing_detected_is_delivered_and_what_failed_in_both_is_left_out(two_runs):
@@ -225,7 +225,7 @@ def test_nothing_detected_is_delivered_and_what_failed_in_both_is_left_out(two_r
     base.rows.loc[1, "status"] = "timeout"
     found = compare_tables(base, new)
     assert not found.is_regression
-    assert (found.cells.n_failed_both, found.cells.n_paired) == (1, len(base.rows) - 1)
+    assert (list(found.cells["change"]), found.n_paired) == (["failed_both"], len(base.rows) - 1)
 
 
 def test_a_missing_cell_is_a_regression_an_added_one_is_told(two_runs):
@@ -233,10 +233,10 @@ def test_a_missing_cell_is_a_regression_an_added_one_is_told(two_runs):
     shorter = Run("new", new.rows.iloc[:-2], new.manifest)
     found = compare_tables(base, shorter)
     assert found.is_regression
-    assert len(found.cells.missing) == 2
+    assert list(found.cells["change"]) == ["missing"] * 2
     back = compare_tables(shorter, base)
     assert not back.is_regression
-    assert len(back.cells.added) == 2
+    assert list(back.cells["change"]) == ["added"] * 2
 
 
 def test_rows_in_another_order_or_as_categories_are_paired_alike(two_runs):
@@ -408,14 +408,14 @@ def test_estimators_that_are_paired_are_compared_as_if_nothing_else_had_changed(
     pd.testing.assert_frame_equal(found.points[NUMBERS], expected.points[NUMBERS])
     (row,) = found.curves[found.curves["estimator"] == "music2d"].to_dict("records")
     assert (row["params"], row["new_estimator"], row["new_params"]) == (OLD, "music2d", NEW)
-    assert len(found.cells.missing) == len(found.cells.added) == 0
+    assert found.cells.empty
     assert not found.notes
 
 
 def test_without_a_map_cells_under_other_parameters_are_missing_and_the_options_that_pair_them_named(retuned):
     found = compare(*retuned)
     assert found.is_regression
-    assert len(found.cells.missing) == len(found.cells.added) == 36
+    assert found.cells["change"].value_counts().to_dict() == {"missing": 36, "added": 36}
     (note,) = found.notes
     assert note.startswith("music2d ran with other parameters")
     assert note.endswith("; --map pairs them")
@@ -427,7 +427,7 @@ def test_a_variant_whose_equal_is_paired_with_another_is_neither_missing_nor_add
     runs = [written_run(name, *made_run()) for name in ("base", "new")]
     found = compare(*runs, map="music2d=fft4d")
     assert found.curves[["estimator", "new_estimator"]].to_numpy().tolist() == [["music2d", "fft4d"]]
-    assert len(found.cells.missing) == len(found.cells.added) == 0
+    assert found.cells.empty
     assert [note.partition(" is left out")[0] for note in found.notes] == [
         f"fft4d of {runs[0]}",
         f"music2d of {runs[1]}",
@@ -439,7 +439,7 @@ def test_cells_of_a_pair_that_one_side_lacks_are_told_under_both_names(two_runs)
     first = new.rows.index[new.rows["estimator"] == "music2d"][0]
     shorter = Run("new", new.rows.drop(index=first), new.manifest)
     partners = {("fft4d", "{}"): ("music2d", "{}")}
-    (cell,) = compare_tables(base, shorter, partners=partners).cells.missing.to_dict("records")
+    (cell,) = compare_tables(base, shorter, partners=partners).changed_cells("missing").to_dict("records")
     assert (cell["estimator"], cell["new_estimator"]) == ("fft4d", "music2d")
 
 
@@ -473,9 +473,9 @@ def test_between_two_estimators_a_cell_that_the_second_alone_fails_is_a_new_fail
     records.loc[first, ["status", "reason"]] = ["timeout", "9 s"]
     run = written_run("run", records, manifest)
     found = compare(run, between=("music2d", "fft4d"), tolerances="deviation=1000%")
-    assert found.cells.new_failures[["status", "reason"]].to_numpy().tolist() == [["timeout", "9 s"]]
+    assert found.changed_cells("failed")[["status", "reason"]].to_numpy().tolist() == [["timeout", "9 s"]]
     assert found.is_regression
-    assert len(compare(run, between=("fft4d", "music2d")).cells.repaired) == 1
+    assert len(compare(run, between=("fft4d", "music2d")).changed_cells("repaired")) == 1
 
 
 def test_code_of_estimators_with_different_names_is_no_other_version(made_run):
