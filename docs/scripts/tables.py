@@ -30,7 +30,7 @@ from isacbench.bench.store.run import Run
 from isacbench.charts import rows_of as own_rows
 from isacbench.charts import variants_in
 from isacbench.report.figures import drawn_charts, save_figures
-from isacbench.report.ranking import ranking_charts, ranking_grids
+from isacbench.report.ranking import ranking_charts, ranking_tables
 from isacbench.report.tables import markdown as grid_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -277,8 +277,8 @@ def pairs() -> str:
 def rank_example() -> str:
     """Ranks and win probabilities of five estimators, as `isacbench rank` prints them."""
     five = ["sbl4d", "nomp4d", "esprit2d", "music2d", "fft4d"]
-    grids = ranking_grids(rank_table(rows_of("population"), estimators=five))
-    return "\n".join(map(grid_markdown, grids[:2])).strip()
+    tables = ranking_tables(rank_table(rows_of("population"), estimators=five))
+    return "\n".join(map(grid_markdown, tables[:2])).strip()
 
 
 def lone() -> str:

@@ -128,8 +128,7 @@ def compare_command(
     Exit code 4 if a curve is worse or cells are lost, 5 if the runs cannot be compared.
     """
     from isacbench.bench.store.run import Run
-    from isacbench.report import ci_files
-    from isacbench.report.comparison import ComparisonReport
+    from isacbench.report import comparison
     from isacbench.report.html.written_pages import write_comparison_page
 
     if (between is None) != (other is None):
@@ -142,23 +141,23 @@ def compare_command(
             *runs, map=mapped or (), between=pair, tolerances=tolerance or (), alpha=alpha
         )
     except isacbench.NotComparableError as error:
-        _write(markdown, ci_files.incomparable_markdown(str(base), str(new), error.reasons))
-        _write(junit, ci_files.incomparable_junit(str(base), str(new), error.reasons))
+        _write(markdown, comparison.incomparable_markdown(str(base), str(new), error.reasons))
+        _write(junit, comparison.incomparable_junit(str(base), str(new), error.reasons))
         if as_json:
             print_json({"comparable": False, "reasons": error.reasons})
             raise typer.Exit(Exit.NOT_COMPARABLE) from error
         fail("not comparable: " + "; ".join(error.reasons), Exit.NOT_COMPARABLE)
-    report, folder = ComparisonReport(found), runs[-1].folder
+    report, folder = comparison.ComparisonReport(found), runs[-1].folder
     report.paths(folder, plot)  # refuses a wrong name before anything is written
-    _write(markdown, ci_files.comparison_markdown(found))
-    _write(junit, ci_files.comparison_junit(found))
+    _write(markdown, comparison.comparison_markdown(found))
+    _write(junit, comparison.comparison_junit(found))
     if as_json:
         print_json(report.content())
         if plot is not None:
             report.draw(folder, plot)
     else:
         say(*report.heading, *report.effect_lines())
-        print_tables(*report.grids())
+        print_tables(*report.tables())
         say(*report.lines())
         if plot is None:
             _draw_into(folder, lambda: report.draw(folder))
@@ -191,7 +190,7 @@ def rank_command(
     if as_json:
         print_json(ranking.ranking_content(found))
         return
-    print_tables(*ranking.ranking_grids(found))
+    print_tables(*ranking.ranking_tables(found))
     say(*ranking.ranking_lines(found))
     if not found.is_descriptive:
         _draw_into(folder, lambda: [ranking.draw_ranking_file(found, folder)])

@@ -34,14 +34,14 @@ HEADINGS = {
 """Headings of the columns `isacbench.bench.compare.ranking.BESIDE`."""
 
 
-def ranking_grids(ranking: Ranking) -> list[Table]:
+def ranking_tables(ranking: Ranking) -> list[Table]:
     """Lay out the ranks and the win probabilities of every group, and the worst scenes."""
     found = charts.number_table(ranking.labels)
     ranking = replace(ranking, labels=charts.short_labels(ranking.labels))
     for group, ranks in ranking.ranks.groupby("group", sort=False):
-        found.append(_rank_grid(ranking, str(group), ranks))
+        found.append(_rank_table(ranking, str(group), ranks))
         if not ranking.is_descriptive:
-            found.append(_win_grid(ranking, str(group), ranks))
+            found.append(_win_table(ranking, str(group), ranks))
     columns = [
         _estimator_column(ranking),
         Column("scene", "scenario"),
@@ -78,7 +78,7 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
     }
 
 
-def _rank_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
+def _rank_table(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, references last."""
     n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
     what = f"descriptive: {n_scenes}, means" if ranking.is_descriptive else f"{n_scenes}, ranks"
@@ -109,7 +109,7 @@ def _interval_text(row: Mapping[str, Any]) -> str:
     return f"{signed(row['change_low'])} to {signed(row['change_high'])}"
 
 
-def _win_grid(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
+def _win_table(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, one column each that it is compared with."""
     variants = variants_in(ranks[~ranks["is_reference"]])
     title = f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval"

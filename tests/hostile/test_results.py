@@ -120,7 +120,7 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
             results = Run.open(run_folder)
             for table in write_run_tables(results)[1]:
                 terminal_tables(table, 100)
-            ComparisonReport(compare(made[1], run_folder)).grids()
+            ComparisonReport(compare(made[1], run_folder)).tables()
             rescore(run_folder)
         except NotComparableError:
             pass

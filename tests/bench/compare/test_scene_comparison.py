@@ -12,8 +12,7 @@ from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.significance import bootstrap_changes, signed_rank_test
 from isacbench.bench.compare.verdicts import Tolerance
 from isacbench.bench.store.run import Run
-from isacbench.report.ci_files import comparison_junit, comparison_markdown
-from isacbench.report.comparison import ComparisonReport
+from isacbench.report.comparison import ComparisonReport, comparison_junit, comparison_markdown
 
 PAIR = ("fft4d", "music2d")
 
@@ -98,8 +97,8 @@ def test_estimators_of_one_run_are_compared_over_scenes(scenes_run):
     found = compare_tables(run, run, partners=partners, is_between=True)
     (row,) = found.curves.to_dict("records")
     assert (row["scenario"], row["n_pairs"], row["verdict"]) == ("all scenes", 9, "regression")
-    (grid, *_) = ComparisonReport(found).grids()
-    headings = [column.heading for column in grid.columns]
+    (table, *_) = ComparisonReport(found).tables()
+    headings = [column.heading for column in table.columns]
     assert {"P(B better)", "scenes"} <= set(headings)
     assert "trials" not in headings
 

@@ -19,7 +19,7 @@ def failing(records):
 
 
 def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
-    curves, points = ComparisonReport(compared(worse_at_10_db, trials=12)).grids()
+    curves, points = ComparisonReport(compared(worse_at_10_db, trials=12)).tables()
     assert [row[0] for row in curves.texts] == ["street, blob", "street, nomp4d"]
     (row,) = points.texts
     assert dict(zip(points.headings, row, strict=True)) | {"p": "", "95 % interval": ""} == {
@@ -37,24 +37,24 @@ def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
 
 
 def test_nothing_changed_is_one_table_of_curves(compared):
-    (grid,) = ComparisonReport(compared()).grids()
-    assert [row[-1] for row in grid.texts] == ["same", "same"]
-    assert [row[4] for row in grid.texts] == ["0", "0"]
+    (table,) = ComparisonReport(compared()).tables()
+    assert [row[-1] for row in table.texts] == ["same", "same"]
+    assert [row[4] for row in table.texts] == ["0", "0"]
 
 
 def test_an_inconclusive_curve_says_what_it_would_take(compared):
-    few = ComparisonReport(compared(worse_at_10_db, trials=2)).grids()[0]
+    few = ComparisonReport(compared(worse_at_10_db, trials=2)).tables()[0]
     assert few.texts[1][-1] == "inconclusive: needs 8 trials"
     assert few.texts[1][5] == ""
 
     def noisy(records):
         records["deviation"] *= 1 + np.random.default_rng(0).normal(0, 0.5, len(records))
 
-    relative = ComparisonReport(compared(noisy, trials=12)).grids()[0]
+    relative = ComparisonReport(compared(noisy, trials=12)).tables()[0]
     shown = relative.texts[0][-1]
     assert shown.startswith("inconclusive: shows ")
     assert shown.endswith(" %")
-    absolute = ComparisonReport(compared(noisy, ["deviation=0.1"], trials=12)).grids()[0]
+    absolute = ComparisonReport(compared(noisy, ["deviation=0.1"], trials=12)).tables()[0]
     assert absolute.headings[4] == "change"
     assert not absolute.texts[0][-1].endswith("%")
 
@@ -65,7 +65,7 @@ def test_of_many_curves_the_worst_are_shown_and_the_others_counted(compared):
     def change(records):
         records.loc[records["estimator"] == "e55", "deviation"] *= 1.5
 
-    curves = ComparisonReport(compared(change, estimators=names)).grids()[0]
+    curves = ComparisonReport(compared(change, estimators=names)).tables()[0]
     assert len(curves.texts) == 40
     assert curves.texts[0][0] == "street, e55"
     assert curves.title.endswith("(20 same more not shown)")

@@ -1,7 +1,7 @@
 import dataclasses
 from xml.etree import ElementTree
 
-from isacbench.report.ci_files import (
+from isacbench.report.comparison import (
     MAX_CHARACTERS,
     comparison_junit,
     comparison_markdown,
