@@ -128,7 +128,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Chart:
-    """Chart: series on two axes, and lines across at values of y."""
+    """Chart: series on two axes, and lines across at values of y. Without series it is a gap in a figure."""
 
     title: str
     x: Axis
@@ -192,10 +192,10 @@ class Column:
         value: Any = row if self.key is None else row.get(self.key)
         if value is None or (isinstance(value, float) and math.isnan(value)):
             return ""
-        if callable(self.form):
-            return self.form(value)
         if isinstance(value, str):  # such as a heading in the place of a number
             return value
+        if callable(self.form):
+            return self.form(value)
         return self.form.format(value if self.scale == 1.0 else self.scale * value)
 
 
@@ -237,31 +237,23 @@ def text_table(
     return Table(title, columns, [dict(enumerate(row)) for row in rows], is_detail)
 
 
-def spread_rows(
-    table: pd.DataFrame,
-    rows: Sequence[str],
-    columns: Sequence[str],
-    form: Callable[[dict[Any, Any]], Any] = lambda record: record,
-) -> list[dict[Any, Any]]:
+def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]) -> list[dict[Any, Any]]:
     """Turn a summary into rows of a table.
 
     Each has the values of the columns `rows`, and by the values of the columns `columns`, a tuple, the
-    records of the summary, or what `form` makes of them.
+    records of the summary.
     """
     by_key: dict[tuple[Any, ...], dict[Any, Any]] = {}
     for record in table.to_dict("records"):
         key = tuple(record[name] for name in rows)
         row = by_key.setdefault(key, dict(zip(rows, key, strict=True)))
-        row[tuple(record[name] for name in columns)] = form(record)
+        row[tuple(record[name] for name in columns)] = record
     return list(by_key.values())
 
 
-def spread_table(
-    title: str, first: Sequence[Column], rows: Sequence[Mapping[Any, Any]], headings: Mapping[Any, str]
-) -> Table:
-    """Tabulate rows as `spread_rows` gives them: some first columns, then one for each of their keys."""
-    columns = [Column(text, key, part=part) for part, (key, text) in enumerate(headings.items(), start=1)]
-    return Table(title, [*first, *columns], rows)
+def spread_columns(headings: Mapping[Any, str], form: Callable[[Any], str]) -> list[Column]:
+    """Columns of the records that rows of `spread_rows` have by some keys, with their headings."""
+    return [Column(text, key, form, part=part) for part, (key, text) in enumerate(headings.items(), 1)]
 
 
 def batched(items: Iterable[Item], n: int) -> list[list[Item]]:

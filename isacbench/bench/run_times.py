@@ -72,7 +72,6 @@ def stage_tables(rows: pd.DataFrame) -> list[Table]:
 
 
 def _stage_table(name: str, table: pd.DataFrame) -> Table:
-    labels = charts.short_labels(estimator_labels(charts.variants_in(table)))
     times = "estimate", "spread", *STAGES
     columns = [
         Column("estimator", "label", part=0),
@@ -81,7 +80,7 @@ def _stage_table(name: str, table: pd.DataFrame) -> Table:
         Column("memory", "peak_memory_mib_median", "{:.1f}"),
     ]
     title = f"{name}: median processor time of an estimate and its stages [ms], peak memory [MiB]"
-    return Table(title, columns, table.assign(label=_of_variants(table, labels)))
+    return Table(title, columns, kind.with_labels(table))
 
 
 def _of_variants(table: pd.DataFrame, values: Mapping[Variant, Any]) -> list[Any]:

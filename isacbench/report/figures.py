@@ -152,6 +152,9 @@ def draw_charts(group: ChartGroup) -> Figure:
     for unused in panels[len(group.charts) :]:
         unused.remove()
     for place, (panel, chart) in enumerate(zip(panels, group.charts, strict=False)):
+        if not chart.series:
+            panel.remove()
+            continue
         _draw_chart(panel, chart, int(width_in * TITLE_LETTERS_AN_INCH))
         if place % n_columns and chart.y == group.charts[place - 1].y and chart.y.categories:
             panel.set_yticklabels([])

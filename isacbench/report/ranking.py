@@ -113,11 +113,8 @@ def _win_table(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, one column each that it is compared with."""
     variants = variants_in(ranks[~ranks["is_reference"]])
     title = f"{group}: probability that the row is better than the column on an unseen scene, 95 % interval"
-    columns = [_estimator_column(ranking, "better")]
-    columns += [
-        Column(ranking.labels[variant], variant, _win_text, part=place)
-        for place, variant in enumerate(variants, 1)
-    ]
+    headings = {variant: ranking.labels[variant] for variant in variants}
+    columns = [_estimator_column(ranking, "better"), *charts.spread_columns(headings, _win_text)]
     wins = ranking.wins[ranking.wins["group"] == group]
     rows = charts.spread_rows(wins, VARIANT, ["other", "other_params"])
     rows.sort(key=lambda row: variants.index((row["estimator"], row["params"])))

@@ -144,9 +144,10 @@ class DetectionKind(Kind):
             else:
                 columns.append(Column("SNR: an element [dB]", "snr_db", "{:.1f}", part=0))
             part, by_detector = _with_lines(part.sort_values("snr_db"))
-            lines = charts.spread_rows(part, ["snr_gain_db", "snr_db"], VARIANT, _rates_text)
+            lines = charts.spread_rows(part, ["snr_gain_db", "snr_db"], VARIANT)
             headings = {variant: variant[1] for variant in by_detector}
-            tables.append(charts.spread_table(title, columns, lines, headings))
+            columns += charts.spread_columns(headings, _rates_text)
+            tables.append(Table(title, columns, lines))
         return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:

@@ -71,28 +71,22 @@ class ImagingKind(Kind):
         self, summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], rows: pd.DataFrame
     ) -> list[Table]:
         """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with times."""
-        further, lines = [name for name in (*IN_TABLES, *self.columns) if f"{name}_mean" in summary], []
-        for snr_db, part in summary.groupby("snr_db"):
-            line: dict[Any, Any] = {"snr_db": f"{snr_db:g}"}
-            for entry in part.to_dict("records"):
-                variant = entry["estimator"], entry["params"]
-                line |= {(*variant, name): entry[f"{name}_mean"] for name in further} | {
-                    variant: deviation_text(entry)
-                }
-            lines.append(line)
+        further = [name for name in (*IN_TABLES, *self.columns) if f"{name}_mean" in summary]
+        texts = summary.assign(deviation=[deviation_text(row) for row in summary.to_dict("records")])
+        by_snr = texts.pivot(index="snr_db", columns=charts.VARIANT).to_dict("index")
+        lines: list[dict[Any, Any]] = [{"snr_db": f"{snr_db:g}", **row} for snr_db, row in by_snr.items()]
         times_s = statistics.median_times(rows, charts.VARIANT)[f"{statistics.TIME}_median"]
-        lines.append(
-            {"snr_db": "time [ms]"} | {one: f"{1e3 * time_s:.1f}" for one, time_s in times_s.items()}
-        )
-        tables = []
-        for batch in charts.batched(charts.variants_in(summary), ESTIMATORS_A_TABLE):
+        variants, tables = charts.variants_in(summary), []
+        timed = [variant for variant in variants if variant in times_s]
+        times = {("deviation", *variant): f"{1e3 * times_s[variant]:.1f}" for variant in timed}
+        lines.append({"snr_db": "time [ms]"} | times)
+        for batch in charts.batched(variants, ESTIMATORS_A_TABLE):
             columns = [Column("SNR [dB]", "snr_db", part=0)]
             for place, variant in enumerate(batch, start=1):
-                columns.append(Column(f"{labels[variant]}: deviation", variant, part=place))
+                columns.append(Column(f"{labels[variant]}: deviation", ("deviation", *variant), part=place))
                 for name in further:
-                    one = score_of(name)
-                    heading, optional = one.name, one.optional
-                    columns.append(Column(heading, (*variant, name), one.form, optional=optional, part=place))
+                    one, key = score_of(name), (f"{name}_mean", *variant)
+                    columns.append(Column(one.name, key, one.form, optional=one.optional, part=place))
             tables.append(Table(title, columns, lines))
         return tables
 

@@ -177,14 +177,14 @@ class LinkKind(Kind):
             trials = statistics.trials_and_band(part["n_cells"].max())
             title = f"{template}, {label}: mean imaging deviation by what is sensed with, {trials}"
             headings = {signal: signal_label(signal) for signal, _ in part.groupby(SIGNAL, sort=False)}
-            lines = charts.spread_rows(part, ["snr_db"], SIGNAL, deviation_text)
-            tables.append(charts.spread_table(title, first, lines, headings))
+            lines = charts.spread_rows(part, ["snr_db"], SIGNAL)
+            tables.append(Table(title, [*first, *charts.spread_columns(headings, deviation_text)], lines))
         for (channel, label), part in received.groupby(["channel", "label"], sort=False):
             frames = counted(part["n_cells"].max(), "frame")
             title = f"{channel}, {label}: bit error rate (expected) | EVM [dB] | Gbit/s, {frames}"
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
-            lines = charts.spread_rows(part, ["snr_db"], ["modulation"], _reception_text)
-            tables.append(charts.spread_table(title, first, lines, headings))
+            lines = charts.spread_rows(part, ["snr_db"], ["modulation"])
+            tables.append(Table(title, [*first, *charts.spread_columns(headings, _reception_text)], lines))
         return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -248,21 +248,17 @@ def _trade_charts(
     receiver, label = list(kind.labels_of(received).items())[-1]
     rates = charts.rows_of(received[received["channel"] == channel], receiver)
     rates = rates[["modulation", "snr_db"]].assign(rate_gbps=rates["rate_bps"] / 1e9)
+    sensed = sensed[sensed["snr_db"].isin(TRADE_SNRS_DB)]
+    of_prs = sensed["sensing"] == "prs"  # whose image is the same whatever the modulation of the data
+    prs = sensed[of_prs].drop(columns="modulation").merge(rates, on="snr_db")
+    points = pd.concat([sensed[~of_prs].merge(rates, on=["modulation", "snr_db"]), prs])
     x, panels = Axis("achievable bit rate [Gbit/s]"), []
     for variant in charts.variants_in(sensed):
-        points, lines = _with_lines(_trade_points(charts.rows_of(sensed, variant), rates), SIGNAL)
-        series = charts.line_series(points, lines, "rate_gbps", "deviation_mean")
+        own, lines = _with_lines(charts.rows_of(points, variant), SIGNAL)
+        series = charts.line_series(own, lines, "rate_gbps", "deviation_mean")
         panels.append(Chart(f"Image by {labels[variant]}", x, DEVIATION, series))
     title = f"{template}: image against bit rate behind {channel}, {label}; at 0, 10, 20 and 30 dB"
     return ChartGroup(f"trade-{stem}", title, panels, panel_in=PANEL_IN)
-
-
-def _trade_points(part: pd.DataFrame, rates: pd.DataFrame) -> pd.DataFrame:
-    """Deviations of one estimator and bit rates at the same SNR; those of the PRS for every modulation."""
-    part = part.loc[part["snr_db"].isin(TRADE_SNRS_DB), [*SIGNAL, "snr_db", "deviation_mean"]]
-    of_prs, modulations = part["sensing"] == "prs", rates[["modulation"]].drop_duplicates()
-    prs = part[of_prs].drop(columns="modulation").merge(modulations, how="cross")
-    return pd.concat([part[~of_prs], prs]).merge(rates, on=["modulation", "snr_db"])
 
 
 def signal_label(signal: tuple[Any, ...]) -> str:

@@ -121,11 +121,11 @@ class ResolutionKind(Kind):
                 f"{key[0]}, {key[1]:.4g} dB after gain: share of pairs found, over all relative phases / "
                 f"at the worst one; {statistics.time_words(rows)}"
             )
-            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT, _shares_text)
+            lines = charts.spread_rows(part, ["dimension", "separation_cells"], VARIANT)
             headings = {variant: labels[variant] for variant in charts.variants_in(part)}
             own_s = ((one, times_s.get((*key, *one))) for one in headings)
             lines.append({"dimension": "time [ms]"} | {one: f"{1e3 * s:.1f}" for one, s in own_s if s})
-            tables.append(charts.spread_table(title, columns, lines, headings))
+            tables.append(Table(title, [*columns, *charts.spread_columns(headings, _shares_text)], lines))
         return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:

@@ -26,6 +26,7 @@ from isacbench.bench.run.rescoring import rescore
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.statistics import deviation_columns, median_interval
 from isacbench.model.scenes.scenario import load_scenario
+from isacbench.report.figures import draw_charts
 
 KIND = PopulationKind()
 
@@ -256,6 +257,9 @@ def test_scores_have_a_row_each_and_families_a_column_on_one_scale(drawn):
     labels = [one.label for one in panels[1, 0].series]
     assert labels == ["a", "b", "oracle (truth merged in cells)"]
     assert targets.stem == "targets-sparse"
+    # A family without a score leaves a gap in the figure, and no empty panel.
+    names = [axes.get_title() for axes in draw_charts(scores).axes]
+    assert names == ["all scenes", "town", "crowd"] + ["all scenes", "town", "crowd", "sparse"] * 5
 
 
 def test_targets_of_lone_scatterers_have_a_chart_each(drawn):
