@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 
 from isacbench import charts
-from isacbench.bench.compare.comparison import Comparison
+from isacbench.bench.compare.comparison import VERDICTS, Comparison, Tolerance, verdict_counts
 from isacbench.bench.compare.pairs import CURVE
-from isacbench.bench.compare.verdicts import VERDICTS, Tolerance, verdict_counts
 from isacbench.bench.kinds.scores import score_of
 from isacbench.bench.labels import estimator_labels
 from isacbench.bench.statistics import trials_and_band
@@ -106,7 +105,7 @@ class ComparisonReport:
         self.gained = [(cells("repaired"), f"failed in {base} alone"), (cells("added"), f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
-        """Name one of `isacbench.bench.compare.verdicts.VERDICTS`."""
+        """Name one of `isacbench.bench.compare.comparison.VERDICTS`."""
         return self._verdicts.get(verdict, verdict)
 
     def name(self, row: Row, before: str = "", after: str = "") -> str:

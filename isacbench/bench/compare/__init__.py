@@ -1,3 +1,3 @@
 """Comparison of runs and of estimators."""
 
-__all__ = ["comparison", "pairs", "ranking", "scenes", "significance", "verdicts"]
+__all__ = ["comparison", "pairs", "ranking", "scenes", "significance"]

@@ -11,12 +11,11 @@ from scipy.special import stdtrit
 
 from isacbench import charts
 from isacbench.bench.cells.rows import SCORED
-from isacbench.bench.compare.comparison import Comparison, direction
+from isacbench.bench.compare.comparison import VERDICTS, Comparison, direction
 from isacbench.bench.compare.pairs import CURVE, code_version
 from isacbench.bench.compare.ranking import default_metric, rank_table
 from isacbench.bench.compare.scenes import SCENE_KINDS, compared_scenes
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
-from isacbench.bench.compare.verdicts import VERDICTS
 from isacbench.bench.kinds.scores import SCORES, Score
 from isacbench.bench.labels import find_limits
 from isacbench.bench.run_times import STAGE_STYLES, is_timed, summarise_points, summarise_stages, timed_rows

@@ -10,8 +10,7 @@ import pytest
 
 from isacbench.bench.cells.cell import repeat
 from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMES, TIMING_COLUMNS
-from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.verdicts import parse_tolerance
+from isacbench.bench.compare.comparison import compare_tables, parse_tolerance
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.merging import merge

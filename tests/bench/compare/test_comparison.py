@@ -7,9 +7,8 @@ import pytest
 from scipy.stats import binom, wilcoxon
 
 from isacbench import compare
-from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.comparison import Tolerance, compare_tables, parse_tolerance, share_level
 from isacbench.bench.compare.pairs import NotComparableError, code_version
-from isacbench.bench.compare.verdicts import Tolerance, parse_tolerance, share_level
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
 from isacbench.report.comparison import ComparisonReport

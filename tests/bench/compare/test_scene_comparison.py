@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.comparison import Tolerance, compare_tables
 from isacbench.bench.compare.ranking import rank_table
 from isacbench.bench.compare.significance import bootstrap_changes, signed_rank_test
-from isacbench.bench.compare.verdicts import Tolerance
 from isacbench.bench.store.run import Run
 from isacbench.report.comparison import ComparisonReport, comparison_junit, comparison_markdown
 

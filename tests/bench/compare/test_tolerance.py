@@ -4,8 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.bench.compare.comparison import direction
-from isacbench.bench.compare.verdicts import DEFAULT_TOLERANCE, Tolerance, merge_tolerances, parse_tolerance
+from isacbench.bench.compare.comparison import (
+    DEFAULT_TOLERANCE,
+    Tolerance,
+    direction,
+    merge_tolerances,
+    parse_tolerance,
+)
 from isacbench.errors import InputError
 from isacbench.plugins.scoring import Metrics
 

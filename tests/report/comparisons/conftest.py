@@ -4,8 +4,7 @@ import copy
 
 import pytest
 
-from isacbench.bench.compare.comparison import compare_tables
-from isacbench.bench.compare.verdicts import parse_tolerance
+from isacbench.bench.compare.comparison import compare_tables, parse_tolerance
 from isacbench.bench.store.run import Run
 
 
