@@ -108,11 +108,6 @@ def rank_text(low: float, high: float) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def default_metric(records: pd.DataFrame) -> str:
-    """Score that a run is ranked by: the ratio, or ``hausdorff_sum_m`` without an oracle to form it with."""
-    return "ratio" if records["ratio"].notna().any() else "hausdorff_sum_m"
-
-
 def rank(
     run: str | Path | Run, metric: str | None = None, estimators: str | Sequence[str] | None = None
 ) -> Ranking:
@@ -156,10 +151,16 @@ def rank(
     isacbench.errors.InputError: ...: a ranking needs two estimators or more that are no references; ...
     """
     opened = run if isinstance(run, Run) else Run.open(Path(run))
-    return rank_table(opened.require_finished(), metric, estimators)
+    chosen = [estimators] if isinstance(estimators, str) else estimators
+    return rank_table(opened.require_finished(), metric, chosen)
 
 
-def rank_table(run: Run, metric: str | None = None, estimators: str | Sequence[str] | None = None) -> Ranking:
+def default_metric(records: pd.DataFrame) -> str:
+    """Score that a run is ranked by: the ratio, or ``hausdorff_sum_m`` without an oracle to form it with."""
+    return "ratio" if records["ratio"].notna().any() else "hausdorff_sum_m"
+
+
+def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | None = None) -> Ranking:
     """Rank the estimators of a run that was read, as `rank` does."""
     if run.kind not in scenes.SCENE_KINDS:
         raise InputError(
@@ -174,8 +175,7 @@ def rank_table(run: Run, metric: str | None = None, estimators: str | Sequence[s
     variants, limits = variants_in(records), find_limits(records)
     ranked = [variant for variant in variants if variant[0] not in limits]
     if estimators is not None:
-        texts = [estimators] if isinstance(estimators, str) else estimators
-        chosen = {find_variant(run, text) for text in texts}
+        chosen = {find_variant(run, text) for text in estimators}
         if seeing := sorted({name for name, _ in chosen} & limits):
             raise InputError(f"{run.label}: {seeing[0]} is a reference and is not ranked; give others")
         ranked = [variant for variant in ranked if variant in chosen]
@@ -190,21 +190,27 @@ def rank_table(run: Run, metric: str | None = None, estimators: str | Sequence[s
     if scored.scenes.empty:
         left_out = "".join(f"; {note}" for note in scored.notes)
         raise InputError(f"{run.label}: in no scene do all estimators have a {metric}{left_out}")
-    beside = [name for name in (metric, *BESIDE) if name in records]
-    scores_beside = scenes.average_images(records, beside, scored.cells)
+    # Failed cells have none of these scores: they are means over the images that there are.
+    beside = {
+        name: pd.DataFrame(
+            {one: scenes.average_alone(records, name, one, scored.cells) for one in (*ranked, *references)}
+        ).rename_axis(columns=VARIANT)
+        for name in (metric, *BESIDE)
+        if name in records
+    }
     labels = estimator_labels(variants)
     is_descriptive = len(scored.scenes) < significance.MIN_INTERVAL_TRIALS
     ranks, wins, critical = [], [], []
     for group, names in scenes.scene_groups(scored.scenes.index, scenes.scene_families(run.manifest)).items():
         table = scored.scenes.loc[names]
         wins.append(_win_rows(group, table, better))
-        means = scores_beside.reindex(names).mean().unstack(0).reindex([*ranked, *references])[beside]
+        means = pd.DataFrame({name: own.reindex(names).mean() for name, own in beside.items()})
         rows = _rank_rows(table, better, wins[-1], means.rename(columns={metric: "mean"}))
         places = pd.DataFrame(index=table.columns, columns=["rank_low", "rank_high"])
         if not is_descriptive:
             sets = _rank_sets(table, better)
             places["rank_low"], places["rank_high"] = sets.low, sets.high
-            critical.append(_told_critical(group, sets, [labels[one] for one in ranked]))
+            critical.append(_critical_note(group, sets, [labels[one] for one in ranked]))
         ranks.append(rows.join(places.astype("Int64")).reset_index())
         ranks[-1].insert(0, "group", group)
         ranks[-1].insert(1, "n_scenes", len(names))
@@ -259,7 +265,7 @@ def _rank_sets(table: pd.DataFrame, better: str) -> significance.RankSets:
     return significance.rank_sets(columns.T if better == "lower" else -columns.T)
 
 
-def _told_critical(group: str, sets: significance.RankSets, labels: Sequence[str]) -> str:
+def _critical_note(group: str, sets: significance.RankSets, labels: Sequence[str]) -> str:
     """Say which pair decides how wide the sets are."""
     worse, other = (labels[place] for place in sets.critical)
     return (

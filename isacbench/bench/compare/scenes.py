@@ -66,7 +66,7 @@ def with_ratios(run: Run) -> pd.DataFrame:
 
 def scene_families(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Look up the family of every scenario of a run, an empty text where none made it."""
-    return {name: str(told.get("family", "")) for name, told in manifest["scenarios"].items()}
+    return {name: str(one.get("family", "")) for name, one in manifest["scenarios"].items()}
 
 
 def scene_groups(scenes: Iterable[str], families: Mapping[str, str]) -> dict[str, list[str]]:
@@ -152,16 +152,12 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
     return SceneScores(scenes, cells, notes)
 
 
-def average_images(records: pd.DataFrame, metrics: Sequence[str], cells: pd.DataFrame) -> pd.DataFrame:
-    """Average scores of each estimator within every scene, over those compared cells that did not fail.
-
-    Returned is a row for each scene, and a column for each metric, estimator and params.
-    """
-    rows = records[[*SCENE_CELL, *VARIANT]].astype(dict.fromkeys(CURVE, object))
-    rows = rows.assign(**{name: _scores(records, name) for name in metrics}).set_index(SCENE_CELL)
-    compared = rows[rows.index.isin(cells.index)].sort_index()
-    means = compared.groupby(["scenario", *VARIANT], sort=False).mean()
-    return pd.DataFrame(means.unstack(VARIANT))
+def average_alone(
+    records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
+) -> pd.Series[float]:
+    """Average a score of one estimator within every scene, as far as it has one at the compared cells."""
+    own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
+    return _scores(own, metric).reindex(cells.index).groupby("scenario").mean().dropna()
 
 
 def _scores(records: pd.DataFrame, metric: str) -> pd.Series[float]:
