@@ -54,6 +54,19 @@ def plain_covariance(snapshot, subarray):
     return total / count
 
 
+def unitary_transform(n):
+    """Q of Huarng and Yeh, element by element: pairs of mirrored sensors become sums and differences."""
+    half = n // 2
+    q = np.zeros((n, n), dtype=complex)
+    for i in range(half):
+        mirror = n - 1 - i
+        q[i, i] = q[mirror, i] = 1 / np.sqrt(2)
+        q[i, n - half + i], q[mirror, n - half + i] = 1j / np.sqrt(2), -1j / np.sqrt(2)
+    if n % 2:
+        q[half, half] = 1
+    return q
+
+
 @st.composite
 def separate_sources(draw):
     """One to four sources in as many columns and rows, more than a Rayleigh cell of half the array apart."""

@@ -14,24 +14,11 @@ from isacbench.dsp.angles.line_subspaces import (
 )
 from isacbench.dsp.angles.peaks import line_peaks
 from isacbench.model.kernels import steering
-from tests.dsp.plane_wave_data import noise, plain_covariance
+from tests.dsp.plane_wave_data import noise, unitary_transform
 
 SENSORS, SUBARRAY = 16, 10
 GRID = np.linspace(-1, 1, 801)
 LENGTHS = st.integers(2, 11)
-
-
-def unitary_transform(n):
-    """Q of Huarng and Yeh, element by element: pairs of mirrored sensors become sums and differences."""
-    half = n // 2
-    q = np.zeros((n, n), dtype=complex)
-    for i in range(half):
-        mirror = n - 1 - i
-        q[i, i] = q[mirror, i] = 1 / np.sqrt(2)
-        q[i, n - half + i], q[mirror, n - half + i] = 1j / np.sqrt(2), -1j / np.sqrt(2)
-    if n % 2:
-        q[half, half] = 1
-    return q
 
 
 def eigenvectors(lines, n_subarray=SUBARRAY):
@@ -51,19 +38,6 @@ def sources(draw):
     cosine = draw(st.floats(-0.9, -0.7)) + np.cumsum(gaps)
     gain = [draw(st.floats(0.5, 2)) * np.exp(1j * draw(st.floats(0, 2 * np.pi))) for _ in gaps]
     return cosine, np.array(gain)
-
-
-@given(n_subarray=LENGTHS, n_more=st.integers(0, 5), n_snapshots=st.integers(1, 4), seed=st.integers(0, 999))
-def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(
-    n_subarray, n_more, n_snapshots, seed
-):
-    snapshots = noise(2, n_subarray + n_more, n_snapshots, seed=seed)
-    snapshots.setflags(write=False)
-    found, turn = smoothed_covariance(snapshots, n_subarray), unitary_transform(n_subarray)
-    for cell in range(2):
-        expected = turn.conj().T @ plain_covariance(snapshots[cell], (n_subarray, 1)) @ turn
-        assert np.abs(expected.imag).max() < 1e-12
-        np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
 
 
 @given(n_subarray=LENGTHS, cosine=st.lists(st.floats(-1, 1), min_size=1, max_size=4))

@@ -5,19 +5,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.line_subspaces import (
-    music_null_spectrum,
-    real_steering,
-    smoothed_covariance,
-    unitary_transform,
-)
+from isacbench.dsp.angles.line_subspaces import music_null_spectrum, real_steering, smoothed_covariance
 from isacbench.dsp.angles.planar_subspaces import (
     leading_eigenpairs,
     null_minima,
     planar_covariance,
     planar_null_spectrum,
 )
-from tests.dsp.plane_wave_data import noise, pairs_of, plain_covariance, separate_sources, snapshot
+from tests.dsp.plane_wave_data import (
+    noise,
+    pairs_of,
+    plain_covariance,
+    separate_sources,
+    snapshot,
+    unitary_transform,
+)
 
 GRID, AHEAD = np.linspace(-1, 1, 65), np.linspace(-0.5, 0.5, 11)
 
@@ -28,17 +30,20 @@ def signal_basis(snapshots, subarray, order):
     return vectors.reshape(len(snapshots), *subarray, order)
 
 
-@given(st.tuples(*[st.integers(1, 5)] * 2), st.tuples(*[st.integers(0, 3)] * 2), st.integers(0, 999))
-def test_the_covariance_is_the_forward_backward_average_turned_by_the_unitary_transform(subarray, more, seed):
-    shape = tuple(n + m for n, m in zip(subarray, more, strict=True))
-    snapshots = noise(2, *shape, seed=seed)
+LENGTHS = st.integers(1, 11), st.integers(1, 5)
+
+
+@given(st.tuples(*LENGTHS), st.tuples(*[st.integers(0, 4)] * 2), st.integers(0, 999))
+def test_covariances_are_forward_backward_averages_turned_by_the_unitary_transform(subarray, more, seed):
+    snapshots = noise(2, *np.add(subarray, more), seed=seed)
     snapshots.setflags(write=False)
-    found = planar_covariance(snapshots, subarray)
-    turn = np.kron(*map(unitary_transform, subarray))
-    for cell in range(2):
-        expected = turn.conj().T @ plain_covariance(snapshots[cell], subarray) @ turn
-        assert np.abs(expected.imag).max() < 1e-12
-        np.testing.assert_allclose(found[cell], expected.real, atol=1e-12)
+    along_lines = smoothed_covariance(snapshots, subarray[0]), (subarray[0], 1)
+    for found, part in ((planar_covariance(snapshots, subarray), subarray), along_lines):
+        turn = np.kron(*map(unitary_transform, part))
+        for cell, covariance in zip(snapshots, found, strict=True):
+            expected = turn.conj().T @ plain_covariance(cell, part) @ turn
+            assert np.abs(expected.imag).max() < 1e-12
+            np.testing.assert_allclose(covariance, expected.real, atol=1e-12)
 
 
 @pytest.mark.parametrize("n_pairs", [1, 4, 6, 30])

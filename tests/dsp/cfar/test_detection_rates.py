@@ -83,12 +83,8 @@ def test_without_an_echo_it_is_the_false_alarm_rate_and_it_rises_with_snr(swerli
 
 
 @MODELS
-def test_no_echo_and_an_infinite_one_are_limits(swerling):
+def test_no_echo_an_infinite_one_and_many_training_cells_are_limits(swerling):
     np.testing.assert_allclose(detection_rate([-np.inf, np.inf], 1e-20, 4, swerling=swerling), [1e-20, 1])
-
-
-@MODELS
-def test_many_training_cells_are_as_good_as_a_known_noise(swerling):
     known = detection_rate(SNRS_DB, 1e-3, 2, None, swerling)
     np.testing.assert_allclose(detection_rate(SNRS_DB, 1e-3, 2, 100_000, swerling), known, atol=1e-3)
 
