@@ -63,6 +63,12 @@ def unknown_name(what: str, name: str, allowed: Iterable[str]) -> InputError:
     return InputError(f"unknown {what} {name!r}: {did_you_mean(name, allowed)}")
 
 
+def require_known(what: str, name: str, allowed: Iterable[str]) -> None:
+    """Refuse a name of some kind that does not exist."""
+    if name not in (known := tuple(allowed)):
+        raise unknown_name(what, name, known)
+
+
 def require(allowed: bool, name: str, value: object, limits: str) -> None:
     """Refuse a parameter whose value is not allowed."""
     if not allowed:

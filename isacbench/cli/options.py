@@ -37,7 +37,7 @@ def _curves() -> list[str]:
 
 estimators_like = like("isacbench.plugins.registry:estimator_names")
 plugin_metrics_like = like("isacbench.plugins.registry:metric_names")
-scenarios_like = like("isacbench.model.scenes.scenario:scenario_names", _families)
+scenarios_like = like("isacbench.files.toml_files:builtin_names", _families)
 suites_like = like("isacbench.bench.suites.suite:suite_names")
 curves_like = like(_curves)
 metrics_like = like(_curves, lambda: ["ratio", "time_estimate_s"])

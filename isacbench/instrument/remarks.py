@@ -17,7 +17,7 @@ from __future__ import annotations
 from contextvars import ContextVar
 from typing import Literal, NamedTuple, Self, get_args
 
-from isacbench.errors import unknown_name
+from isacbench.errors import require_known
 
 Remark = Literal["unseparated", "crowded", "unexplained"]
 """Known remarks.
@@ -105,8 +105,7 @@ def remark(name: Remark, n: int, of: int) -> None:
     InputError
         If there is no such remark.
     """
-    if name not in _SENTENCES:
-        raise unknown_name("remark", name, REMARKS)
+    require_known("remark", name, REMARKS)
     remarks = _current.get()
     if remarks is not None:
         before = remarks.counts.get(name, Count(0, 0))

@@ -20,7 +20,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import Literal, Self, get_args
 
-from isacbench.errors import unknown_name
+from isacbench.errors import require_known
 
 Stage = Literal["rdm", "detection", "subspace", "spectrum", "peaks", "refinement"]
 """Steps of an estimate, in the order of the chain.
@@ -118,7 +118,6 @@ def stage(name: Stage) -> AbstractContextManager[None]:
     InputError
         If there is no such stage.
     """
-    if name not in STAGES:
-        raise unknown_name("stage", name, STAGES)
+    require_known("stage", name, STAGES)
     clock = _current.get()
     return nullcontext() if clock is None else clock._running_stage(name)

@@ -17,8 +17,7 @@ from isacbench.bench.kinds.population import PopulationKind
 from isacbench.bench.kinds.resolution import ResolutionKind
 from isacbench.bench.suites.suite import Suite, find_suite, suite_names
 from isacbench.errors import InputError
-from isacbench.files.toml_files import find_toml, read_toml
-from isacbench.model.scenes.scenario import scenario_names
+from isacbench.files.toml_files import builtin_names, find_toml, read_toml
 from isacbench.model.scenes.scene_families import FAMILIES
 from isacbench.plugins.discovery import GROUPS
 from isacbench.plugins.registry import describe_plugin
@@ -89,7 +88,7 @@ def catalogue() -> dict[str, list[dict[str, Any]]]:
     Plugins as `isacbench.plugins.registry.describe_plugin` does; scenarios and suites by the comment that
     their file starts with; families of scenes with their parameters: ``type``, ``allowed``, ``default``.
     """
-    scenarios = {name: find_toml(name, "scenario") for name in scenario_names()}
+    scenarios = {name: find_toml(name, "scenario") for name in builtin_names()}
     suites = {name: find_suite(name) for name in suite_names()}
     return {
         **{f"{kind}s": describe_plugin(kind) for kind in GROUPS},

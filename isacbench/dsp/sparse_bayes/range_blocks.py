@@ -91,15 +91,6 @@ class Atoms:
         return cls(places, amplitude, atom_map.without(atom_map.lines(places), amplitude))
 
 
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """A block's own atoms, those beside it, and the rows it is learned from."""
-
-    own: Integers
-    beside: Integers
-    rows: slice
-
-
 def learn_blocks(atoms: Atoms, reach: Reach, noise: float) -> Atoms:
     """Learn all atoms anew, one at least, block by block."""
     first = float(np.floor(atoms.places[:, 0].min()))
@@ -119,26 +110,26 @@ def _by_residual(atoms: Atoms, first: float) -> list[float]:
     return [float(starts[block]) for block in np.argsort(-np.array(left), kind="stable")]
 
 
-def _block(atoms: Atoms, start: float) -> _Block:
-    """Find the atoms and the rows of a block."""
+def _block(atoms: Atoms, start: float) -> tuple[Integers, Integers, slice]:
+    """A block's own atoms, those beside it, and the rows it is learned from."""
     along, end, bins = atoms.places[:, 0], start + BLOCK_BINS, atoms.rest.range_bins
     is_own = (along >= start) & (along < end)
     is_beside = ~is_own & (along >= start - MARGIN_BINS) & (along < end + MARGIN_BINS)
     shown = np.flatnonzero((bins >= start - SIDE_BINS) & (bins <= end + SIDE_BINS))
     rows = slice(int(shown[0]), int(shown[-1]) + 1) if shown.size else slice(0, bins.size)
-    return _Block(np.flatnonzero(is_own), np.flatnonzero(is_beside), rows)
+    return np.flatnonzero(is_own), np.flatnonzero(is_beside), rows
 
 
 def _learn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> Atoms:
     """Replace a block's atoms by those that learning leaves of its candidates."""
-    block = _block(atoms, start)
-    if not block.own.size:
+    own, beside, rows = _block(atoms, start)
+    if not own.size:
         return atoms
-    members = np.concatenate([block.own, block.beside])
+    members = np.concatenate([own, beside])
     own_map = atoms.rest.without(atoms.rest.lines(atoms.places[members]), -atoms.amplitude[members])
-    window = replace(own_map, cells=own_map.cells[block.rows], range_bins=own_map.range_bins[block.rows])
-    candidates, power = _candidates(atoms, block, reach)
-    n_own = len(candidates) - block.beside.size
+    window = replace(own_map, cells=own_map.cells[rows], range_bins=own_map.range_bins[rows])
+    candidates, power = _candidates(atoms, own, beside, reach)
+    n_own = len(candidates) - beside.size
     lines = window.lines(candidates)
     gram = product_matrix(window.products(lines), None, None)
     strongest = float(np.abs(atoms.amplitude[members]).max()) ** 2
@@ -148,7 +139,7 @@ def _learn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> Atom
     found, strength = merge_neighbours(candidates[index[is_own]], learned[is_own], NEIGHBOUR_BOX)
     found = found[strength > strongest_near(found, strength, NEAR_BINS) * 10 ** (-DYNAMIC_RANGE_DB / 20)]
     others = np.setdiff1d(np.arange(atoms.amplitude.size), members)
-    places = np.concatenate([found, atoms.places[block.beside]])
+    places = np.concatenate([found, atoms.places[beside]])
     amplitude = (
         fit_atoms(window, places, RIDGE).amplitude if len(places) else np.empty(0, dtype=np.complex128)
     )
@@ -160,10 +151,9 @@ def _learn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> Atom
     )
 
 
-def _candidates(atoms: Atoms, block: _Block, reach: Reach) -> tuple[Floats, Floats]:
+def _candidates(atoms: Atoms, own: Integers, beside: Integers, reach: Reach) -> tuple[Floats, Floats]:
     """Places and first powers of a block's candidates, and behind them those of the atoms beside it."""
     steps = COPY_CELLS * np.concatenate([np.zeros((1, N_COORDINATES)), np.eye(4), -np.eye(4)])
-    own, beside = block.own, block.beside
     places = (steps[:, None] + atoms.places[own]).reshape(-1, N_COORDINATES)
     power = np.tile(np.abs(atoms.amplitude[own]) ** 2 / N_COPIES, N_COPIES)
     allowed = reach.contains(places) | (np.arange(len(places)) < own.size)

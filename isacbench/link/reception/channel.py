@@ -15,7 +15,7 @@ import pandas as pd
 from scipy import constants
 
 from isacbench.checked_arrays import Complex, Floats, freeze_arrays
-from isacbench.errors import InputError, require, unknown_name
+from isacbench.errors import InputError, require, require_known
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_all
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 
@@ -141,8 +141,7 @@ class TwoRay:
         require(1 <= self.permittivity < np.inf, "permittivity", self.permittivity, "a number from 1")
         allowed = 0 <= self.conductivity_spm < np.inf
         require(allowed, "conductivity_spm", self.conductivity_spm, "a number of S/m from 0")
-        if self.polarization not in get_args(Polarization):
-            raise unknown_name("polarization", self.polarization, get_args(Polarization))
+        require_known("polarization", self.polarization, get_args(Polarization))
 
     def paths(self, system: System, stream: np.random.Generator) -> Paths:
         """Make the direct and the reflected ray, in this order."""
@@ -317,8 +316,7 @@ def delay_profile(name: ProfileName) -> Profile:
     ----------
     3GPP TR 38.901, tables 7.7.2-1 to 7.7.2-5.
     """
-    if name not in get_args(ProfileName):
-        raise unknown_name("profile", name, get_args(ProfileName))
+    require_known("profile", name, get_args(ProfileName))
     taps = _taps().loc[[name]]
     power = 10 ** (taps["power_db"].to_numpy() / 10)
     return Profile(taps["delay"].to_numpy(), power / power.sum(), name in WITH_LINE_OF_SIGHT)

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.choices import Modulation
-from isacbench.errors import InputError, require, unknown_name
+from isacbench.errors import InputError, require, require_known
 from isacbench.link.reception.channel import Channel, channel_response
 from isacbench.link.reception.channel_estimation import prs_estimator
 from isacbench.link.waveform.qam import awgn_ber, bits_per_symbol, decide_bits
@@ -227,8 +227,7 @@ def effective_snr_db(modulation: Modulation, snr_db: float, noise_gain: float) -
 
 def _require_allowed(grid: ResourceGrid, system: System, snr_db: float, knowledge: Knowledge) -> None:
     require(snr_db >= LOWEST_SNR_DB, "snr_db", snr_db, f"{LOWEST_SNR_DB:.0f} and more, infinity for no noise")
-    if knowledge not in get_args(Knowledge):
-        raise unknown_name("knowledge", knowledge, get_args(Knowledge))
+    require_known("knowledge", knowledge, get_args(Knowledge))
     shape = (system.n_subcarriers, system.n_symbols)
     if grid.symbols.shape != shape:
         raise InputError(f"grid of shape {grid.symbols.shape}: allowed is {shape}, that of the system")

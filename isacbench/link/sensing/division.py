@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.choices import Division, Modulation, Sensing
-from isacbench.errors import InputError, unknown_name
+from isacbench.errors import InputError, require_known, unknown_name
 from isacbench.link.waveform.qam import bits_per_symbol
 from isacbench.link.waveform.resource_grid import draw_grid, require_n_id
 from isacbench.model.numerology import System, resource_elements
@@ -56,10 +56,8 @@ class Signal:
 
     def __post_init__(self) -> None:
         bits_per_symbol(self.modulation)
-        if self.sensing not in get_args(Sensing):
-            raise unknown_name("sensing", self.sensing, get_args(Sensing))
-        if self.division not in get_args(Division):
-            raise unknown_name("division", self.division, get_args(Division))
+        require_known("sensing", self.sensing, get_args(Sensing))
+        require_known("division", self.division, get_args(Division))
         require_n_id(self.n_id)
 
     @property

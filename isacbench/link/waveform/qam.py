@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,15 +10,14 @@ from scipy.special import ndtr
 
 from isacbench.checked_arrays import Complex, Floats, Integers, checked_array, unmasked_array
 from isacbench.choices import Modulation
-from isacbench.errors import InputError, unknown_name
+from isacbench.errors import InputError, require_known
 
 BITS: dict[Modulation, int] = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
 
 
 def bits_per_symbol(modulation: Modulation) -> int:
     """Count the bits of a symbol; an `InputError` where there is no such modulation."""
-    if modulation not in BITS:
-        raise unknown_name("modulation", modulation, get_args(Modulation))
+    require_known("modulation", modulation, BITS)
     return BITS[modulation]
 
 

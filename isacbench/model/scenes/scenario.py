@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, StrictBool
 
 from isacbench.choices import Mimo, NoiseSource
 from isacbench.errors import InputError
-from isacbench.files.toml_files import builtin_names, read_toml
+from isacbench.files.toml_files import read_toml
 from isacbench.model.array import MOST_LEAKAGE_DB, VirtualArray
 from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.numerology import System
@@ -36,18 +36,13 @@ from isacbench.model.scenes.scene_families import (
 )
 
 
-def scenario_names() -> list[str]:
-    """Names of the built-in scenarios."""
-    return builtin_names()
-
-
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Load a built-in scenario by name, any by the path of its TOML file, or generate one of a family.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A name that `scenario_names` lists, a path that ends in ``.toml``, or
+        A name of a built-in scenario, a path that ends in ``.toml``, or
         a family with a seed and further parameters, ``family[seed=7,...]``.
 
     Returns

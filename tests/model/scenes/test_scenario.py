@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 from isacbench.bench.suites.scenario_digest import scenario_digest
 from isacbench.cli import app
 from isacbench.errors import InputError, InputWarning
+from isacbench.files.toml_files import builtin_names
 from isacbench.model.frame import PanelFrame, PaperFrame
 from isacbench.model.numerology import System
-from isacbench.model.scenes.scenario import load_scenario, scenario_names
+from isacbench.model.scenes.scenario import load_scenario
 from tests.conftest import refusal
 
 STREETS = ("street", "street-coherent", "street-paper")
@@ -25,7 +26,7 @@ def street(request):
 
 
 def test_the_streets_ship_and_differ_in_frame_and_phase_alone():
-    assert set(STREETS) <= set(scenario_names())
+    assert set(STREETS) <= set(builtin_names())
     streets = [load_scenario(name) for name in STREETS]
     assert [scenario.name for scenario in streets] == [*STREETS]
     assert [scenario.frame for scenario in streets] == [PanelFrame(), PanelFrame(), PaperFrame()]
