@@ -156,7 +156,8 @@ def average_alone(
     records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
 ) -> pd.Series[float]:
     """Average a score of one estimator within every scene, as far as it has one at the compared cells."""
-    own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
+    columns = records[[*SCENE_CELL, *VARIANT, "status", metric]]
+    own = rows_of(columns, variant).astype({"scenario": object}).set_index(SCENE_CELL)
     return _scores(own, metric).reindex(cells.index).groupby("scenario").mean().dropna()
 
 
