@@ -14,7 +14,7 @@ from rich.text import Text
 from isacbench.charts import Table
 from isacbench.files.escaping import in_markdown, visible
 
-LONGEST_HEADING = 24
+LONGEST_HEADING, LONGEST_WORDS = 24, 10
 LONGEST_NUMBER = 40
 
 
@@ -72,6 +72,8 @@ def _stacked(name: str) -> str:
     label, *below = name.replace(" [", ": [").split(": ")
     if len(label) > LONGEST_HEADING:
         label = label.replace("[", "\n[")
+    elif below and len(label) > LONGEST_WORDS and "[" not in label:
+        label = label.replace(" ", "\n")
     return "\n".join([label, *below])
 
 
