@@ -153,7 +153,7 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] | None = None
         n_cells = sum(row["n_cells"] for row in rest)
         listed.append({"reason": f"{len(rest)} further rows", "n_cells": n_cells})
     columns = [
-        Column("reason", "reason", shortened),
+        Column("reason", form=lambda row: shortened(row["reason"])),
         Column("status", "status"),
         Column("estimator", "label"),
         Column("scenario", "place"),
