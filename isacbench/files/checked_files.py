@@ -87,12 +87,12 @@ def require_replaceable(path: Path) -> None:
 
 
 @contextmanager
-def write_errors(path: Path) -> Iterator[None]:
-    """Name the file in an error of the system while it is written."""
+def write_errors(path: Path, afterwards: str = "") -> Iterator[None]:
+    """Name the file in an error of the system while it is written; `afterwards` ends the message."""
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}{afterwards}") from error
 
 
 def require_new(path: Path) -> None:

@@ -39,7 +39,7 @@ class Estimates:
         random, environments = np.random.default_rng(0), {}
         tick = time.perf_counter()
         for block in blocks:
-            task = job.plan.task(block.scenario)
+            task = job.plan.by_name[block.scenario]
             for one in task.entries:
                 environment = environments.setdefault(one.name, environment_of(one.plugin))
                 place = {"scenario": task.name, "scenario_content": task.content, "trial": block.trial}

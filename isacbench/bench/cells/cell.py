@@ -129,9 +129,12 @@ def time_repeats(
     return _row_of(work, row, limits)
 
 
-def failed_by(error: BaseException, row: Row, time_s: float) -> Row:
+def failed_by(error: BaseException, row: Row, time_s: float, memory_mib: float | None = None) -> Row:
     """Row of a cell that ended in an exception: ``killed`` if memory ran out, else ``error``."""
-    return row.failed("killed" if isinstance(error, MemoryError) else "error", describe_error(error), time_s)
+    if not isinstance(error, MemoryError):
+        return row.failed("error", describe_error(error), time_s)
+    limit = "" if memory_mib is None else f"more than {memory_mib:g} MiB: "
+    return row.failed("killed", limit + describe_error(error), time_s)
 
 
 def _row_of(work: Callable[[], Row], row: Row, limits: Limits | None) -> Row:
@@ -145,11 +148,7 @@ def _row_of(work: Callable[[], Row], row: Row, limits: Limits | None) -> Row:
         except BaseException as error:
             if limits is None and isinstance(error, KeyboardInterrupt):
                 raise
-            row = failed_by(error, row, time.perf_counter() - start)
-    if memory_mib is None or row.status != "killed":
-        return row
-    reason = f"more than {memory_mib:g} MiB: {row.found['reason']}"
-    return row.failed("killed", reason, row.found["time_estimate_s"])
+            return failed_by(error, row, time.perf_counter() - start, memory_mib)
 
 
 def _seed(row: Row) -> None:

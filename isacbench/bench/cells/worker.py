@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager
+from itertools import chain
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
@@ -90,7 +91,7 @@ def work(
 
 @one_blas_thread()
 def _observe(plan: Plan, block: Block) -> tuple[Task, Shared]:
-    task = plan.task(block.scenario)
+    task = plan.by_name[block.scenario]
     return task, task.observe(block.snr_db, block.trial)
 
 
@@ -114,31 +115,26 @@ def rows_guarded(
             yield from worker.rows(blocks)
         return
     workers = [Worker(job.parts, limits) for _ in range(min(n_jobs, len(blocks)))]
-    idle: SimpleQueue[Worker] = SimpleQueue()
+    todo = iter(pieces(blocks, PIECES_A_WORKER * len(workers)))  # of all threads: each takes the next one
     done: SimpleQueue[Row | BaseException] = SimpleQueue()
 
-    def work_off(piece: Sequence[Block]) -> None:
-        worker = idle.get()
+    def work_off(worker: Worker) -> None:
         try:
-            for row in worker.rows(piece):
+            for row in worker.rows(chain.from_iterable(todo)):
                 done.put(row)
         except BaseException as error:
             done.put(error)
-        idle.put(worker)
 
     with ThreadPoolExecutor(max(len(workers), 1)) as threads:
         try:
             for worker in workers:
-                idle.put(worker)
-            for piece in pieces(blocks, PIECES_A_WORKER * len(workers)):
-                threads.submit(work_off, piece)
+                threads.submit(work_off, worker)
             for _ in range(sum(len(block.entries) for block in blocks)):
                 row = done.get()
                 if isinstance(row, BaseException):
                     raise row
                 yield row
         finally:
-            threads.shutdown(wait=False, cancel_futures=True)
             for worker in workers:
                 worker.stop()
 

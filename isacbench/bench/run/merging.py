@@ -104,8 +104,7 @@ def _open(folder: Path) -> Run:
             f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); resume the run "
             "with this version first"
         )
-    if (run.rows["deviation"].notna() & ~run.is_whole()).any():
-        raise InputError(f"{folder}: damaged run: some clouds are missing; isacbench run restores them")
+    run.require_clouds()
     return run
 
 

@@ -93,9 +93,10 @@ class Plan:
         """Versions of rows that this process makes, by the key of the entry."""
         return {key: environment["versions"] for key, environment in self.environments.items()}
 
-    def task(self, name: str) -> Task:
-        """Look up a task by its name."""
-        return self._by_name[name]
+    @cached_property
+    def by_name(self) -> dict[str, Task]:
+        """Tasks by name."""
+        return {task.name: task for task in self.tasks}
 
     def positions(self, keys: pd.DataFrame) -> NDArray[np.int64]:
         """Positions in the table of some cells.
@@ -145,10 +146,6 @@ class Plan:
         every = pieces(self.blocks(np.ones(self.n_cells, dtype=np.bool_)), shard.n)
         part = [number for number, piece in enumerate(every) for block in piece for _ in block.entries]
         return np.array(part) % shard.n == shard.k - 1
-
-    @cached_property
-    def _by_name(self) -> dict[str, Task]:
-        return {task.name: task for task in self.tasks}
 
     @cached_property
     def _cells(self) -> pd.MultiIndex:

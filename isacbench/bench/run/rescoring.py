@@ -104,11 +104,7 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
     """New scores, indexed by the position of their row."""
     rows, scored = run.rows, {}
     chosen = np.flatnonzero(~failed(rows) & rows["scenario"].isin(list(run.imaged_scenes)))
-    if n_lost := int((~run.is_whole()[chosen]).sum()):
-        raise InputError(
-            f"{run.label}: {n_lost} of {len(chosen)} clouds are missing or damaged; "
-            "`isacbench run` into the folder makes them again"
-        )
+    run.require_clouds()
     observed = lru_cache(maxsize=64)(run.observed)  # rows of a trial stand close together
     for place in chosen.tolist():
         row, cloud = rows.iloc[place], PointCloud.from_array(run.points[place])

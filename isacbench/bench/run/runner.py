@@ -363,8 +363,7 @@ def rows_to_keep(stored: Run, job: Job, options: RunOptions, part: Mask) -> Run:
         again |= other_content | other_versions
     again &= part[positions]
     is_last = ~pd.Series(positions).duplicated(keep="last").to_numpy()
-    has_cloud = rows["deviation"].isna().to_numpy() | stored.is_whole()
-    good: Mask = is_last & has_cloud & ~again
+    good = is_last & ~stored.lost_clouds() & ~again
     if (stale := good & other_content).any():
         raise InputError(
             f"{stale.sum()} of its {stale.size} cells were made with different content of scenario "

@@ -28,16 +28,16 @@ from isacbench.bench.store import tables
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
 from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import DAMAGE, damage_named, damage_text, replacing
-from isacbench.bench.suites.scenario_digest import restore_scenario, truth_table
+from isacbench.bench.suites.scenario_digest import restore_scatterers, restore_scenario, truth_table
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
+from isacbench.checked_arrays import Mask
 from isacbench.display import Description, Displayed, span
 from isacbench.errors import AccessError, InputError, InputWarning, unknown_name
 from isacbench.files.checked_files import is_there
 from isacbench.files.escaping import counted, quoted, shortened
 from isacbench.model.cloud import PointCloud
-from isacbench.model.cloud_files.tables import POINT_COLUMNS
-from isacbench.model.scene import Scatterers, Scenario, warned_before
+from isacbench.model.scene import Scenario, warned_before
 
 T = TypeVar("T")
 
@@ -238,10 +238,21 @@ class Run(Displayed):
                 )
         return self
 
-    def is_whole(self) -> NDArray[np.bool_]:
+    def is_whole(self) -> Mask:
         """Tell of which rows the cloud has all its points."""
-        found: NDArray[np.bool_] = tables.sizes(self.points) == stored_points(self.rows).to_numpy()
-        return found
+        return np.equal(tables.sizes(self.points), stored_points(self.rows))
+
+    def lost_clouds(self) -> Mask:
+        """Tell of which images the cloud is missing or damaged."""
+        return self.rows["deviation"].notna().to_numpy() & ~self.is_whole()
+
+    def require_clouds(self) -> None:
+        """Refuse a run that has lost clouds."""
+        if n_lost := int(self.lost_clouds().sum()):
+            raise InputError(
+                f"{self.label}: {n_lost} of {self.rows['deviation'].count()} clouds are missing or damaged; "
+                "`isacbench run` into the folder makes them again"
+            )
 
     def save(self, folder: Path) -> None:
         """Write tables and manifest into an existing folder, and then remove the journal."""
@@ -352,15 +363,8 @@ class Run(Displayed):
                     "isacbench would draw others; use the version of isacbench that made the run"
                 )
             return scene.scenario_of(trial)
-        points = self.draws.iloc[drawn][POINT_COLUMNS].to_numpy(dtype=np.float64)
-        scatterers = Scatterers(
-            xyz=points[:, :3],
-            velocity=points[:, 3],
-            amplitude=np.sqrt(points[:, 4]),
-            phase_rad=self.draws["phase_rad"].to_numpy(dtype=np.float64)[drawn],
-        )
         with warned_before():
-            return replace(scene.template, scatterers=scatterers)
+            return replace(scene.template, scatterers=restore_scatterers(self.draws.iloc[drawn]))
 
     @cached_property
     def _drawn(self) -> Mapping[Any, Any]:

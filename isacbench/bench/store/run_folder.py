@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from isacbench.errors import AccessError, InputError
-from isacbench.files.checked_files import open_own, require_utf8
+from isacbench.files.checked_files import open_own, require_utf8, write_errors
 
 RECORDS, RECORDS_CSV = "results.parquet", "results.csv"
 CLOUDS, TRUTH, MANIFEST = "clouds.parquet", "truth.parquet", "manifest.json"
@@ -115,21 +115,15 @@ def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
     """
     temporary = path.with_name(f".{path.name}.part")
     try:
-        temporary.unlink(missing_ok=True)  # a symbolic link of that name must not be followed
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise cannot_be_written(path, error, afterwards) from error
+        with write_errors(path, afterwards):
+            temporary.unlink(missing_ok=True)  # a symbolic link of that name must not be followed
+            yield temporary
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
+            temporary.replace(path)
     finally:
         with suppress(OSError):  # it may be impossible to create, and then there is nothing to remove
             temporary.unlink(missing_ok=True)
-
-
-def cannot_be_written(path: Path, error: OSError, afterwards: str = ROWS_KEPT) -> InputError:
-    """Build the exception for a file that the system does not let us write."""
-    return InputError(f"{path}: cannot be written: {error.strerror or error}{afterwards}")
 
 
 @contextmanager

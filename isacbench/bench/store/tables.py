@@ -26,10 +26,10 @@ from pyarrow import csv
 
 from isacbench.bench.cells.rows import CLOUD_KEYS, COLUMNS, Row
 from isacbench.bench.store.provenance import Environment
-from isacbench.bench.store.run_folder import cannot_be_written, replacing
+from isacbench.bench.store.run_folder import ROWS_KEPT, replacing
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import AccessError
-from isacbench.files.checked_files import require_file, require_inside
+from isacbench.files.checked_files import require_file, require_inside, write_errors
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
 
 TEXTS = ["scenario", "estimator", "params"]
@@ -146,11 +146,9 @@ class Journal:
         self._columns = {**dict.fromkeys(COLUMNS, math.nan), **columns}
         self._environments: set[str] = set()
         self._path = path
-        try:
+        with write_errors(path, ROWS_KEPT):
             # Unbuffered: a line is on its way when it is written, so that a kill tears at most one.
             self._file = path.open("xb", buffering=0)
-        except OSError as error:
-            raise cannot_be_written(path, error) from error
         self._write({"columns": [*self._columns]})
 
     def close(self) -> None:
@@ -169,11 +167,9 @@ class Journal:
     def _write(self, entry: Mapping[str, Any]) -> None:
         text = json.dumps(entry, separators=(",", ":"), default=np.generic.item).encode()
         rest = memoryview(b"%08x %s\n" % (zlib.crc32(text), text))
-        try:
+        with write_errors(self._path, ROWS_KEPT):
             while rest:  # a disk that is nearly full takes a part before it refuses
                 rest = rest[self._file.write(rest) :]
-        except OSError as error:
-            raise cannot_be_written(self._path, error) from error
 
 
 class JournalContent(NamedTuple):

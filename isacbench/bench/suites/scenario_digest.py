@@ -83,7 +83,6 @@ def described_fields(part: Any) -> dict[str, Any]:
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
     """Build a scenario from its description and its rows of the truth, without warnings."""
-    points = truth[POINT_COLUMNS].to_numpy()
     with warned_before():
         return Scenario(
             name=name,
@@ -93,13 +92,20 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
             base_station_m=np.array(described["base_station_m"]),
             region=Region(**_tupled(described["region"])),
             **{name: described[name] for name in OPTIONS if name in described},
-            scatterers=Scatterers(
-                xyz=points[:, :3],
-                velocity=points[:, 3],
-                amplitude=np.sqrt(points[:, 4]),
-                objects=tuple(truth[OBJECTS]) if OBJECTS in truth and all(truth[OBJECTS]) else (),
-            ),
+            scatterers=restore_scatterers(truth),
         )
+
+
+def restore_scatterers(table: pd.DataFrame) -> Scatterers:
+    """Build scatterers from rows of the truth, or of the draws of a trial, which have phases."""
+    points = table[POINT_COLUMNS].to_numpy(dtype=np.float64)
+    return Scatterers(
+        xyz=points[:, :3],
+        velocity=points[:, 3],
+        amplitude=np.sqrt(points[:, 4]),
+        phase_rad=np.asarray(table.get("phase_rad", 0.0), dtype=np.float64),
+        objects=tuple(table[OBJECTS]) if OBJECTS in table and all(table[OBJECTS]) else (),
+    )
 
 
 def truth_table(scenario: Scenario) -> pd.DataFrame:
