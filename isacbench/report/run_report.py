@@ -20,8 +20,7 @@ from isacbench.bench.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.store.manifest import command_to_show
 from isacbench.bench.store.run import CellKey, Run
-from isacbench.bench.store.run_folder import replacing
-from isacbench.bench.store.tables import without_formulas
+from isacbench.bench.store.run_folder import replacing, without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant
 from isacbench.errors import InputError, InputWarning, unknown_name

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from isacbench.bench.store.tables import without_formulas
+from isacbench.bench.store.run_folder import without_formulas
 from isacbench.charts import text_table
 from isacbench.errors import InputError
 from isacbench.files.escaping import (

@@ -32,8 +32,7 @@ from isacbench.bench.store.manifest import (
 )
 from isacbench.bench.store.provenance import differing_versions, environment_id
 from isacbench.bench.store.run import Run, Scenes, write_truth
-from isacbench.bench.store.run_folder import JOURNAL, open_folder
-from isacbench.bench.store.tables import Journal
+from isacbench.bench.store.run_folder import JOURNAL, Journal, open_folder
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import load_suite, with_metrics
 from isacbench.charts import Variant

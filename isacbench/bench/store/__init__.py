@@ -1,3 +1,3 @@
 """Stored runs: their folder, their rows, and the origin of each row."""
 
-__all__ = ["manifest", "provenance", "run", "run_folder", "tables"]
+__all__ = ["manifest", "provenance", "run", "run_folder"]

@@ -24,7 +24,6 @@ from isacbench.bench.cells.rows import (
 )
 from isacbench.bench.cells.task import ImagingTask
 from isacbench.bench.store import run_folder as files
-from isacbench.bench.store import tables
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
 from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import DAMAGE, damage_named, damage_text, replacing
@@ -111,7 +110,7 @@ class Run(Displayed):
     rows: pd.DataFrame
     manifest: Mapping[str, Any]
     has_scenarios: bool = True
-    read_clouds: Callable[[], tables.Clouds] | None = None
+    read_clouds: Callable[[], files.Clouds] | None = None
     read_scenes: Callable[[], Scenes] | None = None
 
     @classmethod
@@ -146,7 +145,7 @@ class Run(Displayed):
     @classmethod
     def of_journal(cls, path: Path) -> Run:
         """Read the rows of a journal; damaged lines are left out with a warning."""
-        rows, clouds, environments, n_torn = tables.read_journal(path)
+        rows, clouds, environments, n_torn = files.read_journal(path)
         if n_torn:
             _warn_of_damage(path, f"{n_torn} lines")
         return cls(str(path.parent), rows, {"environments": environments}, read_clouds=lambda: clouds)
@@ -179,9 +178,9 @@ class Run(Displayed):
         return found
 
     @cached_property
-    def points(self) -> tables.Clouds:
+    def points(self) -> files.Clouds:
         """Clouds in the order of the rows, empty where there is none."""
-        return [tables.NO_POINTS] * len(self.rows) if self.read_clouds is None else self.read_clouds()
+        return [files.NO_POINTS] * len(self.rows) if self.read_clouds is None else self.read_clouds()
 
     @cached_property
     def scenes(self) -> Scenes:
@@ -240,7 +239,7 @@ class Run(Displayed):
 
     def is_whole(self) -> Mask:
         """Tell of which rows the cloud has all its points."""
-        return np.equal(tables.sizes(self.points), stored_points(self.rows))
+        return np.equal(files.sizes(self.points), stored_points(self.rows))
 
     def lost_clouds(self) -> Mask:
         """Tell of which images the cloud is missing or damaged."""
@@ -258,17 +257,17 @@ class Run(Displayed):
         """Write tables and manifest into an existing folder, and then remove the journal."""
         write_truth(folder, self.scenarios)
         if len(self.draws):
-            tables.write_table(self.draws, folder / files.DRAWS)
+            files.write_table(self.draws, folder / files.DRAWS)
         self.save_rows(folder)
         with replacing(folder / files.RECORDS_CSV) as path:
-            tables.write_csv_table(tables.without_formulas(self.rows), path)
+            files.write_csv_table(files.without_formulas(self.rows), path)
         write_manifest(folder, self.manifest)
         (folder / files.JOURNAL).unlink(missing_ok=True)
 
     def save_rows(self, folder: Path) -> None:
         """Write rows and clouds, in place of older ones."""
-        tables.write_table(tables.cloud_table(self.rows, self.points), folder / files.CLOUDS)
-        tables.write_table(self.rows, folder / files.RECORDS)
+        files.write_table(files.cloud_table(self.rows, self.points), folder / files.CLOUDS)
+        files.write_table(self.rows, folder / files.RECORDS)
 
     @cached_property
     def clouds(self) -> Mapping[CellKey, PointCloud]:
@@ -442,7 +441,7 @@ def load_run(folder: str | Path) -> Run:
 def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
     """Write the scatterers of the scenarios of a run."""
     truth = pd.concat([truth_table(scenario) for scenario in scenarios.values()], ignore_index=True)
-    tables.write_table(truth, folder / files.TRUTH)
+    files.write_table(truth, folder / files.TRUTH)
 
 
 class _Clouds(Mapping[CellKey, PointCloud]):
@@ -500,7 +499,7 @@ def _read_undamaged(read: Callable[[Path], T], path: Path) -> T | None:
 
 
 def _read_rows(path: Path) -> pd.DataFrame:
-    rows = tables.read_table(path)
+    rows = files.read_table(path)
     if missing := [name for name in COLUMNS if name not in rows]:
         raise ValueError(f"{path.name} has no column {missing[0]}")
     if rows.duplicated(CLOUD_KEYS).any():
@@ -508,20 +507,20 @@ def _read_rows(path: Path) -> pd.DataFrame:
     return rows
 
 
-def _read_clouds(folder: Path, rows: pd.DataFrame, read: Read) -> tables.Clouds:
+def _read_clouds(folder: Path, rows: pd.DataFrame, read: Read) -> files.Clouds:
     with damage_named(folder):
-        table = read(tables.read_table, folder / files.CLOUDS)
-        return [tables.NO_POINTS] * len(rows) if table is None else tables.clouds_of(rows, table)
+        table = read(files.read_table, folder / files.CLOUDS)
+        return [files.NO_POINTS] * len(rows) if table is None else files.clouds_of(rows, table)
 
 
 def _read_scenes(folder: Path, manifest: Mapping[str, Any]) -> Scenes:
     with damage_named(folder):
-        truth = tables.read_table(folder / files.TRUTH)
+        truth = files.read_table(folder / files.TRUTH)
         scenarios = {
             name: restore_scenario(name, described, truth[truth["scenario"] == name])
             for name, described in manifest["scenarios"].items()
         }
-        draws = _read_if_there(tables.read_table, folder / files.DRAWS)
+        draws = _read_if_there(files.read_table, folder / files.DRAWS)
         if draws is None:
             draws = pd.DataFrame(columns=DRAW_COLUMNS)
         return Scenes(restore_suite(manifest["suite"]), scenarios, draws)

@@ -22,7 +22,7 @@ from isacbench.bench.run_times import STAGE_STYLES, is_timed, summarise_points, 
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.tables import NO_POINTS, sizes
+from isacbench.bench.store.run_folder import NO_POINTS, sizes
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant
 from isacbench.errors import InputError

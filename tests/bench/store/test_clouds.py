@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.bench.cells.rows import CLOUD_KEYS
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.tables import cloud_table, clouds_of
+from isacbench.bench.store.run_folder import cloud_table, clouds_of
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
 
 sizes = st.lists(st.integers(0, 3), max_size=6)

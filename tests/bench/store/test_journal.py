@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.bench.cells.rows import COLUMNS, Row
-from isacbench.bench.store.tables import Journal, read_journal
+from isacbench.bench.store.run_folder import Journal, read_journal
 from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 

@@ -13,7 +13,7 @@ import pytest
 from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.tables import Journal
+from isacbench.bench.store.run_folder import Journal
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.paper import Paper
@@ -419,7 +419,7 @@ def test_a_table_that_cannot_be_written_leaves_the_journal(
     suite, folder, undisturbed, monkeypatch, raised, expected, message
 ):
     with monkeypatch.context() as patch:
-        patch.setattr("isacbench.bench.store.tables.write_csv_table", Mock(side_effect=raised))
+        patch.setattr("isacbench.bench.store.run_folder.write_csv_table", Mock(side_effect=raised))
         with pytest.raises(expected, match=message):
             go(suite, folder)
     assert go(suite, folder)[1] == 0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from isacbench.bench.store.tables import without_formulas, write_csv_table
+from isacbench.bench.store.run_folder import without_formulas, write_csv_table
 
 # Python's own float, because the parser of pandas 2 can be off by a last digit.
 # A text such as 0 stays a text.
