@@ -295,7 +295,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             Power per element.
         """
         shape = snapshots.shape[2], snapshots.shape[3]
-        subarray = self.subarray(shape)
+        subarray = subarray_shape(shape, self.subarray_fraction)
         data = snapshots.astype(self.dtype_in("subspace"), copy=False)
         n_sensors = subarray[0] * subarray[1]
         largest = max(min(self.max_sources, most_sources(subarray), n_sensors - 1), 1)
@@ -307,21 +307,6 @@ class JointSubspaceEstimator(CellwiseEstimator):
         in_signal = np.arange(order.max(initial=1)) < order[:, None]
         basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
         return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
-
-    def subarray(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Size of the subarrays.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            Elements P, Q of the array.
-
-        Returns
-        -------
-        (int, int)
-            Elements along u and along w.
-        """
-        return subarray_shape(shape, self.subarray_fraction)
 
     def signal_order(
         self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float

@@ -57,14 +57,8 @@ def require_interval(name: str, limits: tuple[float, float], largest: float) -> 
     require(fits, name, limits, f"two ascending numbers, none beyond {largest:g}")
 
 
-def require_count(name: str, value: object, smallest: int = 1) -> None:
-    """Refuse a value that is not a whole number, or below the smallest one.
-
-    Raises
-    ------
-    InputError
-        Naming it.
-    """
+def require_count(name: str, value: object) -> None:
+    """Refuse a value that is not a whole number from 1 up."""
     fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    fits = fits and smallest <= operator.index(cast("SupportsIndex", value)) <= LARGEST_COUNT
-    require(fits, name, value, f"a whole number from {smallest} to {LARGEST_COUNT}")
+    fits = fits and 1 <= operator.index(cast("SupportsIndex", value)) <= LARGEST_COUNT
+    require(fits, name, value, f"a whole number from 1 to {LARGEST_COUNT}")

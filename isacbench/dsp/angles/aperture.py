@@ -55,7 +55,7 @@ class Responses(ABC):
         ndarray of complex128, shape (..., k, k)
             Hermitian, filters first; 1 on the diagonal.
         """
-        return self._joined(*self._line_products()) / self.n_elements
+        return self._joined(*_line_grams(self.along_u, self.along_w)) / self.n_elements
 
     def intersections_gram(self) -> Complex:
         """The same of all pairs of one of the i cosines u and one of the j cosines w.
@@ -64,7 +64,7 @@ class Responses(ABC):
         -------
         ndarray of complex128, shape (n, i, j, i, j)
         """
-        along_u, along_w = self._line_products()
+        along_u, along_w = _line_grams(self.along_u, self.along_w)
         return self._joined(along_u[:, :, None, :, None], along_w[:, None, :, None, :]) / self.n_elements
 
     def slope_gram(self) -> Complex:
@@ -126,9 +126,6 @@ class Responses(ABC):
         dtype = np.result_type(np.complex64, snapshots.dtype)
         a, b = (line.conj().astype(dtype, copy=False) for line in (self.along_u, self.along_w))
         return a, b
-
-    def _line_products(self) -> tuple[Complex, Complex]:
-        return _line_grams(self.along_u, self.along_w)
 
 
 class _PlaneResponses(Responses):
