@@ -23,12 +23,8 @@ from ..cubes.samples import SHAPE, h5, mat, mat73, npz, random_cube, write_zarr,
 TAKES = "a cloud takes x, y, z and, if there, v (or velocity) and power; it has"
 NO_VELOCITY = "allowed is the name velocity for m/s, positive when approaching, or nothing like it"
 NO_POWER = "allowed is the name power for powers relative to a unit scatterer, or nothing like it"
-FIELDS = (
-    "allowed are as many in all rows and in the header, and rows without their numbers (pandas: index=False"
-)
-NUMBERED = (
-    "may number the columns or the rows; allowed is a header x, y, z ... and rows without their numbers"
-)
+FIELDS = "allowed are as many in all rows and in the header, and rows without their numbers (pandas: index="
+NUMBERED = "may number the columns or the rows; allowed is a header x, y, z ... and rows without their num"
 NUMBER = "expected a number, with a decimal point (or commas in all, where none separates fields)"
 
 CSV = {
@@ -83,6 +79,7 @@ POINTS = {
 HEAD = "ply\nformat ascii 1.0\nelement vertex 2\n"
 PROPERTIES = "property float x\nproperty float y\nproperty float z\nproperty float v\n"
 ROWS = HEAD + PROPERTIES + "end_header\n1 2 3 4\n"
+WITH_RCS = HEAD + PROPERTIES + "property float scalar_rcs\nend_header\n"
 NO_PLY = "is no PLY file, which starts with 'ply' and has a line 'end_header'"
 NO_VERTEX = "takes a line 'format' and the first element 'vertex'; its elements:"
 PLY = {
@@ -97,9 +94,7 @@ PLY = {
     HEAD + "end_header\n": f"element vertex: x is missing; {TAKES} none",
     HEAD + PROPERTIES + "property float velocity\nend_header\n": "element vertex: v appears twice",
     HEAD + PROPERTIES + "property list uchar int ids\nend_header\n": "has a list property; only plain ones",
-    HEAD + PROPERTIES + "property float scalar_rcs\nend_header\n1 2 3 4 5\n1 2 3 4 5\n": (
-        f"has no power, but scalar_rcs; {NO_POWER}"
-    ),
+    WITH_RCS + "1 2 3 4 5\n1 2 3 4 5\n": f"has no power, but scalar_rcs; {NO_POWER}",
     HEAD + "property float u\n" + PROPERTIES + "end_header\n": "v beside u is of a texture",
     ROWS: "is truncated: 1 of 2 vertices",
     ROWS + "1 2 3\n": "row 10: 3 fields instead of 4",
@@ -113,6 +108,7 @@ PLY = {
 TABLE = np.array([[1.0, 2, 3, 4, 0.5], [-0.1, 1 / 3, 1e-7, -3, 2.25]])
 XYZ, VELOCITY, POWER = TABLE[:, :3], TABLE[:, 3], TABLE[:, 4]
 PARTS = {"xyz": XYZ, "velocity": VELOCITY}
+SPEEDS = "Velocity", "doppler", "vel"
 POWERS = "Power", "rcs", "RCS_dBsm", "echo_power", "amplitude", "Intensity", "snr_db", "sigma", "pwr", "RCSdB"
 ARRAYS = (
     "takes real numbers: xyz (n, 3), optionally velocity (n) and power (n), or exactly one "
@@ -130,11 +126,8 @@ NPY = [
 NAMED = [
     *(({**PARTS, name: POWER}, f"has no power, but {name}; {NO_POWER}") for name in POWERS),
     *(({"cloud": TABLE[:, :4], name: POWER}, f"has no power, but {name}; {NO_POWER}") for name in POWERS),
-    *(
-        ({place: XYZ, name: VELOCITY}, f"has no velocity, but {name}; {NO_VELOCITY}")
-        for name in ("Velocity", "doppler", "vel")
-        for place in ("xyz", "points")
-    ),
+    *(({"xyz": XYZ, name: VELOCITY}, f"has no velocity, but {name}; {NO_VELOCITY}") for name in SPEEDS),
+    *(({"points": XYZ, name: VELOCITY}, f"has no velocity, but {name}; {NO_VELOCITY}") for name in SPEEDS),
     ({"pose": np.eye(4), "points": np.ones((50, 3)), "doppler": np.ones(50)}, ARRAYS),
     ({"pose": np.eye(4), **{name: np.ones(50) for name in "xyzv"}}, ARRAYS),
     ({"pose": np.eye(4), "points": np.ones((5, 3))}, f"{ARRAYS} pose (float64 of shape (4, 4)), points ("),
@@ -156,10 +149,7 @@ def cell73(file):
 
 
 MAT = [
-    (
-        mat(truth={"points": np.ones((50, 4))}, estimate=TABLE),
-        f"{ARRAYS} estimate (float64 of shape (2, 5)), tr",
-    ),
+    (mat(truth={"points": np.ones((50, 4))}, estimate=TABLE), f"{ARRAYS} estimate (float64 of shape (2, 5))"),
     (mat(**PARTS, power=csc_array(TABLE[:, 4:])), "power takes 2 real numbers"),
     (mat(**PARTS, power={"linear": POWER}), "has no power, but power/linear"),
     (
@@ -273,24 +263,19 @@ def without_chunk(chunk, **options):
     return ".zarr", write
 
 
-def changed(file, change):
-    """A file whose bytes are changed after it is written."""
-    suffix, write = file
-
-    def write_changed(path):
-        write(path)
-        path.write_bytes(change(path.read_bytes()))
-
-    return suffix, write_changed
+def short_npy(path):
+    """An array that has fewer bytes than its header says."""
+    np.save(path, CUBE)
+    path.write_bytes(path.read_bytes()[:-1])
 
 
 def short_member(method):
-    """An archive whose array has fewer bytes than its header says."""
+    """An archive of such an array."""
 
     def write(path):
-        np.save(path.with_name("cube.npy"), CUBE)
+        short_npy(path.with_name("cube.npy"))
         with zipfile.ZipFile(path, "w", method) as archive:
-            archive.writestr("cube.npy", path.with_name("cube.npy").read_bytes()[:-8])
+            archive.write(path.with_name("cube.npy"), "cube.npy")
 
     return ".npz", write
 
@@ -299,12 +284,9 @@ SHORT = f"cube: is truncated: has less than complex128 of shape {SHAPE}"
 LACKS = "cube: lacks 1 of 24 chunks; if they hold zeros, "
 
 DAMAGED = [
-    (changed(npy(CUBE), lambda data: data[:-1]), "cannot be read as npy: mmap length is greater than file"),
+    ((".npy", short_npy), "cannot be read as npy: mmap length is greater than file"),
     *((short_member(method), SHORT) for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)),
-    (
-        h5(lambda file: file.create_dataset("cube", SHAPE, np.complex64)),
-        "not complete: the file has 0 of 1 chunks",
-    ),
+    (h5(lambda file: file.create_dataset("cube", SHAPE, "c8")), "not complete: the file has 0 of 1 chunks"),
     (not_filled(chunks=(12, 10, 3, 2)), "cube: is not complete: the file has 2 of 4 chunks"),
     (without_chunk("cube/1.0.1.3", zarr_format=2), LACKS),
     (without_chunk("cube/c/1/0/1/3"), LACKS),

@@ -6,6 +6,7 @@ import json
 import pickle
 import struct
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -45,18 +46,6 @@ class Trap:
 # Not of any format
 
 
-def folder(path):
-    path.mkdir()
-
-
-def dangling(path):
-    path.symlink_to(path.with_name("nothing"))
-
-
-def empty(path):
-    path.touch()
-
-
 def sparse(n_bytes):
     """So many bytes that take no room."""
 
@@ -68,16 +57,13 @@ def sparse(n_bytes):
 
 
 def content(data):
-    def write(path):
-        path.write_bytes(data)
-
-    return write
+    return lambda path: path.write_bytes(data)
 
 
 ANY = {
-    "a folder": folder,
-    "a link to nothing": dangling,
-    "nothing in it": empty,
+    "a folder": Path.mkdir,
+    "a link to nothing": lambda path: path.symlink_to(path.with_name("nothing")),
+    "nothing in it": Path.touch,
     "a terabyte": sparse(2**40),
     "a page of zeros": sparse(4096),
     "pickled": lambda path: path.write_bytes(pickle.dumps(Trap(path.parent))),
@@ -94,27 +80,22 @@ ANY = {
 # npy
 
 
-def npy_bytes(shape, descr="<f8", order=False, data=b"", version=1):
+def npy_of(header, data=b""):
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data
+
+
+def npy_bytes(shape, descr="<f8", data=b""):
     """An npy file whose header says what it likes."""
-    header = f"{{'descr': {descr!r}, 'fortran_order': {order}, 'shape': {shape!r}}}\n".encode("latin-1")
-    length = struct.pack("<H" if version == 1 else "<I", len(header))
-    return b"\x93NUMPY" + bytes([version, 0]) + length + header + data
+    header = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape!r}}}\n"
+    return npy_of(header.encode(), data)
 
 
 def npy(*args, **options):
     return content(npy_bytes(*args, **options))
 
 
-def pickled_npy(path):
-    np.save(path, np.array([[Trap(path.parent)] * 4], dtype=object), allow_pickle=True)
-
-
 def saved(array):
-    def write(path):
-        with path.open("wb") as file:
-            np.save(file, array)
-
-    return write
+    return lambda path: np.save(path, array)
 
 
 NPY = {
@@ -124,11 +105,9 @@ NPY = {
     "negative cells": npy((-4, -3, 2, 2), "<c8", data=bytes(4000)),
     "one number short": npy((2, 4), data=bytes(63)),
     "a shape of text": npy("ab"),
-    "a header of code": content(
-        b"\x93NUMPY\x01\x00" + struct.pack("<H", 40) + b"__import__('os').mkdir('UNPICKLED')".ljust(40)
-    ),
-    "a header of brackets": content(b"\x93NUMPY\x01\x00" + struct.pack("<H", 1000) + b"(" * 1000),
-    "Python objects": pickled_npy,
+    "a header of code": content(npy_of(b"__import__('os').mkdir('UNPICKLED')".ljust(40))),
+    "a header of brackets": content(npy_of(b"(" * 1000)),
+    "Python objects": lambda path: np.save(path, np.array([[Trap(path.parent)] * 4], dtype=object)),
     "Python objects by header": npy((2, 4), "|O", data=bytes(64)),
     "times": saved(np.zeros((2, 4), "datetime64[s]")),
     "records": saved(np.zeros(4, [("x", "f8"), ("y", "f8")])),
@@ -140,11 +119,11 @@ NPY = {
 # npz
 
 
-def npz(members, method=zipfile.ZIP_DEFLATED):
+def npz(members):
     """An npz file of members by name, their bytes given."""
 
     def write(path):
-        with zipfile.ZipFile(path, "w", method) as archive:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, data in members.items():
                 archive.writestr(name, data)
 
@@ -334,7 +313,7 @@ CUBES = {
     ".npz": NPZ,
     ".mat": {
         **MAT,
-        "cells of the right shapes": mat_of(cube=np.full((4, 3, 2, 2), {}), transmitted=np.full((4, 3), {})),
+        "cells of a cube": mat_of(cube=np.full((4, 3, 2, 2), {}), transmitted=np.full((4, 3), {})),
     },
     ".h5": H5,
     ".zarr": ZARR,

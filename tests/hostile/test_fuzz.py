@@ -30,11 +30,8 @@ trials = 2
 """
 
 
-def cloud_file(suffix):
-    def write(path):
-        PointCloud.from_array(TABLE).write(path)
-
-    return suffix, write
+def write_cloud(path):
+    PointCloud.from_array(TABLE).write(path)
 
 
 def big_endian_ply(path):
@@ -48,10 +45,10 @@ def cube_npz(save):
 
 
 SEEDS = {
-    "cloud csv": (PointCloud.read, *cloud_file(".csv")),
-    "cloud npy": (PointCloud.read, *cloud_file(".npy")),
-    "cloud npz": (PointCloud.read, *cloud_file(".npz")),
-    "cloud ply": (PointCloud.read, *cloud_file(".ply")),
+    **{
+        f"cloud{suffix}": (PointCloud.read, suffix, write_cloud)
+        for suffix in (".csv", ".npy", ".npz", ".ply")
+    },
     "cloud, mat 7.3": (PointCloud.read, ".mat", lambda path: write_mat73(path, p=TABLE, compressed=True)),
     "cloud, compressed npz": (PointCloud.read, ".npz", lambda path: np.savez_compressed(path, p=TABLE)),
     "cloud, binary ply": (PointCloud.read, ".ply", big_endian_ply),
@@ -65,41 +62,30 @@ SEEDS = {
 """Reader, extension, and what writes a valid file. SciPy's reader of older mat files ends with some."""
 
 
-@st.composite
-def mutations(draw):
-    """A function of bytes that damages them in a few places."""
-    changes = draw(
-        st.lists(
-            st.tuples(
-                st.sampled_from(["set", "flip", "cut", "drop", "repeat", "number"]),
-                st.floats(0, 1, exclude_max=True),
-                st.integers(0, 2**32 - 1),
-            ),
-            min_size=1,
-            max_size=4,
-        )
-    )
+PLACES, VALUES = st.floats(0, 1, exclude_max=True), st.integers(0, 2**32 - 1)
+KINDS = st.sampled_from(["set", "flip", "cut", "drop", "repeat", "number"])
+CHANGES = st.lists(st.tuples(KINDS, PLACES, VALUES), min_size=1, max_size=4)
 
-    def mutate(data):
-        data = bytearray(data)
-        for kind, where, value in changes:
-            at = int(where * len(data))
-            match kind:
-                case "set":
-                    data[at : at + 1] = [value % 256]
-                case "flip":
-                    data[at : at + 1] = bytes(byte ^ (1 << value % 8) for byte in data[at : at + 1])
-                case "cut":
-                    del data[at:]
-                case "drop":
-                    del data[at : at + value % 9]
-                case "repeat":
-                    data[at:at] = data[at : at + value % 99]
-                case "number":
-                    data[at : at + 4] = value.to_bytes(4, "little")
-        return bytes(data)
 
-    return mutate
+def damaged(data, changes):
+    """Bytes with changes in a few places."""
+    data = bytearray(data)
+    for kind, where, value in changes:
+        at = int(where * len(data))
+        match kind:
+            case "set":
+                data[at : at + 1] = [value % 256]
+            case "flip":
+                data[at : at + 1] = bytes(byte ^ (1 << value % 8) for byte in data[at : at + 1])
+            case "cut":
+                del data[at:]
+            case "drop":
+                del data[at : at + value % 9]
+            case "repeat":
+                data[at:at] = data[at : at + value % 99]
+            case "number":
+                data[at : at + 4] = value.to_bytes(4, "little")
+    return bytes(data)
 
 
 def read_or_refuse(bounded, reader, path):
@@ -115,14 +101,14 @@ def read_or_refuse(bounded, reader, path):
 
 @pytest.mark.parametrize("name", SEEDS)
 @settings(max_examples=EXAMPLES, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(mutate=mutations())
-def test_a_damaged_file_is_read_or_refused(tmp_path, bounded, name, mutate):
+@given(changes=CHANGES)
+def test_a_damaged_file_is_read_or_refused(tmp_path, bounded, name, changes):
     reader, suffix, write = SEEDS[name]
     path, valid = tmp_path / f"damaged{suffix}", tmp_path / f"valid{suffix}"
     if not valid.exists():
         write(valid)
         reader(valid)
-    path.write_bytes(mutate(valid.read_bytes()))
+    path.write_bytes(damaged(valid.read_bytes(), changes))
     read_or_refuse(bounded, reader, path)
 
 
@@ -138,8 +124,8 @@ def test_a_file_that_ends_anywhere_is_read_or_refused(tmp_path, bounded, name):
 
 
 @settings(max_examples=EXAMPLES, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(mutate=mutations())
-def test_a_damaged_scenario_is_read_or_refused(tiny, bounded, mutate):
-    damaged = tiny.with_name("damaged.toml")
-    damaged.write_bytes(mutate(tiny.read_bytes()))
-    read_or_refuse(bounded, load_scenario, damaged)
+@given(changes=CHANGES)
+def test_a_damaged_scenario_is_read_or_refused(tiny, bounded, changes):
+    path = tiny.with_name("damaged.toml")
+    path.write_bytes(damaged(tiny.read_bytes(), changes))
+    read_or_refuse(bounded, load_scenario, path)

@@ -72,10 +72,11 @@ def run_and_report(suite, run_folder):
     draw_run(results)
 
 
+WRITTEN = ["summary.csv", "summary.md", "figures", "figures/deviation.png", "results.csv"]
+
+
 @pytest.mark.usefixtures("written_empty")
-@pytest.mark.parametrize(
-    "name", ["summary.csv", "summary.md", "figures", "figures/deviation.png", "results.csv"]
-)
+@pytest.mark.parametrize("name", WRITTEN)
 def test_what_cannot_be_replaced_is_told(made, run_folder, refused, name):
     path = run_folder / name
     if name == "figures":
@@ -91,10 +92,17 @@ def test_what_cannot_be_replaced_is_told(made, run_folder, refused, name):
 # Contents that are read
 
 
-def resigned(table, path):
-    """Write a table without the digest of its content, as a stranger may."""
+def change_records(folder, without=(), **columns):
+    """Change rows of a run and leave the digest of their content out, as a stranger may."""
+    table = pd.read_parquet(folder / "results.parquet").assign(**columns).drop(columns=[*without])
     table.attrs = {}
-    table.to_parquet(path, index=False)
+    table.to_parquet(folder / "results.parquet", index=False)
+
+
+def change_manifest(folder, without):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest[without]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
 
 
 HOSTILE_NAME = '"><script>alert(1)</script>`|$x$\\=\x1b[31m\n../../../etc/passwd'
@@ -111,8 +119,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made, run_folder, change):
-    table = pd.read_parquet(run_folder / "results.parquet").assign(**change)
-    resigned(table, run_folder / "results.parquet")
+    change_records(run_folder, **change)
     told = ""
     with bounded(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -131,47 +138,34 @@ def test_records_that_isacbench_did_not_write_are_used_or_refused(bounded, made,
 
 @pytest.mark.parametrize("column", ["params", "deviation"])
 def test_records_that_lack_a_column_are_refused(refused, run_folder, column):
-    resigned(
-        pd.read_parquet(run_folder / "results.parquet").drop(columns=column), run_folder / "results.parquet"
-    )
+    change_records(run_folder, without=[column])
     assert f"no column {column}" in refused(Run.open, run_folder)
 
 
 def test_nothing_in_a_table_is_unpickled(refused, run_folder, tmp_path):
-    metadata = {
-        b"ARROW:extension:name": b"arrow.py_extension_type",
-        b"ARROW:extension:metadata": pickle.dumps(Trap(tmp_path)),
-    }
+    metadata = {"name": b"arrow.py_extension_type", "metadata": pickle.dumps(Trap(tmp_path))}
+    metadata = {f"ARROW:extension:{key}": value for key, value in metadata.items()}
     field = pa.field("scenario", pa.string(), metadata=metadata)
-    table = pa.table([pa.array(["tiny"])], schema=pa.schema([field]))
-    pq.write_table(table, run_folder / "results.parquet")
+    pq.write_table(pa.table({"scenario": ["tiny"]}, pa.schema([field])), run_folder / "results.parquet")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         refused(Run.open, run_folder)
     assert not (tmp_path / "UNPICKLED").exists()
 
 
-def manifest_of(folder):
-    return json.loads((folder / "manifest.json").read_text())
-
-
 @pytest.mark.parametrize("key", ["suite", "scores", "scenarios"])
 def test_a_manifest_that_lacks_a_part_is_refused(refused, run_folder, key):
-    manifest = manifest_of(run_folder)
-    del manifest[key]
-    (run_folder / "manifest.json").write_text(json.dumps(manifest))
+    change_manifest(run_folder, key)
     assert key in refused(Run.open, run_folder)
 
 
 def test_rows_of_a_scenario_that_the_manifest_lacks_are_refused(run_folder, refused):
-    table = pd.read_parquet(run_folder / "results.parquet").assign(scenario="elsewhere")
-    resigned(table, run_folder / "results.parquet")
+    change_records(run_folder, scenario="elsewhere")
     assert "its rows name the scenarios ['elsewhere']" in refused(Run.open, run_folder)
 
 
 def test_a_manifest_without_sessions_is_rescored(run_folder):
-    manifest = manifest_of(run_folder)
-    del manifest["sessions"]
-    (run_folder / "manifest.json").write_text(json.dumps(manifest))
+    change_manifest(run_folder, "sessions")
     assert not [change for change in rescore(run_folder).changes if change.n_rows]
-    assert manifest_of(run_folder)["scores"]["metrics"]["paper"]["version"] == Paper.version
+    manifest = json.loads((run_folder / "manifest.json").read_text())
+    assert manifest["scores"]["metrics"]["paper"]["version"] == Paper.version

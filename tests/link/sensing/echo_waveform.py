@@ -5,13 +5,13 @@ Scatterers are paths of the waveform. What arrives is demodulated and divided by
 
 import numpy as np
 
-from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.link.reception.channel import Paths
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.link.waveform.ofdm import demodulate
 from isacbench.link.waveform.resource_grid import draw_grid
-from isacbench.model.echo import Simulator, echo_parameters, element_responses
+from isacbench.model.echo import echo_parameters, element_responses
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
+from tests.gated_cells import cells_in_gate, gate_of
 from tests.link.sensing.propagation import propagate
 
 
@@ -40,9 +40,5 @@ def waveform_cells(
     sensed = sensed_elements(scenario.system, sensing)
     factors = division_factors(grid.symbols, sensed, signal.division, snr_db, unit=1.0)
     symbols = echo_symbols(scenario, grid, scenario.array.positions)
-    gate = Simulator(scenario).gate
-    shape = symbols.shape
-    cells = range_doppler_map(symbols * factors[:, :, None])[
-        np.ix_(gate.range_bins % shape[0], gate.doppler_bins % shape[1])
-    ]
-    return cells.reshape(*gate.shape, *scenario.array.shape)
+    cells = cells_in_gate(symbols * factors[:, :, None], gate_of(scenario))
+    return cells.reshape(*cells.shape[:2], *scenario.array.shape)

@@ -83,12 +83,10 @@ def test_an_observation_of_a_still_scene_is_that_of_the_closed_form(sensing, div
 
 @pytest.mark.slow
 def test_the_street_through_its_waveform_is_imaged_as_in_closed_form():
-    street = load_scenario("street-8x8")
-    estimator = get_estimator("music2d")
+    street, estimator = load_scenario("street-8x8"), get_estimator("music2d")
     closed = observe(street, np.inf)
-    echo = waveform_cells(street)
-    observations = closed, dataclasses.replace(closed, cells=echo)
-    through_closed_form, through_waveform = (
-        score(street.truth, estimator.estimate(observation))["deviation"] for observation in observations
+    waveform = dataclasses.replace(closed, cells=waveform_cells(street))
+    found, expected = (
+        score(street.truth, estimator.estimate(one))["deviation"] for one in (waveform, closed)
     )
-    assert through_waveform == pytest.approx(through_closed_form, abs=0.02)
+    assert found == pytest.approx(expected, abs=0.02)

@@ -2,8 +2,10 @@
 
 import dataclasses
 import importlib
+import itertools
 import re
 import sys
+import unittest.mock
 from contextlib import nullcontext
 
 import numpy as np
@@ -11,27 +13,27 @@ import pytest
 
 import isacbench
 from isacbench.cli.image_commands import DEFAULT_SNR
-from isacbench.dsp.rangedoppler import range_doppler_map
-from isacbench.errors import InputError, InputWarning
+from isacbench.errors import InputWarning
 from isacbench.link.sensing import link_observation
 from isacbench.link.sensing.division import Signal, symbol_moduli
 from isacbench.link.sensing.link_observation import SignalSimulator, weighted_echo
 from isacbench.link.sensing.observing import observe
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import Simulator, resource_grid
-from isacbench.model.gate import build_gate
 from isacbench.model.numerology import System
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
+from tests.conftest import refusal
+from tests.gated_cells import cells_in_gate, gate_of
 
 ESTIMATORS = ["fft4d", "music2d", "music2d_joint", "esprit2d", "nomp4d", "sbl4d", "oracle"]
 DIVISIONS = ["reciprocal", "matched", "wiener"]
 SIGNALS = [
-    Signal(sensing="prs"),
-    Signal("16qam"),
-    Signal("64qam", division="matched"),
-    Signal("256qam", division="wiener"),
+    *(Signal(sensing="prs"), Signal("16qam")),
+    *(Signal("64qam", division="matched"), Signal("256qam", division="wiener")),
 ]
+EACH_SIGNAL = pytest.mark.parametrize("signal", SIGNALS)
+EACH_DIVISION = pytest.mark.parametrize("division", DIVISIONS)
 
 
 @pytest.fixture
@@ -39,18 +41,8 @@ def scenario(tiny):
     return load_scenario(tiny)
 
 
-def gate_of(scenario):
-    return build_gate(scenario.system, scenario.base_station_m, scenario.region)
-
-
-def transformed(grid, gate):
-    """Cells of the gate from a resource grid (n, m, e)."""
-    cells = range_doppler_map(grid)
-    return cells[np.ix_(gate.range_bins % grid.shape[0], gate.doppler_bins % grid.shape[1])]
-
-
-def random_weight(system, seed=0):
-    return np.random.default_rng(seed).uniform(0, 2, (system.n_subcarriers, system.n_symbols))
+def random_weight(system):
+    return np.random.default_rng(0).uniform(0, 2, (system.n_subcarriers, system.n_symbols))
 
 
 def crowd(scenario, n, n_speeds):
@@ -75,7 +67,7 @@ def test_weighted_cells_are_the_transform_of_the_weighted_grid(
     gate, weight = gate_of(scene), random_weight(system)
     cells = weighted_echo(scene, gate, weight)
     grid = resource_grid(scene, scene.array.positions) * weight[:, :, None]
-    expected = transformed(grid, gate).reshape(cells.shape)
+    expected = cells_in_gate(grid, gate).reshape(cells.shape)
     np.testing.assert_allclose(cells, expected, atol=1e-12 * max(np.abs(expected).max(), 1))
 
 
@@ -85,7 +77,7 @@ def test_echoes_that_cancel_leave_nothing_behind_weights_either(scenario):
     assert not weighted_echo(scene, gate_of(scene), random_weight(scene.system)).any()
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
+@EACH_SIGNAL
 def test_noise_free_cells_are_those_of_the_divided_resource_grid(scenario, signal):
     system = scenario.system
     snr_db = np.inf if signal.division != "wiener" else 10.0
@@ -98,28 +90,26 @@ def test_noise_free_cells_are_those_of_the_divided_resource_grid(scenario, signa
         "wiener": sent.conj() / (np.abs(sent) ** 2 + 10 ** (-snr_db / 10)),
     }[signal.division] * mask
     divided = divisor[:, :, None] * received / np.mean(divisor * sent).real
-    expected = transformed(divided, gate)
+    expected = cells_in_gate(divided, gate)
     cells = SignalSimulator(scenario, signal).echo_cells(snr_db, trial=3, seed=1)
     np.testing.assert_allclose(cells.reshape(expected.shape), expected, atol=1e-12 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("division", DIVISIONS)
-def test_unit_modulus_on_the_whole_grid_is_the_observation_without_a_link_bit_for_bit(scenario, division):
+@EACH_DIVISION
+def test_unit_modulus_on_the_whole_grid_is_the_observation_without_a_link_bit_for_bit(
+    scenario, division, monkeypatch
+):
     plain = Simulator(scenario).observe(3.0, trial=2, seed=5).cells
-    assert np.array_equal(observe(scenario, 3.0, 2, 5, division=division).cells, plain)
-    assert np.array_equal(isacbench.observe(scenario, 3.0, 2, 5, division=division).cells, plain)
-
-
-@pytest.mark.parametrize("division", DIVISIONS)
-def test_equal_weights_on_the_long_way_give_the_same_observation(scenario, division, monkeypatch):
+    for call in (observe, isacbench.observe):
+        assert np.array_equal(call(scenario, 3.0, 2, 5, division=division).cells, plain)
+    # And the long way, through equal weights, gives the same to rounding.
     monkeypatch.setattr(Signal, "is_plain", property(lambda _: False))
     monkeypatch.setattr(Signal, "has_unit_modulus", property(lambda _: False))
     long_way = SignalSimulator(scenario, Signal(division=division)).observe(3.0, trial=2, seed=5).cells
-    plain = Simulator(scenario).observe(3.0, trial=2, seed=5).cells
     np.testing.assert_allclose(long_way, plain, atol=1e-11 * np.abs(plain).max())
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
+@EACH_SIGNAL
 def test_without_noise_cells_are_the_echo_alone_and_read_only(scenario, signal):
     simulator = SignalSimulator(scenario, signal)
     cells = simulator.observe(np.inf).cells
@@ -127,22 +117,20 @@ def test_without_noise_cells_are_the_echo_alone_and_read_only(scenario, signal):
     assert not cells.flags.writeable
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
+@EACH_SIGNAL
 def test_noise_has_the_power_that_division_leaves(scenario, signal):
     simulator = SignalSimulator(scenario, signal)
     snr_db = -5.0
-    powers, expected = [], []
-    for trial in range(6):
-        noise = simulator.observe(snr_db, trial).cells - simulator.echo_cells(snr_db, trial)
-        powers.append(np.mean(np.abs(noise) ** 2))
-        noise_factor = np.mean(simulator.weights(snr_db, trial).noise ** 2)
-        expected.append(simulator.noise_power(snr_db) * noise_factor)
+    trials = range(6)
+    noise = [simulator.observe(snr_db, one).cells - simulator.echo_cells(snr_db, one) for one in trials]
+    factors = [simulator.weights(snr_db, one).noise ** 2 for one in trials]
+    expected = simulator.noise_power(snr_db) * np.mean(factors)
     # Noise of the PRS has few degrees of freedom along Doppler; 16 elements, 6 trials.
     n_free = 6 * 16 * simulator.gate.shape[0] * 4
-    assert np.mean(powers) == pytest.approx(np.mean(expected), rel=5 / np.sqrt(n_free))
+    assert np.mean(np.abs(noise) ** 2) == pytest.approx(expected, rel=5 / np.sqrt(n_free))
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
+@EACH_SIGNAL
 def test_noise_is_that_of_the_trial_scaled_and_follows_the_canonical_draw(scenario, signal):
     simulator = SignalSimulator(scenario, signal)
     noise = simulator.noise_cells(0.0, trial=1)
@@ -157,9 +145,7 @@ def test_noise_is_that_of_the_trial_scaled_and_follows_the_canonical_draw(scenar
 def test_what_changes_neither_with_trial_nor_with_snr_is_computed_once(scenario, monkeypatch):
     n_echoes = []
     whole = link_observation.weighted_echo
-    monkeypatch.setattr(
-        "isacbench.link.sensing.link_observation.weighted_echo", lambda *of: n_echoes.append(1) or whole(*of)
-    )
+    monkeypatch.setattr(link_observation, "weighted_echo", lambda *of: n_echoes.append(1) or whole(*of))
     observations = [(snr_db, trial) for trial in range(2) for snr_db in (0.0, 10.0)]
     for signal, expected in [
         (Signal("64qam"), 0),
@@ -175,11 +161,9 @@ def test_what_changes_neither_with_trial_nor_with_snr_is_computed_once(scenario,
 
 
 def test_self_noise_of_matched_division_is_a_pedestal_of_known_height(scenario):
-    signal = Signal("16qam", division="matched")
-    simulator = SignalSimulator(scenario, signal)
-    power = np.mean(
-        [np.mean(np.abs(simulator.echo_cells(np.inf, t) - simulator.clean) ** 2) for t in range(8)]
-    )
+    simulator = SignalSimulator(scenario, Signal("16qam", division="matched"))
+    echoes = np.array([simulator.echo_cells(np.inf, trial) for trial in range(8)])
+    power = np.mean(np.abs(echoes - simulator.clean) ** 2)
     total = np.sum(scenario.scatterers.amplitude**2)
     # Data alone vary: E|X|⁴ - 1 = 0.32 of 16QAM, on all elements but those of the PRS.
     share = 1 - 64 * 12 / (256 * 32)
@@ -201,7 +185,7 @@ def test_every_estimator_images_a_signal_of_unequal_symbols(scenario, number):
         assert np.linalg.norm(cloud.xyz - strongest, axis=1).min() < 2.5, name
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
+@EACH_SIGNAL
 def test_a_recorded_frame_that_was_divided_so_is_observed_alike(scenario, signal):
     system, snr_db = scenario.system, 10.0
     simulator = SignalSimulator(scenario, signal)
@@ -226,30 +210,19 @@ def test_a_scenario_is_observed_by_its_name_alone_at_the_snr_of_the_command():
     assert np.array_equal(by_name.cells, isacbench.observe("single", float(DEFAULT_SNR)).cells)
 
 
-@pytest.mark.parametrize("scene", [None, 5, b"street", ["street"]])
-def test_what_is_no_scenario_is_refused(scene):
-    with pytest.raises(InputError, match=f"a name, a path or a Scenario, not {type(scene).__name__}$"):
-        isacbench.observe(scene, 10)
-
-
-@pytest.mark.parametrize("sensing", ["all", "prs"])
-@pytest.mark.parametrize("snr_db", [None, "10", [10.0], float("nan")])
-def test_an_snr_that_is_no_number_is_refused(scenario, snr_db, sensing):
-    message = rf"snr_db = {re.escape(repr(snr_db))}: allowed is -\d+ and more, infinity for no noise"
-    with pytest.raises(InputError, match=message):
-        isacbench.observe(scenario, snr_db, sensing=sensing)
+def test_what_is_no_scenario_or_no_number_is_refused(scenario):
+    for scene in (None, 5, b"street", ["street"]):
+        message = refusal(isacbench.observe, scene, 10)
+        assert message.endswith(f"a name, a path or a Scenario, not {type(scene).__name__}")
+    for snr_db, sensing in itertools.product([None, "10", [10.0], float("nan")], ["all", "prs"]):
+        message = rf"snr_db = {re.escape(repr(snr_db))}: allowed is -\d+ and more, infinity for no noise"
+        assert re.search(message, refusal(isacbench.observe, scenario, snr_db, sensing=sensing))
 
 
 def test_an_observation_without_a_link_does_not_load_one():
-    kept = {name: module for name, module in sys.modules.items() if name.partition(".")[0] == "isacbench"}
-    try:
-        for name in kept:
-            del sys.modules[name]
+    others = {name: one for name, one in sys.modules.items() if name.partition(".")[0] != "isacbench"}
+    with unittest.mock.patch.dict(sys.modules, others, clear=True):
         anew = importlib.import_module("isacbench")
         anew.observe(anew.load_scenario("single"), 10)
         assert "isacbench.link.sensing.observing" in sys.modules
         assert "isacbench.link.sensing.link_observation" not in sys.modules
-    finally:
-        for name in [name for name in sys.modules if name.partition(".")[0] == "isacbench"]:
-            del sys.modules[name]
-        sys.modules.update(kept)
