@@ -31,19 +31,15 @@ def of_elements(array, elements):
     return array[:, :, elements[:, 0], elements[:, 1]]
 
 
-def sum_of_tiles(cube, elements, tiles=None):
+def sum_of_tiles(cube, elements):
     """The cube (N, M, e) that its tiles make, in whatever order they are loaded."""
     total = np.zeros((*cube.shape[:2], len(elements)), cube.dtype)
-    for tile in cube.tiles(elements) if tiles is None else tiles:
+    for tile in cube.tiles(elements):
         values = tile.load()
         assert values.dtype == cube.dtype
         assert values.dtype.isnative
-        total[np.ix_(_indices(tile.subcarriers), _indices(tile.symbols), tile.elements)] += values
+        total[tile.subcarriers, tile.symbols][:, :, tile.elements] += values
     return total
-
-
-def _indices(part):
-    return np.arange(part.start, part.stop)
 
 
 def assert_gives(cube, array):
@@ -119,16 +115,14 @@ def write_chunked_h5(path, *, cube, compressed=False):
 def write_records_h5(path, *, cube, compressed=False):
     part = cube.real.dtype
     records = np.ascontiguousarray(cube).view([("real", part), ("imag", part)])
-    with h5py.File(path, "w") as file:
-        file.create_dataset("cube", data=records, compression="gzip" if compressed else None)
+    write_h5(path, compressed=compressed, cube=records)
 
 
 def write_zarr(path, *, compressed=False, zarr_format=3, chunks=None, **arrays):
     group = zarr.open_group(path, mode="w", zarr_format=zarr_format)
+    compressors = "auto" if compressed else None
     for name, array in arrays.items():
-        group.create_array(
-            name, data=array, chunks=chunks or array.shape, compressors="auto" if compressed else None
-        )
+        group.create_array(name, data=array, chunks=chunks or array.shape, compressors=compressors)
 
 
 def write_zarr2(path, *, cube, compressed=False):

@@ -45,26 +45,19 @@ def test_whatever_the_strides_and_the_list_of_elements_the_tiles_add_up(case, ax
     assert all(tile.load().nbytes <= max(tile_bytes, array.itemsize) for tile in cube.tiles(elements))
 
 
-@given(
-    case=shape_and_elements(),
-    chunks=st.tuples(*(st.integers(1, 9) for _ in range(4))),
-    tile_bytes=st.integers(1, 5000),
-)
-def test_whatever_the_chunks_tiles_add_up_and_read_only_chunks_of_requested_elements(
-    case, chunks, tile_bytes
-):
+@given(case=shape_and_elements(), chunks=st.tuples(*[st.integers(1, 9)] * 4), tile_bytes=st.integers(1, 5000))
+def test_whatever_the_chunks_tiles_add_up_and_chunks_of_requested_elements_are_read(case, chunks, tile_bytes):
     shape, elements = case
     array = random_cube(shape)
     wanted = {tuple(element // chunks[2:]) for element in elements}
     read_chunks = []
 
     def read(box):
-        n, m, p, q = box
-        assert n.start % chunks[0] == 0
-        assert m.start % chunks[1] == 0
-        assert p.start // chunks[2] == (p.stop - 1) // chunks[2]
-        assert q.start // chunks[3] == (q.stop - 1) // chunks[3]
-        read_chunks.append((n.start, m.start, p.start // chunks[2], q.start // chunks[3]))
+        n, m, *element = box
+        assert (n.start % chunks[0], m.start % chunks[1]) == (0, 0)
+        first = [part.start // size for part, size in zip(element, chunks[2:], strict=True)]
+        assert first == [(part.stop - 1) // size for part, size in zip(element, chunks[2:], strict=True)]
+        read_chunks.append((n.start, m.start, *first))
         return array[box]
 
     cube = Cube("c", StoredArray(array.shape, array.dtype, read, chunks=chunks), tile_bytes)
@@ -92,10 +85,8 @@ def test_tiles_of_an_element_major_array_are_views_of_requested_elements(element
 
 def test_the_papers_cube_is_cut_into_64_subcarriers():
     array = np.broadcast_to(np.complex64(1), (2048, 224, 16, 16))  # Has no strides, so C order is assumed.
-    elements = all_elements(array.shape)
-    assert {tile.subcarriers.stop - tile.subcarriers.start for tile in open_cube(array).tiles(elements)} == {
-        64
-    }
+    parts = [tile.subcarriers for tile in open_cube(array).tiles(all_elements(array.shape))]
+    assert {part.stop - part.start for part in parts} == {64}
 
 
 def test_views_are_read_only_and_the_array_stays_writable():

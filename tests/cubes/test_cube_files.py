@@ -10,40 +10,19 @@ import h5py
 import numpy as np
 import pytest
 import zarr
-from scipy.io import savemat
 
 from isacbench import get_estimator, observe_cube
 from isacbench.cubes import open_cube, read_grid
 from isacbench.cubes.tiles import require_shape
-from isacbench.errors import InputError, InputWarning
+from isacbench.errors import InputWarning
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
 from isacbench.model.numerology import System
+from tests.conftest import refusal
 
 from ..hostile.faults import CELL, CUBE, QPSK, M, N
-from .samples import (
-    FORMATS,
-    OF_SEVERAL,
-    SHAPE,
-    SMALL_TILE_BYTES,
-    all_elements,
-    assert_gives,
-    h5,
-    mat,
-    mat73,
-    npz,
-    random_cube,
-    sum_of_tiles,
-    write_chunked_h5,
-    write_h5,
-    write_mat,
-    write_mat73,
-    write_npy,
-    write_npz,
-    write_zarr,
-    write_zarr2,
-    zarr_of,
-)
+from . import samples
+from .samples import FORMATS, SHAPE, assert_gives, h5, mat, mat73, npz, random_cube, zarr_of
 from .test_path_lengths import scenario_of
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "cubes.md"
@@ -57,22 +36,23 @@ def test_a_file_gives_its_array_back(tmp_path, kind):
     for dtype, order, compressed in ((np.complex64, "C", True), (np.complex128, "F", False)):
         array, path = random_cube(dtype=dtype, order=order), tmp_path / f"{order}-{filename}"
         write(path, cube=array, compressed=compressed)
-        for tile_bytes in (SMALL_TILE_BYTES, 2**20):
+        for tile_bytes in (samples.SMALL_TILE_BYTES, 2**20):
             with open_cube(path, tile_bytes=tile_bytes) as cube:
                 assert_gives(cube, array)
                 assert cube.transmitted is None
                 assert str(path) in cube.name
 
 
-@pytest.mark.parametrize(("write", "name"), [(write_npy, "c.npy"), (write_npz, "c.npz"), (write_h5, "c.h5")])
-def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, write, name):
+@pytest.mark.parametrize("kind", ["npy", "npz", "h5"])
+def test_a_file_of_the_other_byte_order_gives_native_numbers(tmp_path, dtype, kind):
+    write, filename = FORMATS[kind]
     array = random_cube(dtype=dtype.newbyteorder(">"), order="F")
-    write(tmp_path / name, cube=array)
-    with open_cube(str(tmp_path / name), tile_bytes=SMALL_TILE_BYTES) as cube:
+    write(tmp_path / filename, cube=array)
+    with open_cube(str(tmp_path / filename), tile_bytes=samples.SMALL_TILE_BYTES) as cube:
         assert_gives(cube, array)
 
 
-@pytest.mark.parametrize("write", [write_mat, write_mat73])
+@pytest.mark.parametrize("write", [samples.write_mat, samples.write_mat73])
 def test_the_trailing_ones_that_matlab_drops_come_back(tmp_path, write):
     for number, shape in enumerate([(5, 4, 3, 1), (5, 4, 1, 1), (5, 1, 1, 1), (1, 1, 1, 1)]):
         array, path = random_cube(shape), tmp_path / f"{number}.mat"
@@ -84,21 +64,15 @@ def test_the_trailing_ones_that_matlab_drops_come_back(tmp_path, write):
 
 def test_datasets_zarr_arrays_and_maps_are_cubes_and_stay_open(tmp_path, order):
     array = random_cube(order=order)
-    write_chunked_h5(tmp_path / "c.h5", cube=array)
-    write_mat73(tmp_path / "c.mat", cube=array)
-    write_zarr2(tmp_path / "c.zarr", cube=array)
+    samples.write_chunked_h5(tmp_path / "c.h5", cube=array)
+    samples.write_mat73(tmp_path / "c.mat", cube=array)
+    samples.write_zarr2(tmp_path / "c.zarr", cube=array)
     np.save(tmp_path / "c.npy", array)
+    stored, mapped = zarr.open(tmp_path / "c.zarr", mode="r"), np.load(tmp_path / "c.npy", mmap_mode="r")
     with h5py.File(tmp_path / "c.h5") as plain, h5py.File(tmp_path / "c.mat") as matlab:
-        sources = [
-            plain["cube"],
-            matlab["cube"],
-            zarr.open(tmp_path / "c.zarr", mode="r")["cube"],
-            np.load(tmp_path / "c.npy", mmap_mode="r"),
-        ]
-        for source in sources:
-            for _ in range(2):
-                with open_cube(source) as cube:
-                    assert_gives(cube, array)
+        for source in 2 * [plain["cube"], matlab["cube"], stored["cube"], mapped]:
+            with open_cube(source) as cube:
+                assert_gives(cube, array)
 
 
 # Tiles
@@ -108,9 +82,9 @@ def test_datasets_zarr_arrays_and_maps_are_cubes_and_stay_open(tmp_path, order):
 def test_tiles_partition_the_cube_keep_to_their_memory_and_load_in_any_thread_order_and_again(tmp_path, kind):
     write, filename = FORMATS[kind]
     write(tmp_path / filename, cube=random_cube())
-    budget = {"zarr": 2**20, "zipped zarr": 2**20, "lone zarr": 2688}.get(kind, SMALL_TILE_BYTES)
+    budget = {"zarr": 2**20, "zipped zarr": 2**20, "lone zarr": 2688}.get(kind, samples.SMALL_TILE_BYTES)
     with open_cube(tmp_path / filename, tile_bytes=budget) as cube, ThreadPoolExecutor(4) as pool:
-        tiles = list(cube.tiles(all_elements()))
+        tiles = list(cube.tiles(samples.all_elements()))
         order = np.random.default_rng(0).permutation([*range(len(tiles))] * 3)
         loaded = list(pool.map(lambda tile: tile.load(), [tiles[k] for k in order]))
         expected = [tile.load() for tile in tiles]
@@ -125,7 +99,7 @@ def test_tiles_partition_the_cube_keep_to_their_memory_and_load_in_any_thread_or
 # Names
 
 
-@pytest.mark.parametrize("kind", OF_SEVERAL)
+@pytest.mark.parametrize("kind", samples.OF_SEVERAL)
 def test_the_cube_is_the_array_of_that_name_or_the_only_one_of_four_axes(tmp_path, kind):
     write, filename = FORMATS[kind]
     array, other = random_cube(), random_cube(seed=2)
@@ -140,7 +114,7 @@ def test_the_cube_is_the_array_of_that_name_or_the_only_one_of_four_axes(tmp_pat
             assert cube.transmitted is None
 
 
-@pytest.mark.parametrize("kind", OF_SEVERAL)
+@pytest.mark.parametrize("kind", samples.OF_SEVERAL)
 def test_the_transmitted_grid_is_found_beside_the_cube_and_in_a_file_of_its_own(tmp_path, kind):
     write, filename = FORMATS[kind]
     write(tmp_path / filename, cube=random_cube(), transmitted=GRID, compressed=True)
@@ -166,59 +140,56 @@ def test_a_real_grid_becomes_complex_and_any_byte_order_native(tmp_path):
 
 
 def test_other_things_than_arrays_and_paths_are_refused():
-    with pytest.raises(InputError, match=r"^a cube is a NumPy array, .* or a path, not list$"):
-        open_cube([[1j]])
-    with pytest.raises(InputError, match=r"^array: holds float32; a cube takes complex64 or complex128"):
-        open_cube(random_cube().real)
+    assert re.fullmatch("a cube is a NumPy array, .* or a path, not list", refusal(open_cube, [[1j]]))
+    message = refusal(open_cube, random_cube().real)
+    assert message.startswith("array: holds float32; a cube takes complex64 or complex128")
 
 
 def test_an_element_outside_the_array_is_refused():
     for element in ((3, 0), (0, 4), (-1, 0)):
-        with pytest.raises(InputError, match=re.escape(f"has no element {element}")):
-            next(open_cube(random_cube()).tiles(np.array([(0, 0), element])))
+        tiles = open_cube(random_cube()).tiles(np.array([(0, 0), element]))
+        assert f"has no element {element}" in refusal(next, tiles)
 
 
 def test_damaged_chunks_are_told_when_they_are_met(tmp_path):
-    write_h5(tmp_path / "c.h5", cube=random_cube(), compressed=True)
+    samples.write_h5(tmp_path / "c.h5", cube=random_cube(), compressed=True)
     with h5py.File(tmp_path / "c.h5") as file:
         chunk = file["cube"].id.get_chunk_info(0)
     with (tmp_path / "c.h5").open("r+b") as raw:
         raw.seek(chunk.byte_offset + chunk.size // 2)
         raw.write(bytes(100))
-    write_zarr2(tmp_path / "c.zarr", cube=random_cube())
+    samples.write_zarr2(tmp_path / "c.zarr", cube=random_cube())
     with (tmp_path / "c.zarr" / "cube" / "1.0.1.3").open("r+b") as raw:
         raw.truncate(100)
-    for name in ("c.h5", "c.zarr"):
-        words = f"^{re.escape(str(tmp_path / name))}: cube: is damaged: "
-        with open_cube(tmp_path / name) as cube, pytest.raises(InputError, match=words):
-            sum_of_tiles(cube, all_elements())
+    for path in (tmp_path / "c.h5", tmp_path / "c.zarr"):
+        with open_cube(path) as cube:
+            message = refusal(samples.sum_of_tiles, cube, samples.all_elements())
+            assert message.startswith(f"{path}: cube: is damaged: ")
 
 
 def test_a_cube_too_large_to_be_read_whole_is_told_the_formats_that_are_read_in_parts(tmp_path, monkeypatch):
     monkeypatch.setattr("isacbench.cubes.opening.HELD_BYTES", random_cube().nbytes - 1)
-    write_npz(tmp_path / "c.npz", cube=random_cube())
-    with pytest.raises(InputError, match=r"allowed are at most 22.5 KiB .* any size in \.npy, \.h5"):
-        open_cube(tmp_path / "c.npz")
+    samples.write_npz(tmp_path / "c.npz", cube=random_cube())
+    message = refusal(open_cube, tmp_path / "c.npz")
+    assert re.search(r"allowed are at most 22\.5 KiB .* any size in \.npy, \.h5", message)
 
 
 def test_open_arrays_that_are_not_complete_are_refused(tmp_path):
     with h5py.File(tmp_path / "c.h5", "w") as file:
         cube = file.create_dataset("cube", SHAPE, np.complex64, chunks=(12, 10, 3, 2))
-        with pytest.raises(InputError, match="is not complete: the file has 0 of 4 chunks"):
-            open_cube(cube)
-    write_zarr2(tmp_path / "c.zarr", cube=random_cube())
+        assert "is not complete: the file has 0 of 4 chunks" in refusal(open_cube, cube)
+    samples.write_zarr2(tmp_path / "c.zarr", cube=random_cube())
     (tmp_path / "c.zarr" / "cube" / "1.0.1.3").unlink()
-    with pytest.raises(InputError, match="lacks 1 of 24 chunks"):
-        open_cube(zarr.open(tmp_path / "c.zarr", mode="r")["cube"])
+    cube = zarr.open(tmp_path / "c.zarr", mode="r")["cube"]
+    assert "lacks 1 of 24 chunks" in refusal(open_cube, cube)
 
 
 def test_a_refused_file_is_closed_again(tmp_path):
     """An open HDF5 file cannot be opened for writing; other open files warn, which is an error here."""
-    write_chunked_h5(tmp_path / "c.h5", cube=random_cube().real)
-    write_mat73(tmp_path / "c.mat", cube=random_cube(), transmitted=np.ones((2, 2)))
+    samples.write_chunked_h5(tmp_path / "c.h5", cube=random_cube().real)
+    samples.write_mat73(tmp_path / "c.mat", cube=random_cube(), transmitted=np.ones((2, 2)))
     for name in ("c.h5", "c.mat"):
-        with pytest.raises(InputError):
-            open_cube(tmp_path / name)
+        refusal(open_cube, tmp_path / name)
         h5py.File(tmp_path / name, "a").close()
 
 
@@ -228,29 +199,26 @@ def test_a_cube_of_another_shape_is_refused_and_permuted_axes_are_named():
     cube = random_cube()
     require_shape(open_cube(cube), system, array)
     hint = ". The axes look permuted: numpy.transpose with axes (1, 3, 0, 2) would fit"
+    takes = "the scenario takes (24, 10, 3, 4): (subcarriers, symbols, P, Q)"
     for found, words in ((cube[1:], ""), (cube.transpose(2, 0, 3, 1), hint)):
-        with pytest.raises(InputError) as refused:
-            require_shape(open_cube(found), system, array)
-        assert str(refused.value) == (
-            f"array: has shape {found.shape}; the scenario takes (24, 10, 3, 4): "
-            f"(subcarriers, symbols, P, Q){words}"
-        )
+        message = refusal(require_shape, open_cube(found), system, array)
+        assert message == f"array: has shape {found.shape}; {takes}{words}"
 
 
 # Contents beside the cube: the grid above all
 
 
 def added_to_consolidated(path):
-    write_zarr(path, zarr_format=2, cube=CUBE)
+    samples.write_zarr(path, zarr_format=2, cube=CUBE)
     zarr.consolidate_metadata(path)
     zarr.open_group(path, mode="a", use_consolidated=False).create_array("transmitted", data=QPSK)
 
 
 @pytest.fixture
 def path_of(tmp_path):
-    def write(suffix_and_writer, name="frame"):
+    def write(suffix_and_writer):
         suffix, writer = suffix_and_writer
-        path = tmp_path / f"{name}{suffix}"
+        path = tmp_path / f"frame{suffix}"
         writer(path)
         return path
 
@@ -297,10 +265,8 @@ OTHERS = {
 
 @pytest.mark.parametrize(("contents", "unused"), OTHERS.values(), ids=OTHERS)
 def test_what_may_be_data_and_is_not_used_is_told(path_of, contents, unused):
-    with (
-        pytest.warns(InputWarning, match=f"frame.* does not use {unused}"),
-        open_cube(path_of(contents)) as cube,
-    ):
+    path = path_of(contents)
+    with pytest.warns(InputWarning, match=f"frame.* does not use {unused}"), open_cube(path) as cube:
         assert_gives(cube, CUBE)
 
 
@@ -347,17 +313,15 @@ def test_a_frame_is_told_of_once(path_of):
     assert len(told) == 1
 
 
-def test_the_image_of_a_received_frame_is_that_of_its_echoes(tmp_path):
+def test_the_image_of_a_received_frame_is_that_of_its_echoes(path_of):
     """(F X) / X = F: the one point, not one of eighteen."""
     divided = resource_grid(SCENARIO, SCENARIO.array.positions).reshape(128, 56, 8, 6)
     grid = np.exp(0.5j * np.pi * np.random.default_rng(0).integers(4, size=divided.shape[:2]))
-    received = divided * grid[:, :, None, None]
-    savemat(tmp_path / "frame.mat", {"cube": received, "transmitted": {"grid": grid}})
-    with h5py.File(tmp_path / "frame.h5", "w") as file:
-        file["frame/cube"], file["frame/transmitted"] = received, grid
-    for name in ("frame.mat", "frame.h5"):
-        cloud = get_estimator("fft4d").estimate(observe_cube(tmp_path / name, SCENARIO))
-        assert np.allclose(cloud.xyz, SCENARIO.scatterers.xyz, atol=0.1), name
+    cube = divided * grid[:, :, None, None]
+    files = mat(cube=cube, transmitted={"grid": grid}), h5(**{"frame/cube": cube, "frame/transmitted": grid})
+    for path in map(path_of, files):
+        cloud = get_estimator("fft4d").estimate(observe_cube(path, SCENARIO))
+        assert np.allclose(cloud.xyz, SCENARIO.scatterers.xyz, atol=0.1), path
 
 
 def test_the_examples_of_the_page_run_and_write_cubes_that_are_read(tmp_path, monkeypatch):

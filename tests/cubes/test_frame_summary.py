@@ -40,6 +40,10 @@ MISTAKES = {
 }
 
 
+def frame_of(scenario):
+    return np.concatenate([*FrameSimulator(scenario, 20.0).blocks()])
+
+
 def summary_of(cube, scenario=SCENARIO):
     return summarise_frame(observe_cube(cube, scenario))
 
@@ -67,7 +71,7 @@ def test_exchanged_in_phase_and_quadrature_samples_are_conjugated_ones():
 
 def test_the_strongest_cell_is_that_of_the_strongest_echo_wherever_it_lies():
     alone = replace(SCENARIO, scatterers=Scatterers(PLACES[:1], np.array([7.3]), np.ones(1)))
-    frame = np.concatenate([*FrameSimulator(alone, 20.0).blocks()])
+    frame = frame_of(alone)
     summary = summary_of(frame)
     assert summary.range_m == pytest.approx(alone.range_m[0], abs=alone.system.range_bin_m / 2)
     assert summary.velocity_mps == pytest.approx(7.3, abs=alone.system.velocity_bin_mps / 2)
@@ -93,8 +97,7 @@ def test_a_region_within_a_range_bin_is_not_doubted(place):
         region=Region((-2.0, 2.0), (53.0, 55.0), (8.0, 10.0), (-10.0, 10.0)),
         scatterers=Scatterers(np.array([place]), np.zeros(1), np.ones(1)),
     )
-    frame = np.concatenate([*FrameSimulator(near, 20.0).blocks()])
-    assert len(summary_of(frame, near).sentences()) == 1
+    assert len(summary_of(frame_of(near), near).sentences()) == 1
 
 
 def test_a_scenario_of_another_spacing_is_doubted():

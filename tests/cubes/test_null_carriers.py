@@ -36,9 +36,20 @@ def received(nulls, seed=0):
     return FRAME * grid[:, :, None, None] + noise[0] + 1j * noise[1], grid
 
 
+def echo_of(range_bins):
+    """Echoes (n, ...) of unit amplitude in range bins."""
+    return np.exp(-2j * np.pi * np.multiply.outer(np.arange(N), range_bins) / N)
+
+
 def away(range_bin, grid):
     """Echo of unit amplitude in a range bin beyond the region."""
-    return (np.exp(-2j * np.pi * range_bin * np.arange(N) / N)[:, None] * grid)[:, :, None, None]
+    return (echo_of(range_bin)[:, None] * grid)[:, :, None, None]
+
+
+def all_but(nulls):
+    used = np.ones(N, dtype=bool)
+    used[nulls] = False
+    return used
 
 
 @pytest.mark.parametrize("division", ["reciprocal", "matched", "wiener"])
@@ -61,13 +72,9 @@ def test_guard_carriers_narrow_the_band_and_leave_the_power_of_an_echo():
 
 def test_what_null_carriers_hold_does_not_matter():
     frame, grid = received(NULLS["both"])
-    silent = frame * (grid != 0)[:, :, None, None]
-    np.testing.assert_array_equal(
-        *(
-            observe_cube(cube, SCENARIO, grid).cells
-            for cube in (frame + 9.0 * (grid == 0)[:, :, None, None], silent)
-        )
-    )
+    is_null = (grid == 0)[:, :, None, None]
+    frames = frame + 9.0 * is_null, np.where(is_null, 0, frame)
+    np.testing.assert_array_equal(*(observe_cube(one, SCENARIO, grid).cells for one in frames))
 
 
 @pytest.mark.parametrize("rounding", [1e-12, 3e-8])
@@ -76,9 +83,8 @@ def test_null_carriers_may_hold_what_a_transform_rounds_and_the_frame_nothing(ro
     expected = observe_cube(frame, SCENARIO, grid).cells
     is_null = grid == 0
     frame[is_null] = np.nan
-    np.testing.assert_array_equal(
-        observe_cube(frame, SCENARIO, grid + rounding * is_null, sensing="all").cells, expected
-    )
+    observation = observe_cube(frame, SCENARIO, grid + rounding * is_null, sensing="all")
+    np.testing.assert_array_equal(observation.cells, expected)
     frame[70, 3, 2, 1] = np.nan
     with pytest.raises(InputError, match=r"nan.* at subcarrier 70, symbol 3, element \(2, 1\)"):
         _ = observe_cube(frame, SCENARIO, grid).cells
@@ -96,21 +102,15 @@ def test_strong_echoes_from_beyond_the_region_make_no_false_points(range_bin, nu
 @pytest.mark.parametrize("nulls", [[64], [63, 64], [*range(60, 66)]])
 @pytest.mark.parametrize("limits", [(5.0, 25.0), (20.0, 35.0), (40.0, 60.0)])
 def test_the_transmitter_s_own_signal_leaves_no_false_ranges(nulls, limits):
-    used = np.ones(N, dtype=bool)
-    used[nulls] = False
     rows = range_rows(np.arange(N), N)
-    for place in (-0.4, 0.0, 1.3):
-        own = np.exp(-2j * np.pi * np.arange(N) * place / N)
-        errors = np.abs((interpolate_nulls(used, limits).interpolated(rows) - rows) @ own)
-        assert errors.max() < 10 ** (-55 / 20) * np.sqrt(N)
+    difference = interpolate_nulls(all_but(nulls), limits).interpolated(rows) - rows
+    assert np.abs(difference @ echo_of([-0.4, 0.0, 1.3])).max() < 10 ** (-55 / 20) * np.sqrt(N)
 
 
 @pytest.mark.parametrize("place", [3.0, 7.4, 11.8])
 def test_an_interpolated_carrier_holds_what_the_echo_would_have_there(place):
-    used = np.ones(N, dtype=bool)
-    used[[40, 41, 64]] = False
-    rows = range_rows(np.arange(0, 15), N)
-    echo = np.exp(-2j * np.pi * np.arange(N) * place / N)
+    used = all_but([40, 41, 64])
+    rows, echo = range_rows(np.arange(0, 15), N), echo_of(place)
     nulls = interpolate_nulls(used, (0.0, 14.0))
     interpolated = nulls.interpolated(rows)
     assert nulls.missed <= 1e-3
@@ -127,19 +127,15 @@ def test_an_interpolated_carrier_holds_what_the_echo_would_have_there(place):
 def test_other_zeros_are_refused_for_every_division(zeros, sensing):
     frame, grid = received([])
     grid[zeros] = 0
-    with pytest.raises(
-        InputError, match=r"is 0\+0j at subcarrier \d+, symbol \d+; allowed are finite numbers, and 0 only"
-    ):
+    message = r"is 0\+0j at subcarrier \d+, symbol \d+; allowed are finite numbers, and 0 only"
+    with pytest.raises(InputError, match=message):
         observe_cube(frame, SCENARIO, grid, division="matched", sensing=sensing)
 
 
 def test_what_the_interpolation_misses_is_less_than_it_says():
-    used = np.ones(N, dtype=bool)
-    used[50:62] = False
     rows = range_rows(np.arange(N), N)
-    nulls = interpolate_nulls(used, (0.0, 30.0))
-    places = 30 * (np.arange(600) + 0.5) / 600
-    echoes = np.exp(-2j * np.pi * np.outer(np.arange(N), places) / N)
+    nulls = interpolate_nulls(all_but(slice(50, 62)), (0.0, 30.0))
+    echoes = echo_of(30 * (np.arange(600) + 0.5) / 600)
     errors = np.abs((nulls.interpolated(rows) - rows) @ echoes).max(axis=0) / np.sqrt(N)
     assert 0.1 * nulls.missed < np.sqrt(np.mean(errors**2)) < nulls.missed
 
@@ -154,9 +150,8 @@ def test_carriers_of_little_power_are_told_where_the_division_raises_their_noise
 
 def test_a_comb_tells_that_echoes_from_beyond_the_region_fold_into_it():
     frame, grid = received([n for n in range(N) if n % 4])
-    with pytest.warns(
-        InputWarning, match=r"up to -\d\d dB of an echo from the region, up to -?\d dB of one from be"
-    ):
+    message = r"up to -\d\d dB of an echo from the region, up to -?\d dB of one from be"
+    with pytest.warns(InputWarning, match=message):
         observe_cube(frame, NEARBY, grid)
 
 
@@ -172,8 +167,6 @@ def test_the_summary_tells_of_strong_echoes_whose_false_ranges_reach_the_region(
     [([64], -94, -55), ([63, 64], -63, -34), ([*range(60, 66)], -47, -14), ([20, 50, 80, 110], -82, -48)],
 )
 def test_the_levels_of_false_ranges_are_those_of_the_page(nulls, of_region_db, of_beyond_db):
-    used = np.ones(N, dtype=bool)
-    used[nulls] = False
-    found = interpolate_nulls(used, (10.0, 30.0))
+    found = interpolate_nulls(all_but(nulls), (10.0, 30.0))
     levels_db = 20 * np.log10([found.missed, found.missed_beyond])
     assert levels_db == pytest.approx([of_region_db, of_beyond_db], abs=0.6)

@@ -1,6 +1,6 @@
 """Simulated frames: white noise everywhere, and in the gate the very observation of the closed form."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import given
@@ -11,8 +11,8 @@ from isacbench import observe, observe_cube
 from isacbench.cubes.writing import FrameSimulator, write_cube
 from isacbench.dsp.rangedoppler import range_doppler_map
 from isacbench.model.array import VirtualArray
-from isacbench.model.gate import build_gate
 from tests.conftest import few
+from tests.gated_cells import gate_of
 
 
 def frame_of(scenario, *which):
@@ -24,7 +24,7 @@ def frame_of(scenario, *which):
 def test_the_frame_transforms_into_the_observation_of_the_same_trial_with_the_errors_of_the_elements(
     small_street,
 ):
-    erring = dataclasses.replace(small_street, gain_error_db=0.5, phase_error_deg=5.0)
+    erring = replace(small_street, gain_error_db=0.5, phase_error_deg=5.0)
     cells = observe_cube(frame_of(erring, 10.0, 2, 5), small_street).cells
     expected, perfect = (observe(one, 10.0, trial=2, seed=5).cells for one in (erring, small_street))
     scale = np.abs(expected).max()
@@ -33,8 +33,7 @@ def test_the_frame_transforms_into_the_observation_of_the_same_trial_with_the_er
 
 
 def test_a_frame_with_noise_of_the_transmitter_transforms_into_the_observation(small_street):
-    system = dataclasses.replace(small_street.system, noise="transmitter")
-    noisy = dataclasses.replace(small_street, system=system)
+    noisy = replace(small_street, system=replace(small_street.system, noise="transmitter"))
     expected = observe(noisy, -20.0, trial=2, seed=5).cells
     cells = observe_cube(frame_of(noisy, -20.0, 2, 5), small_street).cells
     np.testing.assert_allclose(cells, expected, atol=1e-11 * np.abs(expected).max())
@@ -44,7 +43,7 @@ def test_noise_outside_the_gate_is_as_white_as_inside(small_street, clean_cube):
     frame = frame_of(small_street, 0.0, 1, 0)
     noise_power = np.sum(small_street.scatterers.amplitude**2)
     cells = range_doppler_map(frame - clean_cube) / np.sqrt(noise_power)
-    gate = build_gate(small_street.system, small_street.base_station_m, small_street.region)
+    gate = gate_of(small_street)
     outside = np.ones(cells.shape[:2], dtype=bool)
     outside[np.ix_(gate.range_bins % 512, gate.doppler_bins % 56)] = False
     for part in (cells[outside], cells[~outside]):
@@ -66,8 +65,7 @@ def test_the_image_of_a_written_frame_is_that_of_the_observation(small_street, t
     path = tmp_path / "frame.npy"
     shown = []
     frame = FrameSimulator(small_street, 10.0, 3)
-    blocks = frame.blocks()
-    write_cube(path, frame.shape, blocks, np.complex128, lambda n_done, n: shown.append((n_done, n)))
+    write_cube(path, frame.shape, frame.blocks(), np.complex128, lambda *of: shown.append(of))
     assert shown[-1] == (512, 512)
     assert np.load(path, mmap_mode="r").dtype == np.complex128
     cloud = Music2d().estimate(observe_cube(path, small_street))
@@ -97,13 +95,10 @@ LAYOUTS = {
 def test_frames_of_any_size_level_and_layout_transform_into_the_observation(
     small_street, n_subcarriers, n_symbols, shape, scale, snr_db, layout
 ):
-    scatterers = small_street.scatterers
-    scenario = dataclasses.replace(
-        small_street,
-        system=dataclasses.replace(small_street.system, n_subcarriers=n_subcarriers, n_symbols=n_symbols),
-        array=VirtualArray((1, 1), shape),
-        scatterers=dataclasses.replace(scatterers, amplitude=scale * scatterers.amplitude),
-    )
+    system = replace(small_street.system, n_subcarriers=n_subcarriers, n_symbols=n_symbols)
+    scatterers = replace(small_street.scatterers, amplitude=scale * small_street.scatterers.amplitude)
+    array = VirtualArray((1, 1), shape)
+    scenario = replace(small_street, system=system, array=array, scatterers=scatterers)
     expected = observe(scenario, snr_db, trial=1)
     seen = observe_cube(LAYOUTS[layout](frame_of(scenario, snr_db, 1)), scenario)
     bound = 1e-11 * np.abs(expected.cells).max()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from unittest.mock import Mock, call
 
 import numpy as np
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 
 from isacbench.cubes import open_cube, write_cube
 from isacbench.cubes.writing import chunk_lengths
-from isacbench.errors import InputError
+from tests.conftest import refusal
 
 from .samples import SHAPE, assert_gives, random_cube
 
@@ -37,10 +36,8 @@ def test_what_is_written_is_read_and_stands_in_its_place_when_it_is_complete(tmp
 
 
 def test_blocks_that_end_within_chunks_are_written_chunk_by_chunk(tmp_path):
-    array = random_cube((300, 2, 2, 2))
-    shape = 300, 500, 2, 2  # 32 subcarriers a chunk
-    array = np.repeat(array, 250, axis=1)
-    write_cube(tmp_path / "cube.zarr", shape, steps(array, 50))
+    array = np.repeat(random_cube((300, 2, 2, 2)), 250, axis=1)  # 32 subcarriers a chunk
+    write_cube(tmp_path / "cube.zarr", array.shape, steps(array, 50))
     with open_cube(tmp_path / "cube.zarr") as cube:
         assert_gives(cube, array)
 
@@ -101,41 +98,33 @@ def test_what_exists_is_not_overwritten_even_if_it_came_meanwhile(tmp_path, file
         yield random_cube()
 
     for given_blocks in (blocks(), [random_cube()]):
-        with pytest.raises(InputError, match=f"^{re.escape(str(path))}: exists already"):
-            write_cube(path, SHAPE, given_blocks)
+        assert refusal(write_cube, path, SHAPE, given_blocks).startswith(f"{path}: exists already")
         assert path.read_text() == "mine"
     assert [found.name for found in tmp_path.iterdir()] == [filename]
 
 
-@pytest.mark.parametrize(
-    ("name", "shape", "dtype", "reason"),
-    [
-        ("c.h5", SHAPE, "c8", "has suffix '.h5'; a cube is written as .npy, .zarr$"),
+def test_what_cannot_be_created_is_told_before_work(tmp_path):
+    for name, shape, dtype, message in (
+        ("c.h5", SHAPE, "c8", "has suffix '.h5'; a cube is written as .npy, .zarr"),
         ("c", SHAPE, "c8", "has no suffix"),
-        ("none/c.npy", SHAPE, "c8", "its folder .*none does not exist$"),
-        ("c.npy", SHAPE[:3], "c8", "has shape .* a cube takes four axes"),
+        ("none/c.npy", SHAPE, "c8", f"its folder {tmp_path / 'none'} does not exist"),
+        ("c.npy", SHAPE[:3], "c8", "has shape (24, 10, 3); a cube takes four axes"),
         ("c.npy", SHAPE, "f8", "holds float64"),
-        ("x" * 300 + ".npy", SHAPE, "c8", "cannot be written: File name too long$"),
-    ],
-)
-def test_what_cannot_be_created_is_told_before_work(tmp_path, name, shape, dtype, reason):
-    with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path / name))}: {reason}"):
-        write_cube(tmp_path / name, shape, [random_cube()], dtype)
+        ("x" * 300 + ".npy", SHAPE, "c8", "cannot be written: File name too long"),
+    ):
+        path = tmp_path / name
+        assert refusal(write_cube, path, shape, [random_cube()], dtype).startswith(f"{path}: {message}")
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("block", "reason"),
-    [
-        (np.ones((2, *SHAPE[1:])), r"takes complex numbers of shape \(n, 10, 3, 4\), not float64"),
-        (np.ones((2, 3), np.complex64), r"not complex64 of shape \(2, 3\)$"),
-        (random_cube((25, *SHAPE[1:])), "25 subcarriers were given; the cube has 24$"),
-        (random_cube()[:23], "only 23 of 24 subcarriers were given$"),
-        (np.ma.masked_less(random_cube()[:2], -1), "a block has .* masked numbers of 240"),
-    ],
-)
-def test_blocks_that_do_not_fit_are_refused_and_leave_nothing(tmp_path, block, reason):
-    for filename in FILES:
-        with pytest.raises(InputError, match=reason):
-            write_cube(tmp_path / filename, SHAPE, [block])
+def test_blocks_that_do_not_fit_are_refused_and_leave_nothing(tmp_path):
+    for message, block in {
+        "takes complex numbers of shape (n, 10, 3, 4), not float64": np.ones((2, *SHAPE[1:])),
+        "not complex64 of shape (2, 3)": np.ones((2, 3), np.complex64),
+        "25 subcarriers were given; the cube has 24": random_cube((25, *SHAPE[1:])),
+        "only 23 of 24 subcarriers were given": random_cube()[:23],
+        " masked numbers of 240": np.ma.masked_less(random_cube()[:2], -1),
+    }.items():
+        for filename in FILES:
+            assert message in refusal(write_cube, tmp_path / filename, SHAPE, [block])
     assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from isacbench.errors import InputError, did_you_mean, unknown_name
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml, read_toml
+from tests.conftest import refusal
 
 
 class Strict(BaseModel):
@@ -44,35 +45,28 @@ def mistake(content):
 DISC = {"shape": "disc", "radius": 1.0}
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ({}, "missing key title"),
-        ({"title": 3}, "title = 3: input should be a valid string"),
-        ({"titel": "a"}, "unknown key titel: did you mean 'title'? allowed are title, shapes, disc, tags"),
-        ({"title": "a", "zzz": 1}, "unknown key zzz: allowed are title, shapes, disc, tags"),
-        (
-            {"title": 3, "shapes": [{**DISC, "radios": 1}]},
-            "unknown key shapes[0].radios: did you mean 'radius'?",
-        ),
-        ({"title": "a", "shapes": [{**DISC, "radius": "x"}]}, "shapes[0].radius = 'x': "),
-        ({"title": "a", "shapes": [{**DISC, "disc": "x"}]}, "shapes[0].disc = 'x': "),
-        ({"title": "a", "shapes": [DISC, {"shape": "box"}]}, "missing key shapes[1].sides"),
-        ({"title": "a", "shapes": [{"shape": "box", "sides": [1]}]}, "missing key shapes[0].sides[1]"),
-        ({"title": "a", "shapes": [{"radius": 1}]}, "missing key shapes[0].shape"),
-        (
-            {"title": "a", "shapes": [{"shape": "bax"}]},
-            "shapes[0].shape = 'bax': did you mean 'box'? allowed are box, disc",
-        ),
-        ({"title": "a", "shapes": {"shape": "box"}}, "shapes = {'shape': 'box'}: input should be"),
-        ({"title": "a", "tags": []}, "tags = []: list should have at least 1 item"),
-        (
-            {"title": "a", "shapes": [{"shape": "box", "sides": [1, 2, 3]}]},
-            "shapes[0].sides = [1, 2, 3]: list should have at most 2 items",
-        ),
-    ],
-)
-def test_a_mistake_is_described_by_its_key_its_value_and_what_is_allowed(content, message):
+ALLOWED = "allowed are title, shapes, disc, tags"
+BOX, A = {"shape": "box"}, {"title": "a"}
+MISTAKES = {
+    "missing key title": {},
+    "title = 3: input should be a valid string": {"title": 3},
+    f"unknown key titel: did you mean 'title'? {ALLOWED}": {"titel": "a"},
+    f"unknown key zzz: {ALLOWED}": {**A, "zzz": 1},
+    "unknown key shapes[0].radios: did you mean 'radius'?": {"title": 3, "shapes": [{**DISC, "radios": 1}]},
+    "shapes[0].radius = 'x': ": {**A, "shapes": [{**DISC, "radius": "x"}]},
+    "shapes[0].disc = 'x': ": {**A, "shapes": [{**DISC, "disc": "x"}]},
+    "missing key shapes[1].sides": {**A, "shapes": [DISC, BOX]},
+    "missing key shapes[0].sides[1]": {**A, "shapes": [{**BOX, "sides": [1]}]},
+    "missing key shapes[0].shape": {**A, "shapes": [{"radius": 1}]},
+    "shapes[0].shape = 'bax': did you mean 'box'? allowed are box, disc": {**A, "shapes": [{"shape": "bax"}]},
+    "shapes = {'shape': 'box'}: input should be": {**A, "shapes": BOX},
+    "tags = []: list should have at least 1 item": {**A, "tags": []},
+    "shapes[0].sides = [1, 2, 3]: list should have at most 2": {**A, "shapes": [{**BOX, "sides": [1, 2, 3]}]},
+}
+
+
+@pytest.mark.parametrize(("message", "content"), MISTAKES.items())
+def test_a_mistake_is_described_by_its_key_its_value_and_what_is_allowed(message, content):
     assert mistake(content).startswith(message)
 
 
@@ -106,12 +100,10 @@ def test_built_in_files_are_found_by_name_and_others_by_path(tmp_path):
 
 
 def test_what_is_not_found_is_answered_with_what_there_is(tmp_path):
-    with pytest.raises(InputError, match=r"scenario .*own\.toml: no such file"):
-        find_toml(tmp_path / "own.toml", "scenario")
-    with pytest.raises(
-        InputError, match=r"unknown suite 'quik': .*'quick'\? .*, or the path of a \.toml file"
-    ):
-        find_toml("quik", "suite", "suites")
+    path = tmp_path / "own.toml"
+    assert f"scenario {path}: no such file" in refusal(find_toml, path, "scenario")
+    message = r"unknown suite 'quik': .*'quick'\? .*, or the path of a \.toml file"
+    assert re.search(message, refusal(find_toml, "quik", "suite", "suites"))
 
 
 def test_a_name_is_answered_with_the_nearest_one_only_where_one_is_near():
