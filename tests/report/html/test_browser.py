@@ -130,7 +130,7 @@ PAGES = {
     "timed": ["Overview", "Curves", "Images", "Maps", "Time against error", "Rows"],
     "link": ["Overview", "Curves", "Images", "Scenes", "Link", "Rows"],
     "detection": ["Overview", "Curves", "Images", "Detectors", "Rows"],
-    "hostile": ["Overview", "Curves", "Images", "Rows"],
+    "hostile": ["Overview", "Curves", "Images", "Maps", "Rows"],
 }
 
 
