@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 import isacbench
-from isacbench.bench.cells.worker import rows_guarded, rows_here
+from isacbench.bench.cells.worker import rows_here
 from isacbench.cli.run_commands import Termination
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
@@ -139,59 +139,35 @@ def test_run_with_failed_cells_keeps_all_rows_names_the_first_and_exits_3(cli):
     assert len(pd.read_parquet("out/results.parquet")) == 4
 
 
-def test_an_interrupted_run_says_where_its_rows_are(cli, monkeypatch):
-    def interrupted(*args):
-        yield from islice(rows_guarded(*args), 3)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("isacbench.bench.run.runner.rows_guarded", interrupted)
-    result = cli(*RUN, "-o", "out")
-    assert result.exit_code == 130
-    assert "interrupted: the 3 cells so far are in out" in result.stderr
-    assert len(pd.read_parquet("out/results.parquet")) == 3
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_whose_exception_is_lost_ends_the_run_at_the_next_cell(cli, monkeypatch, number, code):
+@pytest.mark.parametrize("is_lost", [False, True])
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_ends_the_run_which_tabulates_its_rows_also_where_the_exception_is_lost(
+    cli, monkeypatch, tmp_path, is_lost, number, code, word
+):
     def work(job, blocks, *_):
         rows = rows_here(job, blocks)
-        yield from islice(rows, 1)
-        with suppress(KeyboardInterrupt):  # as Python does within `__del__`
+        yield from islice(rows, 2 if is_lost else 3)
+        with suppress(*[KeyboardInterrupt] * is_lost):  # as Python does within `__del__`
             signal.raise_signal(number)
         yield from rows
 
+    before = signal.getsignal(number)
     monkeypatch.setattr("isacbench.bench.run.runner.rows_guarded", work)
-    assert cli(*RUN, "-o", "out").exit_code == code
-    assert len(pd.read_parquet("out/results.parquet")) == 2
+    result = cli(*RUN, "-o", "out")
+    assert result.exit_code == code
+    assert "deviation" in result.stdout
+    assert result.stderr == f"isacbench: {word}: the 3 cells so far are in out\n"
+    assert len(pd.read_parquet("out/results.parquet")) == 3
+    assert (tmp_path / "out" / "summary.csv").exists()
+    assert signal.getsignal(number) is before
 
 
 def terminated():
     """Receive the signal, unless that would end the tests."""
     assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-@pytest.mark.parametrize(
-    ("options", "working"),
-    [
-        ((), "isacbench.bench.run.runner.rows_guarded"),
-        (("--timing",), "isacbench.bench.run.runner.rows_guarded"),
-        (("--dask", "tcp://10.0.0.1:8786"), "isacbench.bench.cells.cluster.rows_on_cluster"),
-    ],
-)
-def test_a_terminated_run_tabulates_its_rows_and_exits_143(cli, monkeypatch, tmp_path, options, working):
-    def work(job, blocks, *_):
-        yield from islice(rows_here(job, blocks), 3)
-        terminated()
-
-    monkeypatch.setattr(working, work)
-    result = cli(*RUN, "-o", "out", *options)
-    assert result.exit_code == 143
-    assert "deviation" in result.stdout
-    assert result.stderr == "isacbench: terminated: the 3 cells so far are in out\n"
-    assert len(pd.read_parquet("out/results.parquet")) == 3
-    assert (tmp_path / "out" / "summary.csv").exists()
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_rows_are(cli, monkeypatch):

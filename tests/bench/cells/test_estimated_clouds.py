@@ -30,8 +30,3 @@ def test_a_cloud_without_velocities_is_refused(cloud):
     truth = load_scenario("street").truth
     with pytest.raises(ValueError, match=r"^estimate\(\) must return a finite velocity of each point"):
         estimate_cloud(Returns(cloud), None, truth)
-
-
-def test_velocities_that_are_given_are_finite():
-    with pytest.raises(ValueError, match="takes finite values; velocity has NaN"):
-        PointCloud([[1, 2, 3]], [np.nan])

@@ -311,23 +311,18 @@ def test_a_process_that_dies_of_an_earlier_cell_costs_the_present_one_nothing(su
 
 
 @pytest.mark.parametrize(
-    ("limits", "message"),
+    ("make", "options", "message"),
     [
-        ({"timeout_s": 0}, "timeout 0 s: allowed is more than 0, and finite"),
-        ({"timeout_s": float("nan")}, "timeout nan s"),
-        ({"memory_mib": float("inf")}, "memory inf MiB: allowed is more than 0, and finite"),
+        (Limits, {"timeout_s": 0}, "timeout 0 s: allowed is more than 0, and finite"),
+        (Limits, {"timeout_s": float("nan")}, "timeout nan s"),
+        (Limits, {"memory_mib": float("inf")}, "memory inf MiB: allowed is more than 0, and finite"),
+        (RunOptions, {"timeout_s": 1}, "timeout_s and memory_mib limit worker processes: give jobs or dask"),
+        (RunOptions, {"timing": True, "repeats": 0}, "repeats 0: allowed is 1 or more"),
     ],
 )
-def test_limits_that_are_none_are_refused(limits, message):
+def test_options_that_mean_nothing_are_refused(make, options, message):
     with pytest.raises(InputError, match=message):
-        Limits(**limits)
-
-
-def test_limits_without_a_worker_to_hold_them_are_refused():
-    with pytest.raises(
-        InputError, match="timeout_s and memory_mib limit worker processes: give jobs or dask"
-    ):
-        RunOptions(timeout_s=1)
+        make(**options)
 
 
 def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monkeypatch):

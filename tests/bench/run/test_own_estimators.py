@@ -57,19 +57,6 @@ def test_objects_run_beside_names_in_workers(suite):
     assert records["time_estimate_s"].notna().all()
 
 
-def test_a_run_with_an_object_goes_on_and_knows_other_code(suite, tmp_path):
-    run(suite, estimators=[Mine()], trials=1, out=tmp_path / "run")
-    assert len(run(suite, estimators=[Mine()], out=tmp_path / "run")) == 2
-
-    @dataclass(frozen=True)
-    class Other(Mine):
-        def estimate(self, observation):
-            return PointCloud.empty()
-
-    with pytest.raises(InputError, match="other versions"):
-        run(suite, estimators=[Other()], out=tmp_path / "run")
-
-
 def test_plugin_files_have_names_in_the_run_and_are_forgotten_afterwards(suite, write_plugin):
     path = write_plugin("filed.py", PLUGINS)
     asked = {"estimators": ["trouble[kind=empty]"], "plugins": [path]}
@@ -204,20 +191,24 @@ def test_wherever_it_was_made_a_row_is_of_the_values_at_that_time(suite, noteboo
     assert run(suite, **asked, rerun=["stale"])["n_estimated"].tolist() == [3, 3]
 
 
-def test_a_class_of_a_function_goes_on_where_its_run_ended(suite, tmp_path):
-    def made():
+def test_a_class_of_a_function_goes_on_where_its_run_ended_and_other_code_does_not(suite, tmp_path):
+    def made(n=2):
         @dataclass(frozen=True)
         class Inner(Mine):
-            pass
+            def estimate(self, observation):
+                return PointCloud([[1, 2, 3]] * n, [1] * n, [1] * n)
 
         return Inner()
 
-    asked = {"out": tmp_path / "run", "estimators": [made()]}
-    first = run(suite, **asked, trials=1, jobs=1)
+    out = tmp_path / "run"
+    first = run(suite, out=out, estimators=[made()], trials=1, jobs=1)
     assert first["status"].tolist() == ["ok"]
     for jobs in (1, None):
-        again = run(suite, **asked, trials=1, jobs=jobs)
+        again = run(suite, out=out, estimators=[made()], trials=1, jobs=jobs)
         pd.testing.assert_frame_equal(again, first)
+    assert len(run(suite, out=out, estimators=[made()])) == 2
+    with pytest.raises(InputError, match="other versions"):
+        run(suite, out=out, estimators=[made(3)])
 
 
 def test_what_cannot_be_sent_or_had_in_a_worker_is_told_in_a_line(suite, notebook):

@@ -122,25 +122,17 @@ def test_an_interrupt_before_the_first_row_still_yields_a_readable_table(suite, 
         ({"estimators": ["blop"]}, "unknown estimator 'blop'"),
         ({"estimators": ["blob", "blob[n=4]"]}, "equal parameters"),
         ({"scenarios": ["streat"]}, "unknown scenario 'streat'"),
+        ({"scenarios": ["tiny.toml", "copy.toml"]}, "repeats the name 'tiny'"),
+        ({"scenarios": ["bare.toml"]}, "has no scatterers"),
     ],
 )
-def test_a_mistake_is_found_before_anything_is_made(suite, tmp_path, change, message):
+def test_a_mistake_is_found_before_anything_is_made(suite, tiny, tmp_path, monkeypatch, change, message):
+    monkeypatch.chdir(tmp_path)
+    tiny.with_name("copy.toml").write_text(tiny.read_text())
+    tiny.with_name("bare.toml").write_text(tiny.read_text().partition("[[objects]]")[0])
     with pytest.raises(InputError, match=message.replace("[", r"\[")):
         run(suite, out=tmp_path / "run", **change)
     assert not (tmp_path / "run").exists()
-
-
-def test_two_scenarios_of_one_name_are_refused(suite, tiny):
-    copy = tiny.with_name("copy.toml")
-    copy.write_text(tiny.read_text())
-    with pytest.raises(InputError, match="repeats the name 'tiny'"):
-        run(suite, scenarios=[tiny, copy])
-
-
-def test_a_scenario_without_scatterers_is_refused(suite, tiny):
-    tiny.write_text(tiny.read_text().partition("[[objects]]")[0])
-    with pytest.raises(InputError, match="has no scatterers"):
-        run(suite)
 
 
 def test_commands_name_the_plugin_file_that_they_need(tiny, write_plugin, tmp_path):

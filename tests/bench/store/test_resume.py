@@ -359,12 +359,6 @@ def test_rows_that_came_twice_are_damage(suite, folder, finished, undisturbed):
     assert table(folder) == undisturbed
 
 
-def test_a_folder_that_cannot_be_locked_is_told(suite, folder):
-    (folder / ".lock").mkdir(parents=True)
-    with pytest.raises(InputError, match=r"run: cannot be locked: Is a directory; use a folder"):
-        go(suite, folder)
-
-
 @pytest.mark.parametrize("n_jobs", [pytest.param(1, marks=SLOW), 2])
 def test_processes_go_on_with_what_this_process_began_and_give_its_table(suite, folder, undisturbed, n_jobs):
     kill_after(suite, folder, 5)

@@ -6,11 +6,15 @@ from isacbench.bench.store.run_folder import default_folder, open_folder, replac
 from isacbench.errors import InputError
 
 
-def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
-    (tmp_path / "thesis.txt").write_text("precious")
-    with pytest.raises(InputError, match="is not the folder of a run"), open_folder(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("thesis", "is not the folder of a run"), (".lock", "cannot be locked: Is a directory; use a folder")],
+)
+def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path, name, message):
+    (tmp_path / name).mkdir()
+    with pytest.raises(InputError, match=message), open_folder(tmp_path):
         pass
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_an_empty_existing_folder_is_taken_and_stays(tmp_path):

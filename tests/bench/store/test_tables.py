@@ -41,17 +41,21 @@ def test_a_table_comes_back_bit_for_bit(path, rows):
     assert np.signbit(found["float"].fillna(0)).equals(np.signbit(table["float"].fillna(0)))
 
 
-def test_missing_values_are_empty(path):
-    write_csv_table(pd.DataFrame({"deviation": [math.nan, 11.125], "reason": [None, "none"]}), path)
-    assert path.read_text(encoding="utf-8") == '"deviation","reason"\n,\n11.125,"none"\n'
-
-
-def test_a_table_without_rows_has_its_header(path):
-    table = pd.DataFrame({"scenario": pd.Series(dtype="str"), "snr_db": pd.Series(dtype="float64")})
-    write_csv_table(table, path)
-    assert path.read_text(encoding="utf-8") == '"scenario","snr_db"\n'
-
-
-def test_labels_of_rows_do_not_matter(path):
-    write_csv_table(without_formulas(pd.DataFrame({"text": ["=1", "a"]}, index=[7, 7])), path)
-    assert path.read_text(encoding="utf-8") == '"text"\n"\'=1"\n"a"\n'
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        (
+            pd.DataFrame({"deviation": [math.nan, 11.125], "reason": [None, "none"]}),
+            '"deviation","reason"\n,\n11.125,"none"\n',
+        ),
+        (
+            pd.DataFrame({"scenario": [], "snr_db": []}).astype({"scenario": "str"}),
+            '"scenario","snr_db"\n',
+        ),
+        (pd.DataFrame({"text": ["=1", "a"]}, index=[7, 7]), '"text"\n"\'=1"\n"a"\n'),
+    ],
+    ids=["missing values are empty", "no rows", "labels of rows do not matter"],
+)
+def test_a_table_is_written_as(path, table, text):
+    write_csv_table(without_formulas(table), path)
+    assert path.read_text(encoding="utf-8") == text
