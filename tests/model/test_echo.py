@@ -106,7 +106,7 @@ def test_the_closed_form_is_the_transformed_grid_on_the_street(name):
 
 @EACH_PHASE
 def test_the_phase_of_a_scatterer_turns_its_own_echo_and_no_other(make_scenario, coherent_phase):
-    phase_rad = np.array([0.0, 1.2, -2.5])
+    phase_rad = [0.0, 1.2, -2.5]
     turned = make_scenario(coherent_phase=coherent_phase, phase_rad=phase_rad)
     gate = gate_of(turned)
     parts = [clean_echo(alone, gate) for alone in one_by_one(make_scenario(coherent_phase=coherent_phase))]

@@ -191,7 +191,7 @@ MISTAKES = {
     "town": "is a family of scenes; give a seed, such as town[seed=7]",
     "town[seed=7": "expected",
     "town[seed=[7,7]]": "twice",
-    "crowd[seed=1,pedestrians=1000]": "no room for more than",
+    "crowd[seed=1,pedestrians=500]": "no room for more than",
     "sparse[seed=1,scatterers=201]": "scatterers = 201",
 }
 
