@@ -162,7 +162,7 @@ def test_the_summary_pools_the_counts_of_trials(records):
 
 def test_a_map_has_a_table_at_the_papers_rate_and_a_scenario_one_of_deviations_too(suite):
     detectors = ["level", "ca", "ca[guard=2]", "ca[guard=3]"]
-    records = run(suite.replace(detectors=detectors, maps=["homogeneous", "interferers"]))
+    records = run(suite.replace(detectors=detectors, maps=["homogeneous", "interferers"]), trials=1)
     homogeneous, interferers, tiny = DetectionKind().tables(records)
     assert homogeneous.title == "homogeneous: P_d and P_fa of a nominal 0.001"
     assert homogeneous.headings[1:] == interferers.headings[1:] == detectors

@@ -1,12 +1,42 @@
+"""Comparisons of made-up runs in words, tables, charts, JSON, Markdown and JUnit XML."""
+
+import copy
+import dataclasses
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from isacbench.bench.compare.comparison import compare_tables
+from isacbench.bench.compare.comparison import compare_tables, parse_tolerance
 from isacbench.bench.store.run import Run
 from isacbench.errors import InputError
-from isacbench.report.comparison import ComparisonReport
+from isacbench.report.comparison import (
+    MAX_CHARACTERS,
+    ComparisonReport,
+    comparison_junit,
+    comparison_markdown,
+    incomparable_junit,
+    incomparable_markdown,
+)
+
+HOSTILE = "<b>&\x00\x1b[31m\uffff]]>|`x`\nnext"
+
+
+@pytest.fixture
+def compared(made_run):
+    """Return a function that compares a made-up run with a changed one, or its two estimators."""
+
+    def make(change=lambda records: None, tolerances=(), is_between=False, **options):
+        records, manifest = made_run(**{"estimators": ("blob", "nomp4d"), **options})
+        changed = records.copy()
+        change(changed)
+        base, new = Run("base", records, manifest), Run("new", changed, copy.deepcopy(manifest))
+        if is_between:
+            return compare_tables(new, new, partners={("blob", "{}"): ("nomp4d", "{}")}, is_between=True)
+        return compare_tables(base, new, map(parse_tolerance, tolerances))
+
+    return make
 
 
 def worse_at_10_db(records):
@@ -16,6 +46,10 @@ def worse_at_10_db(records):
 
 def failing(records):
     records.loc[:4, ["status", "reason"]] = ["timeout", "TimeoutError: 9 s"]
+
+
+def scoreless(records):
+    records["deviation"] = np.nan
 
 
 def test_every_curve_has_a_row_and_only_changed_points_are_listed(compared):
@@ -93,10 +127,7 @@ def test_the_summary_is_one_line_with_all_counts(compared):
     assert summary.startswith("no regression, but results are missing: of 2 curves")
     assert summary.endswith("5 cells failed in the new run alone")
 
-    def nothing(records):
-        records["deviation"] = np.nan
-
-    assert "inconclusive" in ComparisonReport(compared(nothing)).summary()
+    assert "inconclusive" in ComparisonReport(compared(scoreless)).summary()
 
 
 def test_the_content_is_json_without_infinities(compared):
@@ -186,13 +217,106 @@ def test_a_figure_for_each_score_lies_beside_the_new_run_or_where_asked(compared
 
 
 def test_without_a_pair_nothing_is_drawn(compared, tmp_path):
-    def nothing(records):
-        records["deviation"] = np.nan
-
-    assert ComparisonReport(compared(nothing)).draw(tmp_path) == []
+    assert ComparisonReport(compared(scoreless)).draw(tmp_path) == []
 
 
 def test_a_figure_that_cannot_be_written_is_told(compared, tmp_path):
     (tmp_path / "figures").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         ComparisonReport(compared()).draw(tmp_path)
+
+
+def worse_and_failing(records):
+    worse_at_10_db(records)
+    records.loc[:1, ["status", "reason"]] = ["error", "ValueError: no"]
+
+
+def cases(text):
+    """Names of all cases of a JUnit file, each with the tag and the message of its problem."""
+    return {
+        f"{suite.attrib['name']}: {case.attrib['name']}": next(
+            ((problem.tag, problem.attrib["message"]) for problem in case if problem.tag != "system-out"),
+            None,
+        )
+        for suite in ElementTree.fromstring(text.encode())
+        for case in suite.iter("testcase")
+    }
+
+
+def test_a_case_is_a_curve_a_changed_point_or_lost_cells_and_fails_where_it_is_worse(compared):
+    found = cases(comparison_junit(compared(worse_and_failing, trials=12)))
+    suite = "deviation=5%: street"
+    point = found.pop(f"{suite}: nomp4d, at 10 dB")
+    assert point[0] == "failure"
+    assert point[1].startswith("regression; base 8.403, new 10.92, change [%] +30, 95 % interval +30 to +30")
+    assert found.pop(f"{suite}: nomp4d, whole curve")[0] == "failure"
+    tag, message = found.pop("cells: no cells failed in the new run alone")
+    assert tag == "failure"
+    assert message.startswith(
+        "2 cells failed in the new run alone: blob on street at -20 dB, trial 0 (error: ValueError: no)"
+    )
+    assert found == dict.fromkeys(
+        [
+            f"{suite}: blob, whole curve",
+            "cells: no cells missing in the new run",
+            "cells: no scores missing in the new run",
+        ]
+    )
+
+
+def test_numbers_of_cases_and_failures_are_those_of_the_file(compared):
+    suites = ElementTree.fromstring(comparison_junit(compared(worse_and_failing, trials=12)).encode())
+    for element in (suites, *suites):
+        assert int(element.attrib["tests"]) == len(list(element.iter("testcase")))
+        assert int(element.attrib["failures"]) == len(list(element.iter("failure")))
+    assert int(suites.attrib["failures"]) >= 2
+
+
+def test_of_two_estimators_cases_and_tables_say_worse_and_better(compared):
+    found = compared(is_between=True, trials=12)
+    curve = cases(comparison_junit(found))["deviation=5%: street: whole curve"]
+    assert curve[1].startswith("worse; A ")
+    text = comparison_markdown(found)
+    assert text.startswith("### isacbench compare: nomp4d is worse than blob\n")
+    assert "| curve | trials | A | B |" in text
+    assert "\n- A blob\n- B nomp4d\n" in text
+    assert "regression" not in text + comparison_junit(found)
+
+
+def test_any_text_makes_valid_xml_and_harmless_markdown(compared):
+    def change(records):
+        records.loc[0, ["status", "reason"]] = ["error", HOSTILE]
+
+    found = compared(change, trials=12, scenarios=(HOSTILE,), estimators=("nomp4d", HOSTILE))
+    xml, text = comparison_junit(found), comparison_markdown(found)
+    assert any(r"<b>&\x00\x1b[31m" in name for name in cases(xml))
+    halved = f"{HOSTILE}\ud800"
+    assert cases(incomparable_junit(halved, "new", [halved]))
+    for made in (text, incomparable_markdown(halved, "new", [halved])):
+        assert "<b>" not in made
+        assert "\x1b" not in made
+        assert r"&lt;b>&amp;\\x00\\x1b[31m\\uffff]]>\|\`x\`\\nnext" in made
+        made.encode()
+
+
+def test_markdown_begins_with_the_verdict_and_has_tables_cells_and_notes(compared):
+    lines = comparison_markdown(compared(worse_and_failing, trials=12)).splitlines()
+    assert lines[0] == "### isacbench compare: regression"
+    assert lines[2].startswith("of 2 curves ")
+    assert "- new new: isacbench 0.1.0 (0123456789)" in [" ".join(line.split()) for line in lines]
+    assert "**deviation=5%: points that changed**" in lines
+    assert lines[-1].startswith("- 2 cells failed in the new run alone: blob on street at -20 dB")
+
+
+def test_markdown_fits_into_a_comment_and_says_that_something_is_left_out(compared):
+    text = comparison_markdown(dataclasses.replace(compared(trials=12), notes=("x" * 10_000,) * 200))
+    assert MAX_CHARACTERS - 2000 < len(text) <= 65_536
+    assert text.startswith("### isacbench compare: no regression\n")
+    assert text.endswith("`isacbench compare --json` has all of it.\n")
+
+
+def test_what_cannot_be_compared_is_an_error_for_each_reason():
+    found = cases(incomparable_junit("base", "new", ["the seed differs", "the suite differs"]))
+    assert [problem[0] for problem in found.values()] == ["error", "error"]
+    text = incomparable_markdown("base", "new", ["the seed differs"])
+    assert text == "### isacbench compare: not comparable\n\n- base base\n- new new\n- the seed differs\n"
