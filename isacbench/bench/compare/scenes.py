@@ -13,13 +13,14 @@ from isacbench.bench.compare.pairs import CURVE, spell_apart
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS, ROUNDING
 from isacbench.bench.kinds.scores import LONE_COUNTS, POINT_FAMILIES, hausdorff_ratios
 from isacbench.bench.store.run import Run
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import VARIANT, Variant, rows_of, variants_in
 from isacbench.files.escaping import counted
 
 MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""
 
-SCENE_KINDS = ("imaging", "population")
+SCENE_KINDS = tuple(name for name, kind in KINDS.items() if kind.has_images)
 """Kinds of suites whose scenarios are scenes."""
 
 SCENE_CELL = ["scenario", "snr_db", "trial"]
