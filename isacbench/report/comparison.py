@@ -70,6 +70,8 @@ class ComparisonReport:
         Noun for what is paired.
     lost, gained : list of (DataFrame, str)
         Cells that one side alone delivered, base or new, with words for them.
+    lost_scores : str
+        Number of scores that the new side lacks in words, empty for none.
     """
 
     def __init__(self, comparison: Comparison) -> None:
@@ -102,6 +104,8 @@ class ComparisonReport:
         self.outcome = worse if comparison.is_worse else f"{fine}{lost}"
         cells, (base, new) = comparison.changed_cells, self.sides
         self.lost = [(cells("failed"), f"failed in {new} alone"), (cells("missing"), f"missing in {new}")]
+        n_lost = comparison.n_lost_scores
+        self.lost_scores = f"{counted(n_lost, 'score')} missing in {new}" if n_lost else ""
         self.gained = [(cells("repaired"), f"failed in {base} alone"), (cells("added"), f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
@@ -268,9 +272,7 @@ class ComparisonReport:
             if len(table)
         ]
         parts += [f"{counted(len(cells), 'cell')} {what}" for cells, what in self.lost if len(cells)]
-        if self.comparison.n_lost_scores:
-            parts.append(f"{counted(self.comparison.n_lost_scores, 'score')} missing in {self.sides[1]}")
-        return "; ".join(parts) or "nothing compared"
+        return "; ".join([*parts, *filter(None, [self.lost_scores])]) or "nothing compared"
 
     def content(self) -> dict[str, Any]:
         """Describe a comparison in terms of JSON; numbers that are not finite are null."""
@@ -415,14 +417,12 @@ def _line(text: str) -> str:
 
 def _markdown(outcome: str, lines: Sequence[str]) -> str:
     """Join the lines that fit, below a heading."""
-    kept, room = [], MAX_CHARACTERS
-    for line in (f"### isacbench compare: {_line(outcome)}", "", *lines):
-        room -= len(line) + 1
-        if room < 0:
-            kept += ["", "The rest is left out: it is too long. `isacbench compare --json` has all of it."]
-            break
-        kept.append(line)
-    return "\n".join(kept) + "\n"
+    lines = [f"### isacbench compare: {_line(outcome)}", "", *lines]
+    ends = np.cumsum([len(line) + 1 for line in lines])
+    fitting = lines[: int((ends <= MAX_CHARACTERS).sum())]
+    if len(fitting) < len(lines):
+        fitting += ["", "The rest is left out: it is too long. `isacbench compare --json` has all of it."]
+    return "\n".join(fitting) + "\n"
 
 
 def comparison_junit(comparison: Comparison) -> str:
@@ -436,30 +436,30 @@ def comparison_junit(comparison: Comparison) -> str:
     worse = report.verdict("regression")
     for tolerance in comparison.tolerances:
         curves, changed = report.compared_rows(tolerance)
-        for scenario in curves["scenario"].unique():
-            for table in (curves, changed):
-                for row in table[table["scenario"] == scenario].to_dict("records"):
-                    place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
-                    name = f"{report.name(row, after=', ')}{place}"
-                    problem = "failure" if row["verdict"] == "regression" else ""
-                    text = _outcome(row, tolerance, report)
-                    _add_case(root, f"{tolerance}: {scenario}", name, text, problem, worse)
-    lost = [
-        (f"cells {what}", report.cell_line(cells, what) if len(cells) else "") for cells, what in report.lost
-    ]
-    what = f"missing in {report.sides[1]}"
-    n_lost = comparison.n_lost_scores
-    lost.append((f"scores {what}", f"{counted(n_lost, 'score')} {what}" if n_lost else ""))
-    for name, text in lost:
-        _add_case(root, "cells", f"no {name}", text, "failure" if text else "", worse)
+        for scenario, part in curves.groupby("scenario", sort=False):
+            suite = ET.SubElement(root, "testsuite", name=visible(f"{tolerance}: {scenario}"))
+            points = changed[changed["scenario"] == scenario]
+            for row in [*part.to_dict("records"), *points.to_dict("records")]:
+                place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
+                name = f"{report.name(row, after=', ')}{place}"
+                problem = "failure" if row["verdict"] == "regression" else ""
+                _add_case(suite, name, _outcome(row, tolerance, report), problem, worse)
+    suite = ET.SubElement(root, "testsuite", name="cells")
+    lost = {
+        f"cells {what}": report.cell_line(cells, what) if len(cells) else "" for cells, what in report.lost
+    }
+    lost[f"scores missing in {report.sides[1]}"] = report.lost_scores
+    for name, text in lost.items():
+        _add_case(suite, f"no {name}", text, "failure" if text else "", worse)
     return _xml(root, [*report.heading, *report.lines(), *report.scene_lines()])
 
 
 def incomparable_junit(base: str, new: str, reasons: Sequence[str]) -> str:
     """Write that two runs, given by their folders, cannot be compared: an error for each reason."""
     root = ET.Element("testsuites", name="isacbench compare")
+    suite = ET.SubElement(root, "testsuite", name="comparable")
     for reason in reasons:
-        _add_case(root, "comparable", reason, reason, "error", "not comparable")
+        _add_case(suite, reason, reason, "error", "not comparable")
     return _xml(root, [f"base {base}", f"new {new}"])
 
 
@@ -471,15 +471,13 @@ def _outcome(row: Row, tolerance: Tolerance, report: ComparisonReport) -> str:
     return f"{verdict}; {', '.join([*parts, counted(row['n_pairs'], report.unit)])}"
 
 
-def _add_case(root: ET.Element, suite: str, name: str, text: str, problem: str, kind: str) -> None:
-    """Add a test case to the last suite, or to a new one.
+def _add_case(suite: ET.Element, name: str, text: str, problem: str, kind: str) -> None:
+    """Add a test case to a suite.
 
     Its text is its output, or the message of a problem, a failure or an error, of a kind.
     """
-    suite, text = visible(suite), visible(text)
-    if not len(root) or root[-1].get("name") != suite:
-        ET.SubElement(root, "testsuite", name=suite)
-    case = ET.SubElement(root[-1], "testcase", classname=suite, name=visible(name))
+    text = visible(text)
+    case = ET.SubElement(suite, "testcase", classname=suite.get("name", ""), name=visible(name))
     if problem:
         ET.SubElement(case, problem, type=kind, message=text).text = text
     elif text:
