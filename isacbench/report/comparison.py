@@ -134,13 +134,13 @@ class ComparisonReport:
 
     def tables(self) -> list[Table]:
         """Lay out every curve and the points that got worse or better, and the scenes that changed most."""
-        found = list(self._numbers)
+        tables = list(self._numbers)
         for tolerance in self.comparison.tolerances:
             curves, changed = self.compared_rows(tolerance)
             for table, title in ((curves, "curves, means over all SNRs"), (changed, "points that changed")):
                 if len(table):
-                    found.append(self._table(f"{tolerance}: {title}", table, tolerance))
-        return [*found, self._scene_table()] if len(self.comparison.scenes) else found
+                    tables.append(self._table(f"{tolerance}: {title}", table, tolerance))
+        return [*tables, self._scene_table()] if len(self.comparison.scenes) else tables
 
     def _table(self, title: str, table: pd.DataFrame, tolerance: Tolerance) -> Table:
         """One row a curve or point, the worst verdicts first where they are too many for a screen."""
@@ -216,7 +216,7 @@ class ComparisonReport:
 
     def effect_lines(self) -> list[str]:
         """Write the effect on each score and pair of estimators: means, change, and where it is better."""
-        found = []
+        lines = []
         for tolerance in self.comparison.tolerances:
             curves, _ = self.compared_rows(tolerance)
             keys = ["estimator", "params", "new_estimator", "new_params"]
@@ -236,8 +236,8 @@ class ComparisonReport:
                 equal = f", equal on {n_equal}" if n_equal else ""
                 where = f"better on {n_better} of {counted(of, 'scene')}{equal}{few}"
                 name = self.name(first, before=" of ")
-                found.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
-        return found
+                lines.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
+        return lines
 
     def lines(self) -> list[str]:
         """Write what tables do not show: cells that one side alone has, and what was not compared."""
@@ -277,7 +277,7 @@ class ComparisonReport:
     def content(self) -> dict[str, Any]:
         """Describe a comparison in terms of JSON; numbers that are not finite are null."""
         one = self.comparison
-        found: dict[str, Any] = {
+        content: dict[str, Any] = {
             "comparable": True,
             "regression": one.is_regression,
             "base": {"folder": one.base, "version": one.base_version},
@@ -296,8 +296,8 @@ class ComparisonReport:
             "notes": list(one.notes),
         }
         if self.unit == "scene":
-            found |= {"unit": self.unit, "scenes": json_rows(self.comparison.scenes)}
-        return found
+            content |= {"unit": self.unit, "scenes": json_rows(self.comparison.scenes)}
+        return content
 
     def paths(self, folder: Path, plot: Path | None = None) -> dict[str, Path]:
         """Name the files for the figures of a comparison, by score.
@@ -346,16 +346,16 @@ class ComparisonReport:
 
     def _series(self, points: pd.DataFrame) -> list[Series]:
         """Both curves with their bands, and rings around points that changed."""
-        found = []
+        series = []
         for style, side, label in zip((BASE, NEW), ("base", "new"), self.legend, strict=True):
             mean, band = points[f"{side}_mean"], points[f"{side}_band"]
-            found.append(Series(label, points["snr_db"], mean, mean - band, mean + band, style=style))
+            series.append(Series(label, points["snr_db"], mean, mean - band, mean + band, style=style))
         for verdict, style in RINGS.items():
             marked = points[points["verdict"] == verdict]
             if len(marked):
                 label = self.verdict(verdict)
-                found.append(Series(label, marked["snr_db"], marked["new_mean"], mark="points", style=style))
-        return found
+                series.append(Series(label, marked["snr_db"], marked["new_mean"], mark="points", style=style))
+        return series
 
     def _title(self, curve: Row) -> str:
         """Name a curve, and what became of it as a whole."""

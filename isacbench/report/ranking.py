@@ -36,19 +36,19 @@ HEADINGS = {
 
 def ranking_tables(ranking: Ranking) -> list[Table]:
     """Lay out the ranks and the win probabilities of every group, and the worst scenes."""
-    found = charts.number_table(ranking.labels)
+    tables = charts.number_table(ranking.labels)
     ranking = replace(ranking, labels=charts.short_labels(ranking.labels))
     for group, ranks in ranking.ranks.groupby("group", sort=False):
-        found.append(_rank_table(ranking, str(group), ranks))
+        tables.append(_rank_table(ranking, str(group), ranks))
         if not ranking.is_descriptive:
-            found.append(_win_table(ranking, str(group), ranks))
+            tables.append(_win_table(ranking, str(group), ranks))
     columns = [
         _estimator_column(ranking),
         Column("scene", "scenario"),
         Column(ranking.metric, "score", "{:.4g}"),
         Column("worst image", form=_worst_image),
     ]
-    return [*found, Table(f"worst scenes by {ranking.metric}", columns, ranking.worst)]
+    return [*tables, Table(f"worst scenes by {ranking.metric}", columns, ranking.worst)]
 
 
 def ranking_lines(ranking: Ranking) -> list[str]:
@@ -156,9 +156,9 @@ def ranking_charts(ranking: Ranking) -> ChartGroup:
 
 def _points(lines: Mapping[Variant, Line], own: pd.DataFrame, column: str) -> list[Series]:
     """A point with its interval for every estimator."""
-    found = []
+    series = []
     for place, row in enumerate(own.to_dict("records")):
         x, low, high = ([row[name]] for name in (column, f"{column}_low", f"{column}_high"))
         style = replace(lines[row["estimator"], row["params"]].style, dash="")
-        found.append(Series("", x, [place], x_low=low, x_high=high, mark="points", style=style))
-    return found
+        series.append(Series("", x, [place], x_low=low, x_high=high, mark="points", style=style))
+    return series

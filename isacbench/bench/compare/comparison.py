@@ -391,8 +391,8 @@ def compare_tables(
         n_lost += int((np.isfinite(rows["base"]) & ~np.isfinite(rows["new"])).sum())
         scores, unpaired = point_scores(rows, metric, sides, groups)
         notes += unpaired if len(chosen) or not len(paired) else []
-        for found, own in ((points, scores), (curves, curve_scores(scores))):
-            found.append(measure(own, tolerance, better[metric], bool(groups)))
+        for tables, own in ((points, scores), (curves, curve_scores(scores))):
+            tables.append(measure(own, tolerance, better[metric], bool(groups)))
         if groups:
             changed.append(scenes.most_changed(rows, metric, new.manifest))
     curve_table, point_table = add_verdicts(_joined(curves), _joined(points), alpha)
@@ -570,15 +570,15 @@ def share_level(curves: Floats, points: Floats, alpha: float) -> tuple[float, fl
 
 def _correct(table: pd.DataFrame, tested: pd.Series[bool], share: float, alpha: float) -> pd.DataFrame:
     """P-values to be held against the whole level, and what the trials of a family could show."""
-    found = pd.DataFrame(1.0, index=table.index, columns=["p_worse", "p_better"])
+    corrected = pd.DataFrame(1.0, index=table.index, columns=["p_worse", "p_better"])
     if share:
         for side in ("worse", "better"):
             p_values = significance.holm(table.loc[tested, f"raw_{side}"]) / share
-            found.loc[tested, f"p_{side}"] = np.minimum(p_values, 1.0)
+            corrected.loc[tested, f"p_{side}"] = np.minimum(p_values, 1.0)
     n_tests = max(int(tested.sum()), 1)
     level = (share or 0.5) * alpha / n_tests
     # More trials may let the other family have its half.
-    return found.assign(
+    return corrected.assign(
         smallest_effect=significance.smallest_effect(table["spread"], table["n_pairs"], level),
         trials_needed=significance.trials_needed(0.5 * alpha / n_tests),
     )

@@ -254,7 +254,7 @@ def version_differences(base: Run, new: Run, partners: Mapping[Variant, Variant]
     Paired estimators with different names have different code in any case: its versions are left out.
     """
     before, after = _versions(base), _versions(new)
-    found: set[str] = set()
+    differences: set[str] = set()
     for variant in before.keys() & after.keys():
         old, now = before[variant], after[variant]
         if partners.get(variant, variant)[0] != variant[0]:
@@ -264,8 +264,8 @@ def version_differences(base: Run, new: Run, partners: Mapping[Variant, Variant]
                 for one in (old, now)
             )
         if old != now:
-            found.update(differing_versions(now, old))
-    return [f"made by other versions: {'; '.join(sorted(found))}"] if found else []
+            differences.update(differing_versions(now, old))
+    return [f"made by other versions: {'; '.join(sorted(differences))}"] if differences else []
 
 
 def _versions(run: Run) -> dict[Variant, dict[str, Any]]:

@@ -176,7 +176,7 @@ def worst_scenes(
     The columns are ``estimator``, ``params``, ``scenario``, ``family``, ``score`` of the scene; of its worst
     cell ``snr_db``, ``trial``, ``cell_score`` and ``status``.
     """
-    found = []
+    tables = []
     for variant in variants_in(scored.scenes.columns.to_frame()):
         own = rows_of(records, variant).astype({"scenario": object}).set_index(SCENE_CELL)
         cells = own[["status"]].join(scored.cells[variant].rename("cell_score"), how="inner").reset_index()
@@ -184,8 +184,8 @@ def worst_scenes(
         scores = scored.scenes[variant].sort_values(ascending=better == "higher", kind="stable")
         worst = scores[:N_WORST].rename("score").reset_index()
         worst = worst.merge(cells.drop_duplicates("scenario"), on="scenario", how="left")
-        found.append(worst.assign(estimator=variant[0], params=variant[1]))
-    table = pd.concat(found, ignore_index=True)
+        tables.append(worst.assign(estimator=variant[0], params=variant[1]))
+    table = pd.concat(tables, ignore_index=True)
     table["family"] = table["scenario"].map(scene_families(manifest)).fillna("")
     return table[[*VARIANT, "scenario", "family", "score", "snr_db", "trial", "cell_score", "status"]]
 

@@ -144,14 +144,14 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
     array([[0.25, 0.25]])
     """
     n_trials, n_points = base.shape
-    found = np.full((6, n_points), np.nan)
+    changes = np.full((6, n_points), np.nan)
     if base.size:
         rng = np.random.default_rng(seed)
         weights = rng.multinomial(n_trials, np.full(n_trials, 1 / n_trials), N_RESAMPLES).astype(np.float64)
         for start in range(0, n_points, COLUMNS_AT_ONCE):
             part = slice(start, start + COLUMNS_AT_ONCE)
-            found[:, part] = _changes(base[:, part], new[:, part], weights)
-    return pd.DataFrame(found.T, columns=CHANGES)
+            changes[:, part] = _changes(base[:, part], new[:, part], weights)
+    return pd.DataFrame(changes.T, columns=CHANGES)
 
 
 def win_shares(base: Floats, new: Floats, better: str) -> pd.DataFrame:
@@ -173,9 +173,9 @@ def win_shares(base: Floats, new: Floats, better: str) -> pd.DataFrame:
     n_wins = (new < base if better == "lower" else new > base).sum(axis=0) + n_ties / 2
     limits = [exact_interval(float(wins), int(n)) for wins, n in zip(n_wins, n_pairs, strict=True)]
     with np.errstate(invalid="ignore"):
-        found = pd.DataFrame({"probability": n_wins / n_pairs})
-    found[["low", "high"]] = np.reshape(limits, (-1, 2))
-    return found.assign(n_ties=n_ties)
+        shares = pd.DataFrame({"probability": n_wins / n_pairs})
+    shares[["low", "high"]] = np.reshape(limits, (-1, 2))
+    return shares.assign(n_ties=n_ties)
 
 
 def smallest_effect(spread: ArrayLike, n_trials: ArrayLike, level: float) -> Floats:
