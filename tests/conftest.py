@@ -5,6 +5,7 @@ import gc
 import itertools
 import os
 import sys
+import time
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -44,6 +45,18 @@ def slow_but(quick, every):
     """All parameters; those that are not among the quick ones have the marker slow."""
     values = [(one, one if isinstance(one, tuple) else (one,)) for one in every]
     return [pytest.param(*value, marks=() if one in quick else pytest.mark.slow) for one, value in values]
+
+
+PATIENCE_S = 120
+"""What no machine is too busy for."""
+
+
+def wait_until(condition):
+    """Wait until something has happened elsewhere."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to pass"
+        time.sleep(0.05)
 
 
 MOST_WORKERS = 8

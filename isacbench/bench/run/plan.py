@@ -24,6 +24,7 @@ from isacbench.bench.store.provenance import Environment, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.charts import Variant
+from isacbench.checked_arrays import Mask
 from isacbench.errors import InputError
 from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scenario import load_scenario
@@ -113,18 +114,10 @@ class Plan:
         """
         return self._cells.get_indexer(pd.MultiIndex.from_frame(keys[CLOUD_KEYS]))
 
-    def blocks(self, todo: NDArray[np.bool_]) -> list[Block]:
-        """List the blocks of the cells that are marked.
-
-        Parameters
-        ----------
-        todo : ndarray of bool, shape (n_cells,)
-
-        Returns
-        -------
-        list of Block
-            In the order of the table.
-        """
+    def blocks(self, todo: Mask | None = None) -> list[Block]:
+        """List the blocks of the cells that are marked, or of all cells, in the order of the table."""
+        if todo is None:
+            todo = np.ones(self.n_cells, dtype=np.bool_)
         blocks, start = [], 0
         for task in self.tasks:
             keys = [one.key for one in task.entries]
@@ -136,14 +129,14 @@ class Plan:
                 blocks.append(Block(task.name, int(trial), task.snr_db[at_snr], entries))
         return blocks
 
-    def shard(self, shard: Shard) -> NDArray[np.bool_]:
+    def shard(self, shard: Shard) -> Mask:
         """Mark the cells of a part of the run: whole trials of a scene, if there are enough.
 
         Returns
         -------
         ndarray of bool, shape (n_cells,)
         """
-        every = pieces(self.blocks(np.ones(self.n_cells, dtype=np.bool_)), shard.n)
+        every = pieces(self.blocks(), shard.n)
         part = [number for number, piece in enumerate(every) for block in piece for _ in block.entries]
         return np.array(part) % shard.n == shard.k - 1
 

@@ -6,14 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import CancelledError
 from contextlib import closing
 from queue import SimpleQueue
+from textwrap import dedent
 from threading import Thread
 from types import SimpleNamespace
 
-import numpy as np
 import pandas as pd
 import psutil
 import pytest
@@ -29,58 +28,22 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.cli import app
 from isacbench.errors import InputError
 from isacbench.plugins.discovery import load_plugin_file
-from tests.conftest import PLUGINS, PluginFolder
+from tests.conftest import PLUGINS, PluginFolder, estimator_source, wait_until
 
 pytestmark = pytest.mark.first
 
-SLOW = '''
-import os
-import signal
-import time
-from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar
-
-from isacbench.model.cloud import PointCloud
-
-
-@dataclass(frozen=True)
-class Slow:
-    name: ClassVar[str] = "slow"
-    time_s: float = 0.1
-
-    def estimate(self, observation):
-        time.sleep(self.time_s)
-        return PointCloud.empty()
-
-
-@dataclass(frozen=True)
-class Crash:
-    name: ClassVar[str] = "crash"
-
-    def estimate(self, observation):
-        os._exit(7)
-
-
-@dataclass(frozen=True)
-class Environment:
-    name: ClassVar[str] = "environment"
-
-    def estimate(self, observation):
-        raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))
-
-
-@dataclass(frozen=True)
-class Deadly:
-    """Kills the Dask worker, two generations above."""
-
-    name: ClassVar[str] = "deadly"
-
-    def estimate(self, observation):
-        server = Path(f"/proc/{os.getppid()}/stat").read_text()
+DEEDS = {
+    "slow": "time.sleep(0.1)",
+    "crash": "os._exit(7)",
+    "environment": 'raise RuntimeError(os.environ.get("MALLOC_TRIM_THRESHOLD_", "nothing"))',
+    # Kills the Dask worker, two generations above.
+    "deadly": """
+        server = open(f"/proc/{os.getppid()}/stat").read()
         os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
         time.sleep(60)
-'''
+    """,
+}
+SLOW = "".join(estimator_source(name, dedent(deed)) for name, deed in DEEDS.items())
 
 QUIET = {
     "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "10s",
@@ -98,9 +61,8 @@ class Cluster:
         self.folder, self.environment = folder, {**QUIET, **environment}
         self.processes = []
         self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0")
-        while (address := self.read_address()) is None:
-            time.sleep(0.05)
-        self.address = address
+        wait_until(self.read_address)
+        self.address = self.read_address()
 
     def read_address(self):
         """Address of the scheduler, once it has written it."""
@@ -196,7 +158,7 @@ def test_the_table_is_that_of_a_local_run_and_a_crash_costs_its_own_cells(
     assert set(far.loc[far["estimator"] == "crash", "reason"]) == {"the process exited with code 7"}
     # Cells do not get the allocator that workers have from their nannies.
     assert set(far.loc[far["estimator"] == "environment", "reason"]) == {
-        "RuntimeError: nothing (slow.py, line 35, in estimate)"
+        "RuntimeError: nothing (slow.py, line 65, in estimate)"
     }
     assert not lanes_left(cluster)
 
@@ -361,13 +323,6 @@ def test_a_later_worker_with_another_plugin_is_told(slow, plugin_folder, tmp_pat
             run_suite(slow.replace(trials=200), progress=start, options=RunOptions(dask=found.address))
 
 
-def wait_until(condition):
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 def children():
     """Processes below this one that cells run in."""
     return {one.pid for one in psutil.Process().children(recursive=True) if one.ppid() != os.getpid()}
@@ -375,7 +330,7 @@ def children():
 
 def test_processes_end_with_the_task_that_they_were_started_for_or_with_its_run(suite, wreck):
     job, before = load_job(suite), children()
-    rows = make_rows(Order.of_job(job, Limits()), job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_)))
+    rows = make_rows(Order.of_job(job, Limits()), job.plan.blocks())
     assert len(rows) == job.plan.n_cells
     assert children() <= before
     job = load_job(suite.replace(estimators=["wreck[kind=loop]"]))
@@ -383,7 +338,7 @@ def test_processes_end_with_the_task_that_they_were_started_for_or_with_its_run(
 
     def work():
         try:
-            ended.put(make_rows(order, job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))))
+            ended.put(make_rows(order, job.plan.blocks()))
         except BaseException as error:
             ended.put(error)
 

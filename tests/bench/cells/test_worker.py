@@ -10,7 +10,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -254,10 +253,6 @@ def test_versions_of_a_process_that_leaves_while_it_loads_plugins_are_not_waited
         worker.versions()
 
 
-def all_blocks(job):
-    return job.plan.blocks(np.ones(job.plan.n_cells, dtype=np.bool_))
-
-
 @pytest.fixture
 def endless(suite):
     """Return a worker and a function that lets it work in a thread on a cell that never ends.
@@ -269,7 +264,7 @@ def endless(suite):
 
     def work():
         try:
-            ended.put(list(worker.rows(all_blocks(job))))
+            ended.put(list(worker.rows(job.plan.blocks())))
         except BaseException as error:
             ended.put(error)
 
@@ -292,7 +287,7 @@ def test_a_busy_worker_can_be_stopped_from_another_thread_at_any_moment(endless,
 
 def test_a_run_that_is_left_early_ends_its_processes(suite):
     job = load_job(suite([]).replace(trials=3))
-    outcomes = rows_guarded(job, all_blocks(job), Limits(), 2)
+    outcomes = rows_guarded(job, job.plan.blocks(), Limits(), 2)
     next(outcomes)
     before = {child.pid for child in active_children()}
     assert before

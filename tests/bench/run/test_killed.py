@@ -20,7 +20,7 @@ from isacbench.bench.run.runner import run_suite
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import load_suite
 from isacbench.plugins.discovery import isolated_plugins, load_plugin_file
-from tests.conftest import DRAW_NOTHING
+from tests.conftest import DRAW_NOTHING, PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.first
 
@@ -66,9 +66,6 @@ class Sluggish:
 
 ESTIMATORS = ["sluggish[n=1]", "sluggish[n=2]", "sluggish[n=3]"]
 
-PATIENCE_S = 120
-"""What no machine is too busy for."""
-
 
 @pytest.fixture
 def plugin(tmp_path):
@@ -109,13 +106,6 @@ def start(command, tmp_path):
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass"
-        time.sleep(0.05)
 
 
 def rows_in(folder):

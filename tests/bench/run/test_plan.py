@@ -95,7 +95,7 @@ def test_a_cell_that_the_plan_does_not_have_has_no_position(plan, data):
 def test_blocks_hold_the_marked_cells_each_once_and_in_order(plan, data):
     todo = marks(plan, data)
     blocks = plan.blocks(todo)
-    everything = cells_of(plan, plan.blocks(np.ones(plan.n_cells, dtype=np.bool_)))
+    everything = cells_of(plan, plan.blocks())
     assert cells_of(plan, blocks) == [cell for cell, marked in zip(everything, todo, strict=True) if marked]
     assert all(block.entries for block in blocks)
     assert len({block[:3] for block in blocks}) == len(blocks)
@@ -106,7 +106,7 @@ def test_parts_share_the_cells_and_none_is_empty_while_another_has_two_observati
     parts = np.array([plan.shard(Shard(k, n)) for k in range(1, n + 1)])
     np.testing.assert_array_equal(parts.sum(axis=0), 1)
     sizes = [len(plan.blocks(part)) for part in parts]
-    n_trials = sum(1 for _ in groupby(plan.blocks(np.ones(plan.n_cells, dtype=np.bool_)), lambda b: b[:2]))
+    n_trials = sum(1 for _ in groupby(plan.blocks(), lambda b: b[:2]))
     if n_trials >= n:
         assert min(sizes) > 0
     else:
