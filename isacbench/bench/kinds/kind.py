@@ -43,7 +43,8 @@ class Kind(ABC):
         Class with the keys of its suites.
     columns : mapping of str to Any
         Columns that the kind adds to the rows, each with its value in the row of a failed cell, whose type
-        (str, bool, int, float) is that of the column. The summaries of images average those of numbers,
+        (str, bool, int, float) is that of the column. Rows from before the column was added have it as
+        well: take NaN where 0 would be false. The summaries of images average those of numbers,
         without failed cells. Where `measure` of an `ImagingTask` gives them, it sees one realisation of a
         reference, whose scores are means over all of them.
     better : mapping of str to {"lower", "higher", "neither"}

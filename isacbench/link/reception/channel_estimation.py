@@ -94,7 +94,7 @@ class PrsEstimator:
         return self.is_prs[:, burst].sum(axis=1)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=8, typed=True)
 def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
     """Build the channel estimator of a frame.
 
