@@ -99,11 +99,7 @@ def merge(folders: Sequence[Path], out: Path, mix_versions: bool = False) -> Mer
 def _open(folder: Path) -> Run:
     """Open a part, of which nothing may be missing."""
     run = Run.open(folder)
-    if missing := [key for key in RUN_KEYS if key not in run.manifest]:
-        raise InputError(
-            f"{folder}: its manifest has no {missing[0]} (written by an older isacbench); resume the run "
-            "with this version first"
-        )
+    run.require_described(RUN_KEYS)
     run.require_clouds()
     return run
 

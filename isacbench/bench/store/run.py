@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -228,14 +228,18 @@ class Run(Displayed):
             raise InputError(
                 f"{self.label}: the run is not finished; resume it with the same isacbench run command"
             )
+        self.require_described(COMPARED)
+        return self
+
+    def require_described(self, keys: Iterable[str]) -> None:
+        """Refuse a run whose manifest lacks some keys, or environments of its rows."""
         made_by = self.rows["environment"].unique()
-        for wanted, present in ((COMPARED, self.manifest), (made_by, self.environments)):
+        for wanted, present in ((keys, self.manifest), (made_by, self.environments)):
             if missing := [str(name) for name in wanted if name not in present]:
                 raise InputError(
                     f"{self.folder / files.MANIFEST}: {', '.join(missing)} missing; run it again with this "
                     "version"
                 )
-        return self
 
     def is_whole(self) -> Mask:
         """Tell of which rows the cloud has all its points."""

@@ -219,7 +219,7 @@ def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, t
             lambda it: it["scores"]["metrics"]["paper"].update(version=0),
             r"metric 'paper' differs \(.*'version': 1",
         ),
-        (lambda it: it.pop("scenes"), r"its manifest has no scenes \(written by an older isacbench\)"),
+        (lambda it: it.pop("scenes"), r"manifest\.json: scenes missing; run it again"),
     ):
         (halves[1] / "manifest.json").write_text(whole)
         change_manifest(halves[1], change)
