@@ -64,21 +64,21 @@ def _wrapped(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, width, initial_indent=INDENT, subsequent_indent=INDENT)
 
 
-def span(values: ArrayLike, unit: str = "") -> str:
+def range_text(values: ArrayLike, unit: str = "") -> str:
     """Write the smallest and the largest of some numbers, with those that are not finite counted.
 
     Examples
     --------
-    >>> span([3.0, 1.25, float("nan")], "m")
+    >>> range_text([3.0, 1.25, float("nan")], "m")
     '1.25 to 3 m (1 not finite)'
-    >>> span([])
+    >>> range_text([])
     'none'
     """
     import numpy as np
 
     array = np.asarray(values)
     if array.dtype.kind not in "biuf":
-        return array_brief(array)
+        return array_text(array)
     finite = array[np.isfinite(array)]
     n_others = array.size - finite.size
     others = f" ({n_others} not finite)" if n_others else ""
@@ -88,12 +88,12 @@ def span(values: ArrayLike, unit: str = "") -> str:
     return f"{' to '.join(ends)} {unit}".rstrip() + others
 
 
-def array_brief(array: np.ndarray[Any, Any]) -> str:
+def array_text(array: np.ndarray[Any, Any]) -> str:
     """Write the type and the shape of an array."""
     return f"{array.dtype} {array.shape}"
 
 
-def brief(instance: Any) -> str:
+def short_repr(instance: Any) -> str:
     """Write a dataclass with the types and shapes of its arrays and tables instead of their values.
 
     To be assigned to ``__repr__`` in the body of a dataclass.
@@ -106,11 +106,11 @@ def brief(instance: Any) -> str:
 
 
 def _brief_value(value: Any) -> str:
-    """Write one field of `brief`; arrays and tables are known by their attributes, without an import."""
+    """Write one field of `short_repr`; arrays and tables are known by their attributes, without an import."""
     if hasattr(value, "columns") and hasattr(value, "shape"):
         return f"{type(value).__name__} {value.shape}"
     if getattr(value, "shape", ()) and hasattr(value, "dtype"):
-        return array_brief(value)
+        return array_text(value)
     if isinstance(value, Displayed):
         return value._description().title
     return shortened(repr(value), MOST_OF_A_FIELD)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from isacbench.cubes.frame import CubeObservation
-from isacbench.display import brief, span
+from isacbench.display import range_text, short_repr
 from isacbench.model.cloud import PointCloud
 from isacbench.model.echo import observe_echo
 from isacbench.model.scenes.scenario import load_scenario
@@ -128,8 +128,8 @@ def test_a_recorded_frame_is_told_without_being_read(street):
 
 
 def test_numbers_that_are_not_finite_are_counted_and_not_spanned():
-    assert span([np.nan, 2.0, np.inf, 1.0], "m") == "1 to 2 m (2 not finite)"
-    assert span(np.array([1j])) == "complex128 (1,)"
+    assert range_text([np.nan, 2.0, np.inf, 1.0], "m") == "1 to 2 m (2 not finite)"
+    assert range_text(np.array([1j])) == "complex128 (1,)"
 
 
 def test_arrays_tables_and_objects_in_a_dataclass_are_told_by_type_and_shape():
@@ -148,7 +148,7 @@ class Holder:
     cloud: PointCloud
     text: str
 
-    __repr__ = brief
+    __repr__ = short_repr
 
 
 def test_a_cloud_without_velocities_says_so():

@@ -21,10 +21,10 @@ from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
 from isacbench.bench.kinds.detection import DetectionKind
 from isacbench.bench.kinds.efficiency import EfficiencyKind
 from isacbench.bench.kinds.kind import lines_of
-from isacbench.bench.kinds.population import ALL, ratio_charts, scene_cells, summarise_population
+from isacbench.bench.kinds.population import ALL, ratio_charts, summarise_population, with_ratios
 from isacbench.bench.kinds.resolution import ResolutionKind
 from isacbench.bench.kinds.scores import object_means, summarise_scores
-from isacbench.bench.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run
 from isacbench.charts import rows_of as own_rows
@@ -61,13 +61,13 @@ def rows_of(name: str) -> Run:
 def labels_of(name: str) -> dict[Variant, str]:
     """Estimators of a run by name and parameters, as tables spell them, references last."""
     records = rows_of(name).rows
-    limits, labels = find_limits(records), estimator_labels(variants_in(records))
+    limits, labels = references_in(records), estimator_labels(variants_in(records))
     return dict(sorted(labels.items(), key=lambda item: item[0][0] in limits))
 
 
 def competing(name: str) -> dict[Variant, str]:
     """Estimators of a run that do not see the truth."""
-    limits = find_limits(rows_of(name).rows)
+    limits = references_in(rows_of(name).rows)
     return {variant: label for variant, label in labels_of(name).items() if variant[0] not in limits}
 
 
@@ -557,7 +557,7 @@ def draw() -> None:
     groups = [
         pareto_charts(points[points["estimator"] != "empty"], "pareto-scenes", lines),
         replace(ranking_charts(ranking(TOP_DB)), stem="population-ranks"),
-        *(replace(group, stem="population-ratios") for group in ratio_charts(scene_cells(run.rows), lines)),
+        *(replace(group, stem="population-ratios") for group in ratio_charts(with_ratios(run.rows), lines)),
     ]
     save_figures(drawn_charts(groups), ROOT / "docs" / "images")
 

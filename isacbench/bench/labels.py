@@ -18,7 +18,7 @@ from isacbench.specifications import spell_spec
 Params = Mapping[str, Any]
 
 
-def find_limits(records: pd.DataFrame) -> set[str]:
+def references_in(records: pd.DataFrame) -> set[str]:
     """Find the estimators of a run that see the truth, by name; not those that are not installed."""
     limits = set()
     for name in records["estimator"].unique():

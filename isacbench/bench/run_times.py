@@ -20,7 +20,7 @@ from isacbench.bench import statistics
 from isacbench.bench.cells.rows import TIMING_COLUMNS, failed
 from isacbench.bench.kinds import kind
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, summarise_scores
-from isacbench.bench.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.instrument.stages import STAGES
 
@@ -278,7 +278,7 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
         label=_of_variants(points, labels),
         hausdorff_sum_m_low=low,
         hausdorff_sum_m_high=high,
-        is_limit=points["estimator"].isin(find_limits(records)),
+        is_limit=points["estimator"].isin(references_in(records)),
         is_complete=(points["n_failed"] == 0) & (points["n_trials"] == all_trials),
         is_on_frontier=False,
     ).join(_times(rows[~failed(rows)]), on=POINT)

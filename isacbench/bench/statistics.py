@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betaincinv, chdtri, ndtri, stdtrit
 
 from isacbench.bench.cells.rows import failed
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 
 Floats = NDArray[np.float64]
 
@@ -213,4 +213,4 @@ def trials_and_band(n: int, unit: str = "trial") -> str:
     ('12 trials, 95 % confidence band', '1 scene, no confidence band below 5')
     """
     band = "95 % confidence band" if n >= MIN_TRIALS else f"no confidence band below {MIN_TRIALS}"
-    return f"{counted(n, unit)}, {band}"
+    return f"{plural(n, unit)}, {band}"

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.errors import InputError, unknown_name
-from isacbench.files.escaping import visible
+from isacbench.files.escaping import escape_control
 from isacbench.plugins import registry
 from isacbench.plugins.discovery import METHODS, RegisteredPlugin, error_place
 from isacbench.process_state import process_state_kept
@@ -186,7 +186,7 @@ def run_check(check: Check, subject: Subject | PluginSubject, *, is_strict: bool
         else:
             place = error_place(error, subject.plugin_module)
             message = f"raises {type(error).__name__}: {error}" + (f" ({place})" if place else "")
-    message = visible(message) if is_strict else message
+    message = escape_control(message) if is_strict else message
     return Finding(check.name, status, message, difference, bound, time.perf_counter() - start)
 
 

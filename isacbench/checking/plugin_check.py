@@ -17,7 +17,7 @@ from isacbench.checking.map_checks import DETECTOR_CHECKS, DetectorSubject
 from isacbench.checking.metric_checks import METRIC_CHECKS, MetricSubject
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, did_you_mean
-from isacbench.files.escaping import quoted, visible
+from isacbench.files.escaping import escape_control, quoted
 from isacbench.plugins import discovery
 from isacbench.plugins.contracts import Detector, Estimator, Metric
 from isacbench.plugins.discovery import GROUPS, PluginFile, PluginKind, RegisteredPlugin, entries
@@ -96,7 +96,7 @@ class CheckReport:
                 for finding in plugin.findings
                 if finding.status in ("warning", "failed")
             ]
-        return "\n".join(map(visible, lines))
+        return "\n".join(map(escape_control, lines))
 
 
 def check(plugin: str | Path | type[Any] | Estimator | Detector | Metric) -> CheckReport:

@@ -22,7 +22,7 @@ import isacbench
 from isacbench.bench.cells.cell import seed_global_generators
 from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
 from isacbench.bench.store.provenance import git_state, machine, package_versions
-from isacbench.bench.store.run_folder import open_folder, replacing
+from isacbench.bench.store.run_folder import atomic_write, open_folder
 from isacbench.checking import cases
 from isacbench.checking.checks import Case, Check, Choice, Family, Finding, Status, Subject, Whole, run_check
 from isacbench.cores import one_blas_thread
@@ -339,7 +339,7 @@ def stress_folder(folder: Path, results: Sequence[CaseResult], timeout_s: float)
             tables = (table(results).to_csv(index=False) for table in (case_table, check_table))
             texts = *tables, json.dumps(about, indent=2, ensure_ascii=False) + "\n"
             for name, text in zip(FILES, texts, strict=True):
-                with replacing(folder / name) as path:
+                with atomic_write(folder / name) as path:
                     path.write_text(text, encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 
 from isacbench import __version__
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.escaping import counted, visible, visible_json, visible_lines
+from isacbench.files.escaping import escape_control, escape_json, escape_lines, plural
 from isacbench.process_state import own_output
 
 if TYPE_CHECKING:
@@ -108,12 +108,12 @@ def _options(
 def say(*messages: str, err: bool = False) -> None:
     """Print messages on stdout or stderr, a line each, with control characters escaped."""
     for message in messages:
-        typer.echo(visible(message), err=err)
+        typer.echo(escape_control(message), err=err)
 
 
 def say_lines(message: str) -> None:
     """Print several lines, with other control characters escaped."""
-    typer.echo(visible_lines(message))
+    typer.echo(escape_lines(message))
 
 
 def fail(message: str, code: int) -> NoReturn:
@@ -124,7 +124,7 @@ def fail(message: str, code: int) -> NoReturn:
 
 def print_json(content: object) -> None:
     """Print JSON; NaN is an error."""
-    typer.echo(visible_json(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)))
+    typer.echo(escape_json(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)))
 
 
 def print_scores(scores: Mapping[str, float], spreads: Mapping[str, float] | None = None) -> None:
@@ -155,5 +155,5 @@ def report_run(run: Run, with_page: bool = True) -> None:
     print_tables(*(table for table in tables if not table.is_detail))
     has_score = run.rows.reindex(columns=["deviation", "gospa_m"]).notna()
     if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):
-        say(f"{counted(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
+        say(f"{plural(n_dense, 'cell')} without gospa_m: too many pairs of points within the radius")
     say(f"{run.label}: {', '.join(path.name for path in written) or 'no cells, so no tables and no figures'}")

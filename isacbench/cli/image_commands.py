@@ -20,7 +20,7 @@ from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_scores, print_tables, say, say_lines
 from isacbench.errors import InputError, unknown_name
 from isacbench.files.checked_files import require_picture
-from isacbench.files.escaping import counted, file_stems
+from isacbench.files.escaping import file_stems, plural
 
 if TYPE_CHECKING:
     import numpy as np
@@ -133,7 +133,7 @@ def image_command(
         took += f", {'' if cube is None else 'reading, '}imports and tables included"
     else:  # which is what runs measure
         took = f"{1e3 * again_s:.1f} ms (the first call, with imports and tables: {took})"
-    say(f"{title}: {counted(len(cloud), 'point')} in {took}")
+    say(f"{title}: {plural(len(cloud), 'point')} in {took}")
     say(*remarks.sentences())
     if not len(scene.truth):  # a scene of noise alone can be looked at, not scored
         return

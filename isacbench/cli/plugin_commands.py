@@ -11,7 +11,7 @@ from typer import Argument, Option
 from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_tables, say, say_lines
 from isacbench.errors import InputError, import_extra
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 
 if TYPE_CHECKING:
     from isacbench.checking.checks import Family
@@ -148,11 +148,11 @@ def stress_command(
         if search is None or interrupted:
             say(findings.summary(results))
         else:
-            count = counted(len(results), "finding") if results else "no finding"
-            say(f"searched {search} cases a family for {counted(len(targets), 'target')}: {count}")
+            count = plural(len(results), "finding") if results else "no finding"
+            say(f"searched {search} cases a family for {plural(len(targets), 'target')}: {count}")
         say(f"{folder}: {', '.join(stress.FILES)}")
     if interrupted:
         fail(f"interrupted: the {len(results)} cases so far are in {folder}", Exit.INTERRUPTED)
     broken = [result for result in results if result.is_broken]
     if broken:
-        fail(f"{counted(len(broken), 'finding')}; the first one: {broken[0].reproduce}", Exit.FAILED_CELLS)
+        fail(f"{plural(len(broken), 'finding')}; the first one: {broken[0].reproduce}", Exit.FAILED_CELLS)

@@ -13,7 +13,7 @@ import isacbench
 from isacbench.cli import options as opt
 from isacbench.cli.app import Exit, app, fail, print_json, print_tables, report_run, say
 from isacbench.errors import InputError
-from isacbench.files.checked_files import is_there, require_replaceable
+from isacbench.files.checked_files import path_exists, require_replaceable
 
 RANK_METRIC = "Score to rank by, such as f_score, objects_detected or deviation; default ratio."
 
@@ -204,7 +204,7 @@ def _require_own_places(paths: list[Path]) -> None:
 
     for path in paths:
         require_replaceable(path)
-        if path.name in RUN_TABLES and is_there(path):
+        if path.name in RUN_TABLES and path_exists(path):
             raise InputError(f"{path}: is a table of a run and is not overwritten; choose another name")
 
 
@@ -226,8 +226,8 @@ def _say_figures(figures: list[Path], noun: str = "figures") -> None:
 
 def _write(path: Path | None, text: str) -> None:
     """Write a file, if one is asked for, in place of an older one."""
-    from isacbench.bench.store.run_folder import replacing
+    from isacbench.bench.store.run_folder import atomic_write
 
     if path is not None:
-        with replacing(path, afterwards="") as temporary:
+        with atomic_write(path, afterwards="") as temporary:
             temporary.write_text(text, encoding="utf-8", newline="")

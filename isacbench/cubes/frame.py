@@ -26,7 +26,7 @@ from isacbench.cubes.opening import open_cube, read_grid, reopen_cube
 from isacbench.cubes.tiles import Cube, gate_cells, require_grid_of, require_shape
 from isacbench.dsp.null_carriers import NullCarriers, interpolate_nulls, used_band
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.link.sensing.division import Signal, division_factors, sensed_elements
 from isacbench.model.gate import Gate, build_gate
 from isacbench.model.observation import Observation, cross_elements
@@ -255,7 +255,7 @@ def observe_cube(
             is_weak = (amplitude > 0) & (amplitude < WEAK * amplitude.max())
             if division == "reciprocal" and is_weak.any():
                 remarks.append(
-                    f"{counted(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
+                    f"{plural(int(is_weak.sum()), 'subcarrier')} from {is_weak.argmax()} on have less than "
                     f"{20 * np.log10(WEAK):.0f} dB of the largest symbol in the transmitted grid: the "
                     "division raises their noise as much; write 0 for null carriers, or choose "
                     "division = 'wiener'"
@@ -346,7 +346,7 @@ class FrameSummary(NamedTuple):
         power = f"{self.share:.0%} of the power of the strongest echoes comes from the region"
         echoes = power if self.n_echoes else "no echo stands out of the noise"
         n_detected = "too few for a detector" if self.n_detected is None else f"{self.n_detected} detected"
-        sentences = [f"{place}, {where}; {counted(self.n_cells, 'cell')}, {n_detected}; {echoes}"]
+        sentences = [f"{place}, {where}; {plural(self.n_cells, 'cell')}, {n_detected}; {echoes}"]
         if self.changes:
             changes = " and ".join(self.changes)
             sentences.append(

@@ -20,7 +20,7 @@ from isacbench.dsp.null_carriers import NullCarriers
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.arrays import StoredArray
 from isacbench.files.checked_files import GRID_BYTES, binary_size
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.model.array import VirtualArray
 from isacbench.model.gate import Gate
 from isacbench.model.numerology import System
@@ -414,7 +414,7 @@ def _warn_of_zeros(name: str, has_signal: Mask, is_sensed: Mask | np.bool_) -> N
     for noun, axis in (("subcarrier", 1), ("symbol", 0)):
         where = is_empty.any(axis) & ~has_signal.any(axis)
         if where.any():
-            places.append(f"{counted(int(where.sum()), noun)} from {where.argmax()} on")
+            places.append(f"{plural(int(where.sum()), noun)} from {where.argmax()} on")
     if places and has_signal.any():
         warnings.warn(
             f"{name}: {' and '.join(places)} hold zeros alone, which give false ranges or velocities; a "

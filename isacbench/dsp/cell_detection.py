@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from isacbench.checked_arrays import Complex, Floats, Integers
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.dsp.detection import Detection, Detector
 from isacbench.dsp.rangedoppler import Bins, GatedMap
 from isacbench.dsp.windows import reach, taper
@@ -66,7 +66,7 @@ class DetectedCells:
     gate: Gate
     floor: float
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     @cached_property
     def detection(self) -> Detection:

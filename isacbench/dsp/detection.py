@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
-from isacbench.display import Description, Displayed, span
-from isacbench.files.escaping import counted
+from isacbench.display import Description, Displayed, range_text
+from isacbench.files.escaping import plural
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,11 +38,11 @@ class Detection(Displayed):
         n_detected = np.count_nonzero(mask)
         share = f" ({100 * n_detected / mask.size:.3g} %)" if mask.size else ""
         return Description(
-            f"Detection: {n_detected} of {counted(mask.size, 'cell')} detected{share}",
+            f"Detection: {n_detected} of {plural(mask.size, 'cell')} detected{share}",
             {
                 "map": " x ".join(map(str, mask.shape)),
-                "threshold": span(self.threshold),
-                "noise": span(self.noise),
+                "threshold": range_text(self.threshold),
+                "noise": range_text(self.noise),
             },
         )
 

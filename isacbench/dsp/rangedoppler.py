@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from isacbench.checked_arrays import Complex, Integers, Mask, checked_array
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, taper
@@ -58,7 +58,7 @@ class GatedMap:
     elements: Aperture | None = None
     bursts: SymbolBursts | None = None
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cells", checked_array("cells", self.cells, np.complex64))

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
@@ -59,7 +59,7 @@ class LocatedScatterers:
     power: Floats
     family: Integers
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "u", within_period(self.u))
@@ -124,7 +124,7 @@ class ScatterersInCells:
     tapered: GatedMap
     windows: tuple[Window, Window]
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.scatterers)

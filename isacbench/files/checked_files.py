@@ -66,7 +66,7 @@ def require_utf8(path: Path) -> None:
         raise AccessError(f"{path}: its name is not UTF-8; rename it") from error
 
 
-def is_there(path: Path) -> bool:
+def path_exists(path: Path) -> bool:
     """Tell if a path exists, also as a symbolic link whose target is missing."""
     return os.path.lexists(path)
 
@@ -97,7 +97,7 @@ def write_errors(path: Path, afterwards: str = "") -> Iterator[None]:
 
 def require_new(path: Path) -> None:
     """Refuse to overwrite, and to write where no folder is."""
-    if is_there(path):
+    if path_exists(path):
         raise InputError(f"{path}: exists already and is not overwritten")
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder {path.parent} does not exist")

@@ -22,23 +22,23 @@ MARKDOWN = str.maketrans(
 )
 
 
-def visible(text: str) -> str:
+def escape_control(text: str) -> str:
     r"""Spell control characters as Python does, so that a terminal shows them instead of obeying them.
 
     Examples
     --------
-    >>> visible("a\x1b[31mb\n")
+    >>> escape_control("a\x1b[31mb\n")
     'a\\x1b[31mb\\n'
     """
     return HIDDEN.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
-def visible_lines(text: str) -> str:
+def escape_lines(text: str) -> str:
     """Spell control characters other than line breaks as Python does."""
-    return "\n".join(map(visible, text.split("\n")))
+    return "\n".join(map(escape_control, text.split("\n")))
 
 
-def visible_json(text: str) -> str:
+def escape_json(text: str) -> str:
     """Spell control characters other than line breaks as JSON does."""
     lines = text.split("\n")
     return "\n".join(HIDDEN.sub(lambda match: f"\\u{ord(match[0]):04x}", line) for line in lines)
@@ -67,12 +67,12 @@ def shortened(text: str, most: int = MOST_QUOTED) -> str:
     return text if len(text) <= most else f"{text[:half]}…{text[-half:]}"
 
 
-def counted(number: int, noun: str) -> str:
+def plural(number: int, noun: str) -> str:
     """Write a number of things with a noun in the singular or plural.
 
     Examples
     --------
-    >>> counted(1, "point"), counted(2, "point")
+    >>> plural(1, "point"), plural(2, "point")
     ('1 point', '2 points')
     """
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
@@ -86,7 +86,7 @@ def in_markdown(text: str) -> str:
     >>> in_markdown("a|b <script> [x](y) z[n=1]")
     'a\\|b &lt;script> [x]\\(y) z[n=1]'
     """
-    return visible(text).translate(MARKDOWN).replace("](", r"]\(")
+    return escape_control(text).translate(MARKDOWN).replace("](", r"]\(")
 
 
 def file_stems(names: Iterable[str]) -> dict[str, str]:

@@ -11,9 +11,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Floats, checked_array, freeze_arrays, named_columns, unmasked_array
-from isacbench.display import Description, Displayed, span
+from isacbench.display import Description, Displayed, range_text
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
 
@@ -203,10 +203,10 @@ def describe_points(name: str, xyz: Floats, velocity: Floats, **others: Floats) 
     **others : ndarray of float64
         Further values by name.
     """
-    title = f"{name}: {counted(len(velocity), 'point')}"
+    title = f"{name}: {plural(len(velocity), 'point')}"
     if not len(velocity):
         return Description(title, {})
-    places = {axis: span(values, "m") for axis, values in zip("xyz", xyz.T, strict=True)}
-    speeds = "unknown" if np.isnan(velocity).all() else span(velocity, "m/s")
-    spans = {other: span(values) for other, values in others.items()}
+    places = {axis: range_text(values, "m") for axis, values in zip("xyz", xyz.T, strict=True)}
+    speeds = "unknown" if np.isnan(velocity).all() else range_text(velocity, "m/s")
+    spans = {other: range_text(values) for other, values in others.items()}
     return Description(title, {**places, "velocity": speeds, **spans})

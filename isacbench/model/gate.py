@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isacbench.checked_arrays import Floats, Integers, Mask, freeze_arrays
-from isacbench.display import Description, Displayed, span
+from isacbench.display import Description, Displayed, range_text
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 
@@ -54,8 +54,8 @@ class Gate(Displayed):
         return Description(
             f"Gate: {n_range} range bins x {n_doppler} Doppler bins",
             {
-                "range bins": span(self.range_bins),
-                "Doppler bins": span(self.doppler_bins),
+                "range bins": range_text(self.range_bins),
+                "Doppler bins": range_text(self.doppler_bins),
                 "reachable": f"{reachable[0]} x {reachable[1]}",
             },
         )

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
 from isacbench.choices import Sensing
-from isacbench.display import Description, Displayed, span
+from isacbench.display import Description, Displayed, range_text
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
@@ -77,8 +77,8 @@ class Observation(Displayed):
             {
                 "cells": cells,
                 "sensing": self.sensing,
-                "range": f"{span(range_m, 'm')} (bins {span(range_bins)})",
-                "velocity": f"{span(velocity_mps, 'm/s')} (bins {span(doppler_bins)})",
+                "range": f"{range_text(range_m, 'm')} (bins {range_text(range_bins)})",
+                "velocity": f"{range_text(velocity_mps, 'm/s')} (bins {range_text(doppler_bins)})",
                 "region": str(self.region),
             },
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Floats, Mask, checked_array
-from isacbench.display import span
+from isacbench.display import range_text
 from isacbench.errors import require
 from isacbench.model.number_limits import LARGEST_PLACE_M, require_interval
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
@@ -47,8 +47,8 @@ class Region:
 
     def __str__(self) -> str:
         """Write the limits with their units."""
-        places = ", ".join(f"{axis} {span(getattr(self, f'{axis}_m'))}" for axis in "xyz")
-        return f"{places} m, {span(self.speed_mps, 'm/s')}"
+        places = ", ".join(f"{axis} {range_text(getattr(self, f'{axis}_m'))}" for axis in "xyz")
+        return f"{places} m, {range_text(self.speed_mps, 'm/s')}"
 
     @property
     def lower_m(self) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from isacbench.checked_arrays import Floats, freeze_arrays
 from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
-from isacbench.files.escaping import counted, quoted
+from isacbench.files.escaping import plural, quoted
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud, describe_points
 from isacbench.model.frame import Frame
@@ -41,7 +41,7 @@ AT_BASE_STATION_M = 1e-9
 
 
 @contextmanager
-def warned_before() -> Iterator[None]:
+def no_input_warnings() -> Iterator[None]:
     """Make scenarios anew, in another process or under another name, without repeating their warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -269,7 +269,7 @@ class Scenario(Displayed):
 
     def _description(self) -> Description:
         system, (n_p, n_q) = self.system, self.array.shape
-        n_scatterers = counted(len(self.scatterers), "scatterer")
+        n_scatterers = plural(len(self.scatterers), "scatterer")
         place = ", ".join(f"{coordinate:g}" for coordinate in self.base_station_m)
         return Description(
             f"Scenario {quoted(self.name, MOST_OF_A_NAME)}: {n_scatterers}, {n_p} x {n_q} virtual elements",

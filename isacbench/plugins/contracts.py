@@ -14,7 +14,7 @@ from typing import (
     runtime_checkable,
 )
 
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.dsp.detection import Detection as Detection
 from isacbench.dsp.detection import Detector as Detector
 from isacbench.errors import require
@@ -166,7 +166,7 @@ class Spectrum:
     peaks: NDArray[np.float64]
     label: Literal["u", "w"]
 
-    __repr__ = brief
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +200,7 @@ class Diagnosis:
     cell: tuple[int, int] | None
     separated: bool | None = None
 
-    __repr__ = brief
+    __repr__ = short_repr
 
 
 @runtime_checkable

@@ -23,7 +23,7 @@ from isacbench.plugins.code_digests import ClassCode, class_codes, is_importable
 from isacbench.plugins.contracts import Estimator
 
 
-class Instances(Mapping[str, Estimator]):
+class PickledEstimators(Mapping[str, Estimator]):
     """Estimators that are objects, by the texts that stand for them.
 
     A copy of them in this process has the same classes. In another process they are
@@ -52,8 +52,8 @@ class Instances(Mapping[str, Estimator]):
     def __getstate__(self) -> dict[str, Any]:
         return {"_estimators": None, "_packed": self._packed or _pack(self._unpacked())}
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Instances:
-        return Instances(copy.deepcopy(dict(self._unpacked()), memo))
+    def __deepcopy__(self, memo: dict[int, Any]) -> PickledEstimators:
+        return PickledEstimators(copy.deepcopy(dict(self._unpacked()), memo))
 
 
 class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from isacbench.charts import Variant, nearest_values
 from isacbench.errors import InputError, require
 from isacbench.files.checked_files import require_picture
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.metrics.geometry import RADIUS_M, CloudPair
 from isacbench.model.cloud import PointCloud
 from isacbench.model.region import Region
@@ -103,7 +103,7 @@ def shown_snr_db(rows: pd.DataFrame) -> float:
 
 def image_of_truth(truth: PointCloud) -> Image:
     """Make the image of the truth that stands beside estimates."""
-    return Image(truth, counted(len(truth), "scatterer"))
+    return Image(truth, plural(len(truth), "scatterer"))
 
 
 def draw_clouds(
@@ -318,7 +318,7 @@ def plot_clouds(
         require_picture(Path(out))
     region = _region_of([truth, *clouds.values()]) if region is None else region
     images = [
-        (str(name), Image(cloud, counted(len(cloud), "point") if len(cloud) else "no points"))
+        (str(name), Image(cloud, plural(len(cloud), "point") if len(cloud) else "no points"))
         for name, cloud in clouds.items()
     ]
     title = figures.drawable(title)

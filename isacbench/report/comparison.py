@@ -18,7 +18,7 @@ from isacbench.bench.labels import estimator_labels
 from isacbench.bench.statistics import trials_and_band
 from isacbench.charts import Axis, Chart, ChartGroup, Column, LineStyle, Series, Table, text_table
 from isacbench.files.checked_files import make_own_folder, require_picture
-from isacbench.files.escaping import counted, file_stems, in_markdown, shortened, visible
+from isacbench.files.escaping import escape_control, file_stems, in_markdown, plural, shortened
 from isacbench.report.figures import FOLDER, draw_charts, save, styled
 from isacbench.report.tables import json_rows, markdown, signed
 
@@ -105,7 +105,7 @@ class ComparisonReport:
         cells, (base, new) = comparison.changed_cells, self.sides
         self.lost = [(cells("failed"), f"failed in {new} alone"), (cells("missing"), f"missing in {new}")]
         n_lost = comparison.n_lost_scores
-        self.lost_scores = f"{counted(n_lost, 'score')} missing in {new}" if n_lost else ""
+        self.lost_scores = f"{plural(n_lost, 'score')} missing in {new}" if n_lost else ""
         self.gained = [(cells("repaired"), f"failed in {base} alone"), (cells("added"), f"missing in {base}")]
 
     def verdict(self, verdict: str) -> str:
@@ -232,9 +232,9 @@ class ComparisonReport:
                 few = ""
                 if not np.isfinite(rows["smallest_effect"]).any():
                     needed = f"{first['trials_needed']:g} needed"
-                    few = f"; {counted(n_pairs, self.unit)}{each}, too few for a test ({needed})"
+                    few = f"; {plural(n_pairs, self.unit)}{each}, too few for a test ({needed})"
                 equal = f", equal on {n_equal}" if n_equal else ""
-                where = f"better on {n_better} of {counted(of, 'scene')}{equal}{few}"
+                where = f"better on {n_better} of {plural(of, 'scene')}{equal}{few}"
                 name = self.name(first, before=" of ")
                 lines.append(f"{tolerance.metric}{name}: {new:.3g} against {base:.3g}{relative}, {where}")
         return lines
@@ -244,7 +244,7 @@ class ComparisonReport:
         lines = [SCENE_LINE] if self.comparison.unit == "scene" else []
         lines += [self.cell_line(cells, what) for cells, what in self.lost + self.gained if len(cells)]
         if n_failed_both := len(self.comparison.changed_cells("failed_both")):
-            lines.append(f"{counted(n_failed_both, 'cell')} failed in both, left out")
+            lines.append(f"{plural(n_failed_both, 'cell')} failed in both, left out")
         return [*lines, *self.comparison.notes]
 
     def cell_line(self, cells: pd.DataFrame, what: str) -> str:
@@ -257,7 +257,7 @@ class ComparisonReport:
                 f"trial {cell['trial']}{'' if cell['status'] == 'ok' else reason}"
             )
         more = "; ..." if len(cells) > CELLS_NAMED else ""
-        return f"{counted(len(cells), 'cell')} {what}: {'; '.join(named)}{more}"
+        return f"{plural(len(cells), 'cell')} {what}: {'; '.join(named)}{more}"
 
     def summary(self) -> str:
         """Write the outcome in one line, with the counts of verdicts."""
@@ -267,11 +267,11 @@ class ComparisonReport:
         """Count verdicts of curves and points, and lost cells and scores."""
         points = self.comparison.points[self.comparison.points["n_snr"] > 1]
         parts = [
-            f"of {counted(len(table), noun)} {verdict_counts(table, self.verdict)}"
+            f"of {plural(len(table), noun)} {verdict_counts(table, self.verdict)}"
             for table, noun in ((self.comparison.curves, "curve"), (points, "point"))
             if len(table)
         ]
-        parts += [f"{counted(len(cells), 'cell')} {what}" for cells, what in self.lost if len(cells)]
+        parts += [f"{plural(len(cells), 'cell')} {what}" for cells, what in self.lost if len(cells)]
         return "; ".join([*parts, *filter(None, [self.lost_scores])]) or "nothing compared"
 
     def content(self) -> dict[str, Any]:
@@ -437,7 +437,7 @@ def comparison_junit(comparison: Comparison) -> str:
     for tolerance in comparison.tolerances:
         curves, changed = report.compared_rows(tolerance)
         for scenario, part in curves.groupby("scenario", sort=False):
-            suite = ET.SubElement(root, "testsuite", name=visible(f"{tolerance}: {scenario}"))
+            suite = ET.SubElement(root, "testsuite", name=escape_control(f"{tolerance}: {scenario}"))
             points = changed[changed["scenario"] == scenario]
             for row in [*part.to_dict("records"), *points.to_dict("records")]:
                 place = f"at {row['snr_db']:g} dB" if "snr_db" in row else "whole curve"
@@ -468,7 +468,7 @@ def _outcome(row: Row, tolerance: Tolerance, report: ComparisonReport) -> str:
     texts = {column.heading: column.text(row) for column in report.number_columns(tolerance)}
     verdict = texts.pop("verdict")
     parts = [f"{heading} {text}" for heading, text in texts.items() if text]
-    return f"{verdict}; {', '.join([*parts, counted(row['n_pairs'], report.unit)])}"
+    return f"{verdict}; {', '.join([*parts, plural(row['n_pairs'], report.unit)])}"
 
 
 def _add_case(suite: ET.Element, name: str, text: str, problem: str, kind: str) -> None:
@@ -476,8 +476,8 @@ def _add_case(suite: ET.Element, name: str, text: str, problem: str, kind: str) 
 
     Its text is its output, or the message of a problem, a failure or an error, of a kind.
     """
-    text = visible(text)
-    case = ET.SubElement(suite, "testcase", classname=suite.get("name", ""), name=visible(name))
+    text = escape_control(text)
+    case = ET.SubElement(suite, "testcase", classname=suite.get("name", ""), name=escape_control(name))
     if problem:
         ET.SubElement(case, problem, type=kind, message=text).text = text
     elif text:
@@ -489,6 +489,6 @@ def _xml(root: ET.Element, lines: Sequence[str]) -> str:
     for element in (*root, root):
         for name, tag in (("tests", "testcase"), ("failures", "failure"), ("errors", "error")):
             element.set(name, str(len(element.findall(f".//{tag}"))))
-    ET.SubElement(root[-1], "system-out").text = "\n".join(map(visible, lines))
+    ET.SubElement(root[-1], "system-out").text = "\n".join(map(escape_control, lines))
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'

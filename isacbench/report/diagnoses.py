@@ -17,7 +17,7 @@ from isacbench.bench.suites.suite import Suite
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, variants_in
 from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError, InputWarning
-from isacbench.files.escaping import counted, file_stems
+from isacbench.files.escaping import file_stems, plural
 from isacbench.model.echo import Simulator
 from isacbench.model.observation import Observation
 from isacbench.model.scene import Scenario
@@ -243,7 +243,7 @@ def spectrum_charts(title: str, one: Diagnosed) -> ChartGroup:
     range_bin, doppler_bin = one.diagnosis.cell
     true = _true_cosines(one.scenario, range_bin, doppler_bin)
     cell = f"strongest cell: {range_bin * system.range_bin_m:.1f} m"
-    cell += f", {doppler_bin * system.velocity_bin_mps:.1f} m/s, {counted(true['u'].size, 'scatterer')}"
+    cell += f", {doppler_bin * system.velocity_bin_mps:.1f} m/s, {plural(true['u'].size, 'scatterer')}"
     if one.diagnosis.separated is False:
         cell += ", signal and noise subspaces not separated"
     charts = []

@@ -20,7 +20,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from isacbench.bench.store.run_folder import replacing
+from isacbench.bench.store.run_folder import atomic_write
 from isacbench.charts import NO_SCORE, Axis, Chart, ChartGroup, LineStyle, Series
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
@@ -83,7 +83,7 @@ def new_figure(
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure, or replace an older one, in the format that the suffix names; return the path."""
-    with replacing(path, afterwards="") as temporary:
+    with atomic_write(path, afterwards="") as temporary:
         figure.savefig(temporary, format=path.suffix.removeprefix(".").lower())
     return path
 

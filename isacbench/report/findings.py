@@ -16,7 +16,7 @@ from isacbench.bench.labels import estimator_labels
 from isacbench.charts import Table, text_table
 from isacbench.checking.plugin_check import CheckReport, PluginFindings
 from isacbench.checking.stress import BROKEN, CaseResult, case_table
-from isacbench.files.escaping import counted, visible, visible_lines
+from isacbench.files.escaping import escape_control, escape_lines, plural
 from isacbench.report.tables import json_rows
 
 WORDS = {
@@ -43,17 +43,17 @@ def print_findings(plugin: PluginFindings) -> None:
     table = RichTable.grid(padding=(0, 2))
     for finding in plugin.findings:
         word, colour = WORDS[finding.status]
-        message = visible_lines(finding.message)
-        table.add_row("", Text(word, style=colour), Text(visible(finding.check)), Text(message))
+        message = escape_lines(finding.message)
+        table.add_row("", Text(word, style=colour), Text(escape_control(finding.check)), Text(message))
     console = Console(soft_wrap=False, highlight=False)
-    console.print(Text(visible(str(plugin)), style="bold"))
+    console.print(Text(escape_control(str(plugin)), style="bold"))
     console.print(table)
 
 
 def counts_line(report: CheckReport) -> str:
     """Count how many checks of all plugins ended how."""
     counts = ", ".join(f"{n} {WORDS[status][0]}" for status, n in report.counts.items() if n)
-    return f"{counted(len(report.plugins), 'plugin')}: {counts}"
+    return f"{plural(len(report.plugins), 'plugin')}: {counts}"
 
 
 CASE_WIDTH, TARGET_WIDTH = 64, 16
@@ -109,7 +109,7 @@ def _number(difference: float) -> str:
 def summary(results: Sequence[CaseResult]) -> str:
     """Count outcomes in one line."""
     counts = sorted(Counter(result.status for result in results).items())
-    return f"{counted(len(results), 'case')}: {', '.join(f'{n} {status}' for status, n in counts) or 'none'}"
+    return f"{plural(len(results), 'case')}: {', '.join(f'{n} {status}' for status, n in counts) or 'none'}"
 
 
 def describe_stress(results: Sequence[CaseResult]) -> dict[str, Any]:

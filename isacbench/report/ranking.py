@@ -22,7 +22,7 @@ from isacbench.charts import (
     Variant,
     variants_in,
 )
-from isacbench.files.escaping import counted, file_stems
+from isacbench.files.escaping import file_stems, plural
 from isacbench.report.figures import FOLDER, drawn_charts, save_figures
 from isacbench.report.tables import json_rows, signed
 
@@ -80,7 +80,7 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
 
 def _rank_table(ranking: Ranking, group: str, ranks: pd.DataFrame) -> Table:
     """One row an estimator, references last."""
-    n_scenes = counted(int(ranks["n_scenes"].iloc[0]), "scene")
+    n_scenes = plural(int(ranks["n_scenes"].iloc[0]), "scene")
     what = f"descriptive: {n_scenes}, means" if ranking.is_descriptive else f"{n_scenes}, ranks"
     columns = [
         _estimator_column(ranking),

@@ -14,17 +14,17 @@ from isacbench import charts
 from isacbench.bench.cells.rows import CLOUD_KEYS, failed
 from isacbench.bench.kinds.imaging import score_charts
 from isacbench.bench.kinds.kind import lines_of, title_stems
-from isacbench.bench.kinds.population import scene_cells
+from isacbench.bench.kinds.population import with_ratios
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, SCORES, averaged_columns, summarise_scores
 from isacbench.bench.labels import estimator_labels
 from isacbench.bench.run_times import is_timed, stage_tables, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.store.manifest import command_to_show
 from isacbench.bench.store.run import CellKey, Run
-from isacbench.bench.store.run_folder import replacing, without_formulas
+from isacbench.bench.store.run_folder import atomic_write, without_formulas
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Axis, Chart, ChartGroup, Column, Line, Series, Table, Variant
 from isacbench.errors import InputError, InputWarning, unknown_name
-from isacbench.files.escaping import counted, file_stems, shortened
+from isacbench.files.escaping import file_stems, plural, shortened
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.one_to_one import Curve, score_curve
 from isacbench.metrics.paper import PROJECTIONS
@@ -116,7 +116,7 @@ def write_run_tables(run: Run) -> tuple[list[Path], list[Table]]:
         if not len(content):
             path.unlink(missing_ok=True)
             continue
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             if isinstance(content, list):
                 text = "\n".join(map(markdown, content))
             else:
@@ -267,7 +267,7 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
             style = replace(lines[variant].style, symbol="")
             series.append(Series(label, mean.radius_m, getattr(mean, name), style=style))
         panels.append(Chart(heading, x, Axis(heading, limits=(0.0, 1.02)), series))
-    n_scenes = counted(rows.loc[is_drawn, "scenario"].nunique(), "scene")
+    n_scenes = plural(rows.loc[is_drawn, "scenario"].nunique(), "scene")
     title = f"Points matched one to one within a radius, {top_db:g} dB, {n_scenes}"
     return [ChartGroup("radii", title, panels)]
 
@@ -302,14 +302,14 @@ def _images(run: Run, scenario: str, trial: int) -> dict[tuple[str, str, float],
         note = "nothing detected" if row["status"] == "no_detection" else str(row["status"])
         if note == "ok":
             hausdorff_m = row[[*PROJECTIONS]].sum()
-            note = f"{counted(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m"
+            note = f"{plural(len(cloud), 'point')}, Hausdorff sum {hausdorff_m:.1f} m"
         images[row["estimator"], row["params"], row["snr_db"]] = Image(cloud, note)
     return images
 
 
 def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
     """Draw the scene in which each estimator has its largest ratio, beside the truth."""
-    cells, snr_db = scene_cells(run.rows), shown_snr_db(run.rows)
+    cells, snr_db = with_ratios(run.rows), shown_snr_db(run.rows)
     rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
     chosen = [variant for variant, line in lines.items() if not line.is_reference][:MOST_WORST]
     stems = file_stems(lines[variant].label for variant in chosen)
@@ -320,7 +320,7 @@ def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigu
         worst = scenes.iloc[scenes["ratio"].argmax()]
         cloud = run.clouds.get(CellKey(*worst[CLOUD_KEYS]), PointCloud.empty())
         scene = run.scenarios[worst["scenario"]]
-        title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {counted(len(scenes), 'scene')}"
-        note = f"{counted(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
+        title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {plural(len(scenes), 'scene')}"
+        note = f"{plural(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
         image = lines[variant].label, Image(cloud, note)
         yield f"worst-{stem}", draw_comparison(title, scene.truth, *image, scene.region, scene.radius_m)

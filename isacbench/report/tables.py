@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from isacbench.charts import Table
-from isacbench.files.escaping import in_markdown, visible
+from isacbench.files.escaping import escape_control, in_markdown
 
 LONGEST_HEADING, LONGEST_WORDS = 24, 10
 LONGEST_NUMBER = 40
@@ -45,7 +45,7 @@ def _fits(table: Table, width: int) -> bool:
 
 def _rich_table(table: Table, no_wrap: bool = True) -> RichTable:
     laid_out = RichTable(
-        title=Text(visible(table.title)) if table.title else None,
+        title=Text(escape_control(table.title)) if table.title else None,
         title_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -56,14 +56,14 @@ def _rich_table(table: Table, no_wrap: bool = True) -> RichTable:
         is_left = place == 0 or any(len(row[place]) > LONGEST_NUMBER for row in rows)
         laid_out.add_column(
             # Text, not a string: brackets are parameters and units here, never markup.
-            Text(_stacked(visible(heading))),
+            Text(_stacked(escape_control(heading))),
             justify="left" if is_left else "right",
             no_wrap=no_wrap,
             overflow="ellipsis" if no_wrap else "fold",
         )
     for row in rows:
         # Of a pair of estimators, the second one stands below the first.
-        laid_out.add_row(*(Text(visible(text).replace(" → ", "\n  → ")) for text in row))
+        laid_out.add_row(*(Text(escape_control(text).replace(" → ", "\n  → ")) for text in row))
     return laid_out
 
 

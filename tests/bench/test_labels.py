@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from isacbench.bench.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.plugins.registry import build_estimator, build_variants, canonical_params
 
 
@@ -79,4 +79,4 @@ def test_values_are_spelled_as_a_suite_spells_them():
 
 
 def test_references_are_found_by_name_and_what_is_not_installed_is_none(plugins):
-    assert find_limits(pd.DataFrame({"estimator": ["seer", "blob", "gone"]})) == {"seer"}
+    assert references_in(pd.DataFrame({"estimator": ["seer", "blob", "gone"]})) == {"seer"}

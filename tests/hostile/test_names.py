@@ -18,7 +18,7 @@ from rich.console import Console
 from isacbench.bench.store.run_folder import without_formulas
 from isacbench.charts import text_table
 from isacbench.files import escaping
-from isacbench.files.escaping import file_stems, in_markdown, shortened, visible, visible_json
+from isacbench.files.escaping import escape_control, escape_json, file_stems, in_markdown, shortened
 from isacbench.model.cloud import PointCloud
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.report.clouds import plot_clouds
@@ -59,15 +59,15 @@ any_text = st.text(st.characters(), max_size=30)
 
 @given(any_text)
 def test_what_is_shown_has_no_power_over_a_terminal(text):
-    assert not CONTROL.search(visible(text))
-    assert "\n" not in visible(text)
-    visible(text).encode()  # which halves of characters would not let
+    assert not CONTROL.search(escape_control(text))
+    assert "\n" not in escape_control(text)
+    escape_control(text).encode()  # which halves of characters would not let
     assert escaping.visible_lines(text).count("\n") == text.count("\n")
 
 
 @given(any_text)
 def test_json_means_the_same_as_before(text):
-    shown = visible_json(json.dumps({"name": text}, indent=2, ensure_ascii=False))
+    shown = escape_json(json.dumps({"name": text}, indent=2, ensure_ascii=False))
     assert json.loads(shown) == {"name": text}
     assert not CONTROL.search(shown)
 
@@ -101,10 +101,10 @@ def test_a_terminal_shows_what_a_table_holds():
         console = Console(file=io.StringIO(), width=700, force_terminal=True, color_system=None)
         console.print(*terminal_tables(text_table(name, ["SNR [dB]", name], [["0", name]]), 700))
         shown = console.file.getvalue()
-        plain = re.sub("\x1b\\[[0-9;]*m", "", shown) if "\x1b" not in visible(name) else shown
+        plain = re.sub("\x1b\\[[0-9;]*m", "", shown) if "\x1b" not in escape_control(name) else shown
         assert not CONTROL.search(plain), name
         if name.strip() and len(name) < 100 and " [" not in name and ": " not in name:
-            assert visible(name) in shown
+            assert escape_control(name) in shown
 
 
 @given(st.lists(any_text, max_size=6, unique=True))

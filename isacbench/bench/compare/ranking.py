@@ -13,12 +13,12 @@ import pandas as pd
 from isacbench.bench.compare import scenes, significance
 from isacbench.bench.compare.comparison import direction
 from isacbench.bench.compare.pairs import code_version, find_variant
-from isacbench.bench.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.bench.store.manifest import stored_columns
 from isacbench.bench.store.run import Run
 from isacbench.charts import VARIANT, Variant, variants_in
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 
 BESIDE = ("f_score", "velocity_error_mps", "objects_f_score")
 """Columns that stand beside every rank. Of the cheating estimators that were tried, none is better by the
@@ -93,7 +93,7 @@ class Ranking:
             + (f"{row['mean']:.4g}" if self.is_descriptive else rank_text(row["rank_low"], row["rank_high"]))
             for row in first.to_dict("records")
         ]
-        head = f"<Ranking of {self.run!r} by {self.metric} over {counted(len(self.scores), 'scene')}"
+        head = f"<Ranking of {self.run!r} by {self.metric} over {plural(len(self.scores), 'scene')}"
         return "\n".join([head, *lines]) + ">"
 
 
@@ -172,7 +172,7 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
         metric = default_metric(records)
     numbers = records.select_dtypes(["number", "bool"]).columns.drop(["snr_db", "trial"])
     better = direction(metric, stored_columns(run.manifest), numbers)
-    variants, limits = variants_in(records), find_limits(records)
+    variants, limits = variants_in(records), references_in(records)
     ranked = [variant for variant in variants if variant[0] not in limits]
     if estimators is not None:
         chosen = {find_variant(run, text) for text in estimators}

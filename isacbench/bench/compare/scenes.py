@@ -15,7 +15,7 @@ from isacbench.bench.kinds.scores import LONE_COUNTS, POINT_FAMILIES, hausdorff_
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import VARIANT, Variant, rows_of, variants_in
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 
 MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""
@@ -148,7 +148,7 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
         n_gone = scores.index.get_level_values("scenario").nunique() - len(scenes)
         notes.append(
             f"{metric}: {len(scores) - len(cells)} of {len(scores)} combinations of scene, SNR and trial are "
-            f"left out, {counted(n_gone, 'scene')} altogether: not all estimators have a score there"
+            f"left out, {plural(n_gone, 'scene')} altogether: not all estimators have a score there"
         )
     return SceneScores(scenes, cells, notes)
 

@@ -14,7 +14,7 @@ from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scores import MANY_SCENARIOS, SCORES, average_scenarios, score_of, summarise_scores
-from isacbench.bench.labels import find_limits
+from isacbench.bench.labels import references_in
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import ChartGroup, Column, Line, Table, Variant
@@ -65,7 +65,7 @@ class ImagingKind(Kind):
             own = rows[rows["scenario"] == scenario]
             own_tables = self._estimators_over_snr(part, title, labels, own)
             tables += [replace(table, is_detail=is_detail) for table in own_tables]
-        return [*tables, *scores.object_tables(rows, scores.with_references(labels, find_limits(rows)))]
+        return [*tables, *scores.object_tables(rows, scores.with_references(labels, references_in(rows)))]
 
     def _estimators_over_snr(
         self, summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], rows: pd.DataFrame

@@ -12,7 +12,7 @@ import pandas as pd
 from isacbench import charts
 from isacbench.bench.cells.rows import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMNS
 from isacbench.bench.cells.task import Task
-from isacbench.bench.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import ChartGroup, Line, Table, Variant, variants_in
 from isacbench.errors import InputError
@@ -104,7 +104,7 @@ def taken_columns(metric: Metric, of_kinds: Iterable[str]) -> list[str]:
 
 def lines_of(rows: pd.DataFrame) -> dict[Variant, Line]:
     """Label and style of every estimator of a run, the same in all its charts."""
-    return charts.assign_lines(estimator_labels(variants_in(rows)), find_limits(rows))
+    return charts.assign_lines(estimator_labels(variants_in(rows)), references_in(rows))
 
 
 def labels_of(rows: pd.DataFrame) -> dict[Variant, str]:

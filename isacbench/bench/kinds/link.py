@@ -33,7 +33,7 @@ from isacbench.bench.suites.suite import Distinct, Listed, Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
 from isacbench.choices import Division, Modulation, Sensing
 from isacbench.errors import InputError, unknown_name
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.link.reception.channel import Awgn, Channel, TappedDelay, TwoRay, require_closed_form
 from isacbench.link.reception.channel_estimation import require_estimable
 from isacbench.link.reception.receiver import Knowledge, Reception, expected_ber, receive
@@ -180,7 +180,7 @@ class LinkKind(Kind):
             lines = charts.spread_rows(part, ["snr_db"], SIGNAL)
             tables.append(Table(title, [*first, *charts.spread_columns(headings, deviation_text)], lines))
         for (channel, label), part in received.groupby(["channel", "label"], sort=False):
-            frames = counted(part["n_cells"].max(), "frame")
+            frames = plural(part["n_cells"].max(), "frame")
             title = f"{channel}, {label}: bit error rate (expected) | EVM [dB] | Gbit/s, {frames}"
             headings = {(name,): name.upper() for name in part["modulation"].unique()}
             lines = charts.spread_rows(part, ["snr_db"], ["modulation"])

@@ -35,7 +35,7 @@ from isacbench.bench.cells.task import ImagingTask, build_estimators
 from isacbench.bench.kinds import kind, scores
 from isacbench.bench.kinds.kind import NO_SCENARIOS, OF_IMAGES, Kind, Scenarios
 from isacbench.bench.kinds.scores import COUNTS, LONE_COUNTS, POINT_FAMILIES, SCORES, Score, score_chart
-from isacbench.bench.labels import find_limits
+from isacbench.bench.labels import references_in
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
 from isacbench.charts import VARIANT, Axis, Chart, ChartGroup, Column, Line, LineStyle, Series, Table, Variant
@@ -167,7 +167,7 @@ class PopulationKind(Kind):
         the marked columns as JSON.
         """
         summary = summarise_population(rows)
-        summary["sees_truth"] = summary["estimator"].isin(find_limits(rows))
+        summary["sees_truth"] = summary["estimator"].isin(references_in(rows))
         for _, part in summary.groupby(PART, sort=False, dropna=False):
             summary.loc[part.index, "near_chance"] = json.dumps(near_chance(part))
         return summary
@@ -178,7 +178,7 @@ class PopulationKind(Kind):
         As details each family on its own, over all SNRs and at each.
         """
         summary, labels, tables = self.summary(rows), kind.labels_of(rows), kind.number_tables(rows)
-        references = find_limits(rows)
+        references = references_in(rows)
         ordered = sorted(labels, key=lambda variant: variant[0] in references)
         labels = scores.with_references({one: labels[one] for one in ordered}, references)
         over, is_of_all_frames = scores.over_snrs(rows), summary["frame"] == ALL
@@ -204,7 +204,7 @@ class PopulationKind(Kind):
         lines = kind.lines_of(rows)
         summary = summarise_population(rows)
         by_snr = summary[summary["frame"] == ALL].dropna(subset="snr_db")
-        groups = [*ratio_charts(scene_cells(rows), lines), _score_charts(by_snr, lines)]
+        groups = [*ratio_charts(with_ratios(rows), lines), _score_charts(by_snr, lines)]
         lone = by_snr[by_snr["n_false_mean"].notna()]
         stems = file_stems(lone["family"].unique())
         for family, part in lone.groupby("family", sort=False):
@@ -351,7 +351,7 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     any, ``share_resolved``, resolvable scatterers that were resolved, and ``share_met``, images with both
     targets met; ``time_estimate_s_median``.
     """
-    cells = with_totals(scene_cells(rows))
+    cells = with_totals(with_ratios(rows))
     by = [*PART, *VARIANT]
     means = [*(name for name in scores.averaged_columns(rows) if name not in MEDIANS), *TARGETS]
     groups = scores.grouped_scenarios(cells, by, [*MEDIANS, *means])
@@ -367,7 +367,7 @@ def summarise_population(rows: pd.DataFrame) -> pd.DataFrame:
     return summary.merge(statistics.median_times(cells, by).reset_index(), how="left", on=by)
 
 
-def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:
+def with_ratios(rows: pd.DataFrame) -> pd.DataFrame:
     """Add to each row what only a population has: ``phases``, ``ratio``, and the targets of lone scatterers.
 
     The targets are those that `summarise_population` names, NaN for other families.
@@ -391,7 +391,7 @@ def scene_cells(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_totals(cells: pd.DataFrame) -> pd.DataFrame:
-    """Repeat the rows of `scene_cells` for every level of the summary that they belong to.
+    """Repeat the rows of `with_ratios` for every level of the summary that they belong to.
 
     Each eight times: with its own family or ``"all"``, its own frame and phases or ``"all"``, its own SNR
     or NaN. Rows over all families have no targets of lone scatterers.

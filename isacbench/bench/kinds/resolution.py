@@ -34,7 +34,7 @@ from isacbench.choices import Dimension
 from isacbench.model import radio_coordinates
 from isacbench.model.echo import central_phase
 from isacbench.model.radio_coordinates import DIMENSIONS, radio_places, rayleigh_cells, space_places
-from isacbench.model.scene import Scatterers, Scenario, warned_before
+from isacbench.model.scene import Scatterers, Scenario, no_input_warnings
 
 Separation = Annotated[float, Field(gt=0, le=10)]
 Phase = Annotated[float, Field(gt=-360, lt=360)]
@@ -89,7 +89,7 @@ class ResolutionKind(Kind):
         for template, (dimension, cells, phase_deg) in product(scenarios.values(), pairs):
             own: dict[str, Any] = {"dimension": dimension, "separation_cells": cells, "phase_deg": phase_deg}
             name = f"{template.name}-{dimension}-{cells:g}-{phase_deg:g}deg"
-            with warned_before():
+            with no_input_warnings():
                 scenario = dataclasses.replace(template, name=name)
             make, measure = partial(pair, template, name, **own), partial(measure_resolution, dimension)
             draw = partial(_draw, suite, template, make)
@@ -178,7 +178,7 @@ def pair(
     scatterers = Scatterers(*space_places(template, places), np.ones(2))
     scenario = dataclasses.replace(template, name=name, scatterers=scatterers)
     phase_rad = np.deg2rad([0.0, phase_deg]) - central_phase(scenario)
-    with warned_before():
+    with no_input_warnings():
         return dataclasses.replace(scenario, scatterers=dataclasses.replace(scatterers, phase_rad=phase_rad))
 
 

@@ -14,7 +14,7 @@ from isacbench.bench.cells.rows import COLUMNS, REFERENCE_COLUMNS, TIMING_COLUMN
 from isacbench.bench.kinds.kind import SNR_GAIN
 from isacbench.bench.statistics import means_and_bands, median_times
 from isacbench.charts import VARIANT, Axis, Chart, Column, Line, Table, Variant
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.metrics.object_scores import ERRORS, UNITS
 from isacbench.metrics.paper import PROJECTIONS
 from isacbench.metrics.realisations import SPREAD_COLUMNS
@@ -233,5 +233,5 @@ def object_tables(rows: pd.DataFrame, labels: Mapping[Variant, str]) -> list[Tab
     for error, unit in ERRORS:
         heading, column = f"{error} [{UNITS[unit]}]", f"objects_{error}_{unit}"
         columns.append(Column(heading, column, "{:.2f}", optional=1))
-    title = f"Objects, {counted(scored['scenario'].nunique(), 'scene')}, {over_snrs(scored)}"
+    title = f"Objects, {plural(scored['scenario'].nunique(), 'scene')}, {over_snrs(scored)}"
     return [Table(title, columns, labelled_rows(means.reset_index().to_dict("records"), labels))]

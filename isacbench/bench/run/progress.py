@@ -10,7 +10,7 @@ from functools import partial
 
 from rich.console import Console
 
-from isacbench.files.escaping import visible
+from isacbench.files.escaping import escape_control
 
 Progress = Callable[[int, int], None]
 """Function that is called after each piece of work, with the number of pieces done and of all."""
@@ -36,7 +36,7 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
 
     columns = *progress.Progress.get_default_columns(), progress.MofNCompleteColumn()
     with progress.Progress(*columns, console=console, transient=True, auto_refresh=not is_idle) as bar:
-        task = bar.add_task(markup.escape(visible(title)), total=None)
+        task = bar.add_task(markup.escape(escape_control(title)), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total, refresh=is_idle)
 
 

@@ -21,13 +21,13 @@ from isacbench.bench.cells.rows import COLUMNS
 from isacbench.bench.cells.task import Entry
 from isacbench.bench.run.plan import Job, Plan
 from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions
-from isacbench.bench.store.run_folder import MANIFEST, damage_named, replacing
+from isacbench.bench.store.run_folder import MANIFEST, atomic_write, damage_named
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.errors import InputError
-from isacbench.files.checked_files import MANIFEST_BYTES, is_there, read_text, require_inside, require_utf8
-from isacbench.files.escaping import visible
+from isacbench.files.checked_files import MANIFEST_BYTES, path_exists, read_text, require_inside, require_utf8
+from isacbench.files.escaping import escape_control
 from isacbench.metrics.descriptions import ScoreColumn
 from isacbench.model.scene import Scenario
 from isacbench.model.scenes.scene_families import spelled_scenarios
@@ -112,7 +112,7 @@ def describe_session(
 ) -> dict[str, Any]:
     """Describe a call that worked on a run, with its options in terms of JSON."""
     return {
-        "argv": [visible(one) for one in (Path(sys.argv[0]).name, *sys.argv[1:])],
+        "argv": [escape_control(one) for one in (Path(sys.argv[0]).name, *sys.argv[1:])],
         "started": started.isoformat(timespec="seconds"),
         "wall_time_s": round(wall_time_s, 3),
         "interrupted": interrupted,
@@ -183,7 +183,7 @@ def with_sessions(
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     """Write a manifest, in place of an older one."""
-    with replacing(folder / MANIFEST) as path:
+    with atomic_write(folder / MANIFEST) as path:
         text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
         # A file name that is not UTF-8 contains surrogates, which JSON escapes in the same way as Python.
         path.write_text(text, encoding="utf-8", errors="backslashreplace")
@@ -193,7 +193,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the manifest of a run. InputError if there is none, or it is damaged."""
     path = folder / MANIFEST
     require_utf8(folder)
-    if not is_there(path):
+    if not path_exists(path):
         raise InputError(
             f"{folder}: not the folder of a run, {MANIFEST} missing; give one that isacbench run wrote"
         )

@@ -26,17 +26,17 @@ from isacbench.bench.cells.task import ImagingTask
 from isacbench.bench.store import run_folder as files
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
 from isacbench.bench.store.provenance import Environment
-from isacbench.bench.store.run_folder import DAMAGE, damage_named, damage_text, replacing
+from isacbench.bench.store.run_folder import DAMAGE, atomic_write, damage_named, damage_text
 from isacbench.bench.suites.scenario_digest import restore_scatterers, restore_scenario, truth_table
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of, restore_suite
 from isacbench.checked_arrays import Mask
-from isacbench.display import Description, Displayed, span
+from isacbench.display import Description, Displayed, range_text
 from isacbench.errors import AccessError, InputError, InputWarning, unknown_name
-from isacbench.files.checked_files import is_there
-from isacbench.files.escaping import counted, quoted, shortened
+from isacbench.files.checked_files import path_exists
+from isacbench.files.escaping import plural, quoted, shortened
 from isacbench.model.cloud import PointCloud
-from isacbench.model.scene import Scenario, warned_before
+from isacbench.model.scene import Scenario, no_input_warnings
 
 T = TypeVar("T")
 
@@ -120,7 +120,7 @@ class Run(Displayed):
         Damaged lines of a journal are left out with a warning.
         """
         manifest = read_manifest(folder)
-        if not is_there(folder / files.RECORDS) and not is_there(folder / files.JOURNAL):
+        if not path_exists(folder / files.RECORDS) and not path_exists(folder / files.JOURNAL):
             raise InputError(
                 f"{folder}: has no rows, {files.RECORDS} is missing; isacbench run into it makes them"
             )
@@ -224,7 +224,7 @@ class Run(Displayed):
 
     def require_finished(self) -> Run:
         """Return the run, or refuse one that was killed, or of which it is not known what it measured."""
-        if is_there(self.folder / files.JOURNAL):
+        if path_exists(self.folder / files.JOURNAL):
             raise InputError(
                 f"{self.label}: the run is not finished; resume it with the same isacbench run command"
             )
@@ -263,7 +263,7 @@ class Run(Displayed):
         if len(self.draws):
             files.write_table(self.draws, folder / files.DRAWS)
         self.save_rows(folder)
-        with replacing(folder / files.RECORDS_CSV) as path:
+        with atomic_write(folder / files.RECORDS_CSV) as path:
             files.write_csv_table(files.without_formulas(self.rows), path)
         write_manifest(folder, self.manifest)
         (folder / files.JOURNAL).unlink(missing_ok=True)
@@ -366,7 +366,7 @@ class Run(Displayed):
                     "isacbench would draw others; use the version of isacbench that made the run"
                 )
             return scene.scenario_of(trial)
-        with warned_before():
+        with no_input_warnings():
             return replace(scene.template, scatterers=restore_scatterers(self.draws.iloc[drawn]))
 
     @cached_property
@@ -394,14 +394,14 @@ class Run(Displayed):
         n_variants = len(rows[["estimator", "params"]].drop_duplicates())
         statuses = rows.groupby("status", sort=False).size()
         return Description(
-            f"Run of {quoted(suite.get('name'))}: {counted(len(rows), 'row')} in "
+            f"Run of {quoted(suite.get('name'))}: {plural(len(rows), 'row')} in "
             f"{quoted(shortened(self.label, LONGEST_PATH))}",
             {
                 "status": ", ".join(f"{number} {status}" for status, number in statuses.items()),
                 "scenarios": _listed(rows["scenario"].unique()),
                 "estimators": _listed(estimators)
                 + (f" in {n_variants} variants" if n_variants > len(estimators) else ""),
-                "SNR": span(rows["snr_db"], "dB"),
+                "SNR": range_text(rows["snr_db"], "dB"),
                 "trials": str(rows["trial"].nunique()),
                 "started": str(self.manifest.get("started")),
             },
@@ -467,7 +467,7 @@ class _Clouds(Mapping[CellKey, PointCloud]):
         return len(self._places)
 
     def __repr__(self) -> str:
-        return f"Clouds of {counted(len(self), 'cell')}, by scenario, estimator, params, snr_db and trial"
+        return f"Clouds of {plural(len(self), 'cell')}, by scenario, estimator, params, snr_db and trial"
 
 
 Read = Callable[[Callable[[Path], Any], Path], Any]
@@ -480,15 +480,15 @@ def _read_run(folder: Path, manifest: Mapping[str, Any], read: Read) -> Run:
     if rows is not None:
         read_clouds = partial(_read_clouds, folder, rows, read)
         parts.append(Run(str(folder), rows, manifest, read_clouds=read_clouds))
-    if is_there(folder / files.JOURNAL):
+    if path_exists(folder / files.JOURNAL):
         parts.append(Run.of_journal(folder / files.JOURNAL))
     run = Run.joined(parts)
-    manifest, has_scenarios = {**manifest, **run.manifest}, is_there(folder / files.TRUTH)
+    manifest, has_scenarios = {**manifest, **run.manifest}, path_exists(folder / files.TRUTH)
     return replace(run, label=str(folder), manifest=manifest, has_scenarios=has_scenarios)
 
 
 def _read_if_there(read: Callable[[Path], T], path: Path) -> T | None:
-    return read(path) if is_there(path) else None
+    return read(path) if path_exists(path) else None
 
 
 def _read_undamaged(read: Callable[[Path], T], path: Path) -> T | None:

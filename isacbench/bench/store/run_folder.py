@@ -131,7 +131,7 @@ def require_unlocked(folder: Path) -> None:
 
 
 @contextmanager
-def replacing(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
+def atomic_write(path: Path, afterwards: str = ROWS_KEPT) -> Iterator[Path]:
     """Write a file under a temporary name, and rename it once it is complete and on the disk.
 
     `afterwards` ends the message if it cannot be written.
@@ -230,7 +230,7 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table with its digest, in place of an older one."""
     signed = table.copy(deep=False)
     signed.attrs = {DIGEST: _table_digest(table)}
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         signed.to_parquet(temporary, index=False, write_page_checksum=True)
 
 

@@ -16,7 +16,7 @@ from isacbench.model.cloud_files.tables import POINT_COLUMNS
 from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario, warned_before
+from isacbench.model.scene import Scatterers, Scenario, no_input_warnings
 
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
@@ -83,7 +83,7 @@ def described_fields(part: Any) -> dict[str, Any]:
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
     """Build a scenario from its description and its rows of the truth, without warnings."""
-    with warned_before():
+    with no_input_warnings():
         return Scenario(
             name=name,
             system=System(**described["system"]),

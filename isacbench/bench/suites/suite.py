@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from isacbench.errors import InputError
 from isacbench.files.toml_files import builtin_names, describe_mistake, find_toml
 from isacbench.plugins.contracts import Estimator
-from isacbench.plugins.pickling import Instances
+from isacbench.plugins.pickling import PickledEstimators
 from isacbench.plugins.registry import spelled_estimators
 from isacbench.specifications import is_number
 
@@ -74,7 +74,7 @@ class Suite(BaseModel, extra="forbid", frozen=True):
         Seed that all noise follows from.
     """
 
-    _instances: Instances = Instances()
+    _instances: PickledEstimators = PickledEstimators()
 
     kind: str = "imaging"
     name: Annotated[str, Field(pattern=r"^[\w.-]+$", max_length=MAX_NAME)]
@@ -116,7 +116,7 @@ class Suite(BaseModel, extra="forbid", frozen=True):
         """Return a suite with other estimators, each a specification or an object."""
         spelled = spelled_estimators(estimators)
         suite = self.replace(estimators=list(spelled))
-        suite._instances = Instances({text: one for text, one in spelled.items() if one is not None})
+        suite._instances = PickledEstimators({text: one for text, one in spelled.items() if one is not None})
         return suite
 
     def replace(self, **changes: Any) -> Self:
@@ -134,7 +134,7 @@ class Suite(BaseModel, extra="forbid", frozen=True):
         except ValidationError as error:
             raise InputError(describe_mistake(error, type(self))) from error
         kept_estimators = {text: one for text, one in self._instances.items() if text in suite.estimators}
-        suite._instances = Instances(kept_estimators)
+        suite._instances = PickledEstimators(kept_estimators)
         return suite
 
 

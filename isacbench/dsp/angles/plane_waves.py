@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture, Responses
 from isacbench.dsp.angles.peaks import Peaks, within_period
 
@@ -49,7 +49,7 @@ class PlaneWaves:
     found: Mask
     resolved: Mask | None = None
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "u", within_period(self.u))

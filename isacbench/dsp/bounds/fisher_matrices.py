@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.choices import Sensing
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.errors import require
 from isacbench.model.numerology import System, resource_elements
 
@@ -146,7 +146,7 @@ class Bound:
 
     covariance: Floats
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     @property
     def range_m(self) -> Floats:
@@ -186,7 +186,7 @@ class JointBound(Bound):
 
     joint_covariance: Floats
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     @classmethod
     def of_columns(cls, covariance: Floats, per_column: Floats) -> JointBound:
@@ -222,7 +222,7 @@ class KnownPart:
     vector: Floats | Complex
     merged: Mask
 
-    __repr__ = brief
+    __repr__ = short_repr
 
     @classmethod
     def of(cls, matrix: NDArray[np.inexact]) -> KnownPart:

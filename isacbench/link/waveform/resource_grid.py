@@ -12,7 +12,7 @@ from scipy.special import xlogy
 
 from isacbench.checked_arrays import Complex, Floats, Mask, checked_array
 from isacbench.choices import Modulation
-from isacbench.display import brief
+from isacbench.display import short_repr
 from isacbench.errors import require
 from isacbench.link.waveform.qam import bits_per_symbol, modulate_bits
 from isacbench.model.echo import random_stream
@@ -56,7 +56,7 @@ class ResourceGrid:
     bits: NDArray[np.uint8]
     modulation: Modulation
 
-    __repr__ = brief
+    __repr__ = short_repr
 
 
 def draw_grid(

@@ -11,7 +11,7 @@ import tomli_w
 
 from isacbench.errors import InputError
 from isacbench.files.checked_files import TOML_BYTES, read_text, require_new, require_utf8, write_errors
-from isacbench.files.escaping import visible
+from isacbench.files.escaping import escape_control
 from isacbench.model.scenes.generators import scene_table
 from isacbench.model.scenes.scenario import MAX_NAME, load_scenario
 from isacbench.model.scenes.scene_families import family_specs, is_family_spec, scenario_file
@@ -62,7 +62,7 @@ def _origin(name_or_path: str) -> str:
     if is_family_spec(name_or_path):
         (spec,) = family_specs(name_or_path)
         return f"{spec.name}, version {spec.family.version} of the family"
-    return visible(name_or_path)
+    return escape_control(name_or_path)
 
 
 def _require_same_folder(content: dict[str, Any], name_or_path: str, out: Path) -> None:

@@ -9,11 +9,11 @@ import pandas as pd
 
 from isacbench.bench.compare.pairs import incomparable
 from isacbench.bench.compare.scenes import with_ratios
-from isacbench.bench.labels import estimator_labels, find_limits
+from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.bench.store.run import Run
 from isacbench.charts import Variant, variants_in
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted, shortened
+from isacbench.files.escaping import plural, shortened
 
 RUN = "run"
 """Column of joined rows with the number of their run."""
@@ -65,7 +65,7 @@ def join_runs(runs: Sequence[Run], rename_all: bool = False, only_common: bool =
     specs: dict[Variant, str] = {}
     first_rows: dict[Variant, pd.DataFrame] = {}
     for number, run in enumerate(compared):
-        rows, limits = run.rows.assign(**{RUN: number}), find_limits(run.rows)
+        rows, limits = run.rows.assign(**{RUN: number}), references_in(run.rows)
         is_kept = np.ones(len(rows), dtype=np.bool_)
         for name, params in variants_in(run.rows):
             variant, label = (name, params), own[number][name, params]
@@ -113,7 +113,7 @@ def _common(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     for run, own in zip(runs, cells, strict=True):
         is_common = np.all([own.isin(other) for other in cells], axis=0)
         if not is_common.all():
-            n_other = counted(int((~is_common).sum()), "row")
+            n_other = plural(int((~is_common).sum()), "row")
             notes.append(f"{n_other} of {run.label} left out: not all runs have their SNR and trial")
         parts.append(run.take(is_common))
     return parts, notes

@@ -17,7 +17,7 @@ from isacbench.bench.compare.ranking import default_metric, rank_table
 from isacbench.bench.compare.scenes import SCENE_KINDS, compared_scenes
 from isacbench.bench.compare.significance import MIN_INTERVAL_TRIALS
 from isacbench.bench.kinds.scores import SCORES, Score
-from isacbench.bench.labels import find_limits
+from isacbench.bench.labels import references_in
 from isacbench.bench.run_times import STAGE_STYLES, is_timed, summarise_points, summarise_stages, timed_rows
 from isacbench.bench.statistics import CONFIDENCE, MIN_TRIALS, TIME
 from isacbench.bench.store.manifest import scenario_texts, stored_columns
@@ -26,7 +26,7 @@ from isacbench.bench.store.run_folder import NO_POINTS, sizes
 from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import ROLES, Axis, ChartGroup, Line, Series, Variant
 from isacbench.errors import InputError
-from isacbench.files.escaping import counted
+from isacbench.files.escaping import plural
 from isacbench.model.cloud import PointCloud
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.report.clouds import SHOWN_SNR_DB, VELOCITY_COLOURS, shown_snr_db
@@ -104,7 +104,7 @@ def page_content(
     scenes, truths = _scenes(records, imaged, len(clouds))
     clouds += [truth.to_array() for truth in truths]
     counts, points = sizes(clouds), np.concatenate([NO_POINTS, *clouds])
-    lines = charts.assign_lines(joined.labels, find_limits(records))
+    lines = charts.assign_lines(joined.labels, references_in(records))
     metrics = _metrics(joined, imaged)
     is_many = records["scenario"].nunique() >= MIN_INTERVAL_TRIALS and "ratio" in records
     metric = metric or (default_metric(records) if is_many else DEFAULT_METRIC)
@@ -272,7 +272,7 @@ def _ranks(joined: JoinedRuns, metrics: Collection[str], metric: str) -> dict[st
 
 
 def _too_few(n_scenes: int) -> dict[str, Any]:
-    return {"reason": f"{counted(n_scenes, 'scene')}: six or more have ranks"}
+    return {"reason": f"{plural(n_scenes, 'scene')}: six or more have ranks"}
 
 
 def _rank_sets(joined: JoinedRuns, metric: str) -> dict[str, Any]:

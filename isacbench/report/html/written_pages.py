@@ -14,7 +14,7 @@ from typing import Any
 
 from isacbench.bench.compare.comparison import Comparison
 from isacbench.bench.store.run import Run
-from isacbench.bench.store.run_folder import replacing
+from isacbench.bench.store.run_folder import atomic_write
 from isacbench.errors import InputError
 from isacbench.report.diagnoses import diagnosed_maps
 from isacbench.report.html.joined_runs import join_runs
@@ -117,7 +117,7 @@ def _write(path: Path, title: str, content: dict[str, Any], clouds: bytes) -> Pa
         "script": own,
     }
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: replaced[match[1]], _asset("page.html"))
-    with replacing(path, afterwards="") as temporary:
+    with atomic_write(path, afterwards="") as temporary:
         temporary.write_text(page, encoding="utf-8", newline="\n")
     return path
 

@@ -18,8 +18,8 @@ from isacbench.bench.kinds.population import (
     PopulationSuite,
     near_chance,
     ratio_charts,
-    scene_cells,
     summarise_population,
+    with_ratios,
     with_totals,
 )
 from isacbench.bench.run.rescoring import rescore
@@ -71,7 +71,7 @@ def test_every_level_has_its_own_scenes(population_rows):
     assert (paper["n_scenes"], paper["gospa_m_mean"]) == (2, 5.0)  # the scenes 3 and 7
     levels = summary.groupby("estimator").size()
     assert (levels == 3 * 5 * 3).all()  # families, frames with phases, SNRs, each with all of them
-    cells = scene_cells(rows)
+    cells = with_ratios(rows)
     assert len(with_totals(cells)) == 8 * len(cells)
 
 
@@ -225,7 +225,7 @@ def drawn(population_rows):
 
 
 def test_every_scene_is_a_dot_in_the_row_of_its_estimator_and_references_are_lines(drawn):
-    (group,) = ratio_charts(scene_cells(drawn), lines_of(drawn))
+    (group,) = ratio_charts(with_ratios(drawn), lines_of(drawn))
     places = [f"{family}, {snr} dB" for snr in (0, 10) for family in ("town", "crowd")]
     assert [chart.title for chart in group.charts] == places
     for chart in group.charts:

@@ -19,7 +19,7 @@ from isacbench.errors import InputError
 from isacbench.model.cloud import PointCloud
 from isacbench.plugins.contracts import Detector
 from isacbench.plugins.discovery import local_plugins
-from isacbench.plugins.pickling import Instances
+from isacbench.plugins.pickling import PickledEstimators
 from isacbench.plugins.registry import spelled_estimators
 from tests.conftest import PLUGINS
 
@@ -132,7 +132,7 @@ def test_what_is_no_estimator_is_refused_in_words(suite, estimators, told):
 
 
 def test_elsewhere_they_come_by_their_code_and_fields_without_a_default_lack_it_still():
-    content = pickle.dumps(Instances({"mine": Mine(n=5)}))  # which is then forgotten
+    content = pickle.dumps(PickledEstimators({"mine": Mine(n=5)}))  # which is then forgotten
     found = pickle.loads(content)["mine"]
     assert (found.n, len(found.estimate(None))) == (5, 5)
     (n,) = [field for field in dataclasses.fields(found) if field.name == "n"]
