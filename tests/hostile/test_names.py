@@ -62,7 +62,7 @@ def test_what_is_shown_has_no_power_over_a_terminal(text):
     assert not CONTROL.search(escape_control(text))
     assert "\n" not in escape_control(text)
     escape_control(text).encode()  # which halves of characters would not let
-    assert escaping.visible_lines(text).count("\n") == text.count("\n")
+    assert escaping.escape_lines(text).count("\n") == text.count("\n")
 
 
 @given(any_text)

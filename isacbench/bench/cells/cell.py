@@ -74,7 +74,7 @@ class Limits:
 
 def first_row(shared: Shared, entry: Entry[object], environment: Environment, is_timed: bool) -> Row:
     """Row of a cell before its plugin has worked."""
-    known = {
+    labels = {
         **shared.labels,
         **entry.labels,
         **shared.key,
@@ -85,7 +85,7 @@ def first_row(shared: Shared, entry: Entry[object], environment: Environment, is
         "timing": is_timed,
         "environment": environment_id(environment),
     }
-    return Row(known, environment)
+    return Row(labels, environment)
 
 
 def run_cell(task: Task, shared: Shared, entry: Entry[object], row: Row, limits: Limits | None) -> Row:
@@ -99,9 +99,9 @@ def run_cell(task: Task, shared: Shared, entry: Entry[object], row: Row, limits:
         answer = None if is_reference(plugin) else task.call(shared, plugin)
         time_s = time.process_time() - start
         columns, cloud = task.score(shared, plugin, answer)
-        found = {"reason": "", "time_estimate_s": time_s, **columns}
+        result = {"reason": "", "time_estimate_s": time_s, **columns}
         answer_digest = content_digest(cloud if answer is None else answer)
-        return replace(row, found=found, cloud=cloud, answer_digest=answer_digest)
+        return replace(row, result=result, cloud=cloud, answer_digest=answer_digest)
 
     return _row_of(work, row, limits)
 
@@ -124,7 +124,7 @@ def time_repeats(
                 "only what repeats itself can be timed"
             )
             return row.failed("error", reason, columns["time_estimate_s"])
-        return replace(row, found={**row.found, **columns})
+        return replace(row, result={**row.result, **columns})
 
     return _row_of(work, row, limits)
 
@@ -152,7 +152,7 @@ def _row_of(work: Callable[[], Row], row: Row, limits: Limits | None) -> Row:
 
 
 def _seed(row: Row) -> None:
-    seed_global_generators(*(row.known[name] for name in SEEDED_BY))
+    seed_global_generators(*(row.labels[name] for name in SEEDED_BY))
 
 
 @contextmanager

@@ -71,11 +71,11 @@ class Row:
 
     Attributes
     ----------
-    known : mapping of str to Any
-        Columns that are known beforehand: its key, and what every row of the observation has.
+    labels : mapping of str to Any
+        Columns that it has beforehand: its key, and what every row of the observation has.
     environment : Environment
         Description of what made it.
-    found : mapping of str to Any
+    result : mapping of str to Any
         Columns that came out of the cell.
     cloud : PointCloud
         Empty for a failure.
@@ -83,21 +83,21 @@ class Row:
         Of the plugin's answer, which repeats of the same call give again.
     """
 
-    known: Mapping[str, Any]
+    labels: Mapping[str, Any]
     environment: Environment
-    found: Mapping[str, Any] = field(default_factory=dict)
+    result: Mapping[str, Any] = field(default_factory=dict)
     cloud: PointCloud = field(default_factory=PointCloud.empty)
     answer_digest: str = ""
 
     @property
     def values(self) -> dict[str, Any]:
         """All its columns that are no default."""
-        return {**self.known, **self.found}
+        return {**self.labels, **self.result}
 
     @property
     def status(self) -> CellStatus:
         """Status of the cell."""
-        status: CellStatus = self.found["status"]
+        status: CellStatus = self.result["status"]
         return status
 
     @property
@@ -107,8 +107,8 @@ class Row:
 
     def failed(self, status: CellStatus, reason: str, time_s: float) -> Row:
         """Row of the same cell if it fails after some time."""
-        found = {"status": status, "reason": reason, "time_estimate_s": time_s}
-        return replace(self, found=found, cloud=PointCloud.empty())
+        result = {"status": status, "reason": reason, "time_estimate_s": time_s}
+        return replace(self, result=result, cloud=PointCloud.empty())
 
 
 def status_of(n_found: int) -> CellStatus:

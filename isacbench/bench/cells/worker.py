@@ -82,7 +82,7 @@ def work(
                 row = time_repeats(task, shared, task.entry(key), row, repeats, limits)
             if shared.has_changed():
                 if row.is_scored:
-                    row = row.failed("error", CHANGED, row.found["time_estimate_s"])
+                    row = row.failed("error", CHANGED, row.result["time_estimate_s"])
                 plan = copy.deepcopy(job).plan
                 task, shared = _observe(plan, block)
             is_fresh = False

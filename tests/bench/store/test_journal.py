@@ -96,7 +96,7 @@ def test_environments_are_kept_once_by_name(folder):
     path = written(
         folder / "environments",
         *(made(environment=here, trial=n) for n in range(3)),
-        replace(made(environment=there, trial=3), found={"environment": "there"}),
+        replace(made(environment=there, trial=3), result={"environment": "there"}),
     )
     assert path.read_bytes().count(b'"environment":"here","is"') == 1
     assert read_journal(path).environments == {"here": here, "there": there}
