@@ -335,7 +335,7 @@ def merge_scatterers(scatterers: LocatedScatterers) -> LocatedScatterers:
         return merge_duplicates(scatterers)
 
 
-def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
+def to_cloud(rdm: ReadMap, scatterers: LocatedScatterers) -> PointCloud:
     """Turn range, Doppler and direction cosines into points, and powers into those of the scene.
 
     Returns
@@ -346,8 +346,10 @@ def to_cloud(rdm: ReadMap, found: LocatedScatterers) -> PointCloud:
     with stage("peaks"):
         observation = rdm.observation
         # Unit by unit: its square may overflow where the power does not.
-        unit_power = found.power / observation.system.processing_gain * rdm.unit * rdm.unit
-        return observation.cloud(found.range_bin, found.doppler_bin, found.u, found.w, unit_power)
+        unit_power = scatterers.power / observation.system.processing_gain * rdm.unit * rdm.unit
+        return observation.cloud(
+            scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w, unit_power
+        )
 
 
 @dataclass(frozen=True)

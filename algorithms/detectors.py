@@ -229,7 +229,7 @@ class _HalvedCfar(_WindowCfar):
 
     _axis: ClassVar[str] = "split_axis"
 
-    _chosen: ClassVar[Callable[..., Floats]]
+    _choose: ClassVar[Callable[..., Floats]]
     """Chooses the noise from the means of the halves that are not empty."""
     _half_factor: ClassVar[Callable[..., float]]
     """Factor for a rate, the numbers of leading and trailing training cells, and looks."""
@@ -238,7 +238,7 @@ class _HalvedCfar(_WindowCfar):
         training, n_leading = windows.training(power), windows.n_leading
         halves = training[..., :n_leading], training[..., n_leading:]
         means = [_mean(half) for half in halves if half.shape[-1]]
-        return self._chosen(means)
+        return self._choose(means)
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
         halves = windows.n_leading, windows.n_training - windows.n_leading
@@ -273,7 +273,7 @@ class GocaCfar(_HalvedCfar):
 
     name: ClassVar[str] = "goca"
 
-    _chosen = staticmethod(np.maximum.reduce)
+    _choose = staticmethod(np.maximum.reduce)
     _half_factor = staticmethod(goca_factor)
 
 
@@ -303,7 +303,7 @@ class SocaCfar(_HalvedCfar):
 
     name: ClassVar[str] = "soca"
 
-    _chosen = staticmethod(np.minimum.reduce)
+    _choose = staticmethod(np.minimum.reduce)
     _half_factor = staticmethod(soca_factor)
 
 

@@ -142,15 +142,15 @@ class JointSubspaceEstimator(CellwiseEstimator):
         detected = detect(rdm, self)  # OSCA-CFAR
         if not detected.cells.bins[0].size:
             return PointCloud.empty()
-        seen = []
+        by_rule = []
         # Resolved cells, then crowds in three range cells, then crowds in single cells.
         for rule in self.snapshot_rules():
             cells = read_cells(rdm, detected, rule)
             waves = self.plane_waves(observation, cells)  # subspaces, maximum likelihood in resolved cells
             waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
-            seen.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
-        found = self.explain(rdm, detected.levels, seen)  # least-squares fit, if that explains the map
+            by_rule.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
+        found = self.explain(rdm, detected.levels, by_rule)  # least-squares fit, if that explains the map
         return self.to_cloud(rdm, found)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
@@ -208,12 +208,14 @@ class JointSubspaceEstimator(CellwiseEstimator):
         single = SnapshotRule(self.range_window, self.doppler_window)
         return replace(single, resolved_only=True), UNRESOLVED, replace(single, one_doppler=True)
 
-    def explain(self, rdm: ReadMap, levels: Levels, seen: Sequence[LocatedScatterers]) -> LocatedScatterers:
+    def explain(
+        self, rdm: ReadMap, levels: Levels, by_rule: Sequence[LocatedScatterers]
+    ) -> LocatedScatterers:
         """Fit scatterers to the map in all coordinates if they explain it.
 
         Parameters
         ----------
-        seen : sequence of LocatedScatterers
+        by_rule : sequence of LocatedScatterers
             Candidates of each snapshot rule. Those of a later rule join if the
             scatterers selected before leave them unexplained.
 
@@ -224,7 +226,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """
         with stage("refinement"):
             gated, system, chosen = rdm.selection, rdm.observation.system, LocatedScatterers.empty()
-            for candidates in seen:
+            for candidates in by_rule:
                 chosen = select_jointly(
                     chosen.join(merge_scatterers(candidates)),
                     gated,
@@ -238,7 +240,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             explained = explain_map(chosen, gated, system, noise)
         if explained is not None:
             return explained
-        return merge_scatterers(chosen.join(seen[-1]))
+        return merge_scatterers(chosen.join(by_rule[-1]))
 
     @abstractmethod
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

@@ -111,7 +111,7 @@ class _Moves(NamedTuple):
 
     Attributes
     ----------
-    added : ndarray of float64, shape (n, 4)
+    new : ndarray of float64, shape (n, 4)
         New atoms.
     split : ndarray of int64, shape (m,)
         Indices of the atoms that become two.
@@ -119,14 +119,14 @@ class _Moves(NamedTuple):
         Places of these atoms, and the offsets of their two parts from there.
     """
 
-    added: Floats
+    new: Floats
     split: Integers
     centres: Floats
     offsets: Floats
 
     @property
     def number(self) -> int:
-        return len(self.added) + len(self.split)
+        return len(self.new) + len(self.split)
 
 
 NO_PLACES = np.empty((0, N_COORDINATES))
@@ -189,7 +189,7 @@ class Pursuit:
 
     def apply(self, moves: _Moves) -> None:
         """Add the new atoms, and replace those that are split by two."""
-        parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.added]
+        parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.new]
         self.places, self.origins = (
             np.concatenate([np.delete(old, moves.split, axis=0), *parts])
             for old in (self.places, self.origins)
@@ -251,7 +251,7 @@ class Pursuit:
         is_pair = are_split(moves.centres, self.places)
         self.unsplit = np.concatenate([self.unsplit, moves.centres[~is_pair]])
         if len(self.places) == n_before and not is_pair.any():
-            self.failed = np.concatenate([self.failed, moves.added])
+            self.failed = np.concatenate([self.failed, moves.new])
 
 
 @dataclass(frozen=True)

@@ -151,10 +151,10 @@ class Omp4d(MapEstimator):
         with stage("refinement"):
             fit = fit_atoms(atom_map, places)
             strongest = strongest_around(places, fit, atom_map.bursts)
-            stays = fit.shown >= strongest * 10 ** (-self.local_dynamic_range_db / 10)
+            stays = fit.shown_energy >= strongest * 10 ** (-self.local_dynamic_range_db / 10)
             fit = refit_atoms(atom_map, fit, stays, places)
         range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
-        power, family = fit.shown / prod(atom_map.array_shape), np.full(len(fit), -1)
+        power, family = fit.shown_energy / prod(atom_map.array_shape), np.full(len(fit), -1)
         return LocatedScatterers(range_bin, doppler_bin, u, w, power, family)
 
 

@@ -130,7 +130,7 @@ class Sbl4d:
             pursuit = Nomp4d(max_scatterers=self.lone_scatterers).pursue(observation)
             if pursuit.explains_all:
                 return pursuit.to_cloud()
-        scene = _read(observation)
+        scene = _scene_of(observation)
         if not scene.noise:
             return PointCloud.empty()  # all cells are 0
         fit = self._first_image(scene)
@@ -191,7 +191,7 @@ class Sbl4d:
             return atoms_as_cloud(scene.observation, atom_map, fit, scene.unit)
 
 
-def _read(observation: Observation) -> _Scene:
+def _scene_of(observation: Observation) -> _Scene:
     """Read the range-Doppler map, measure its noise, and sample the directions of the region."""
     atom_map, unit, noise = read_atom_map(observation)
     with stage("detection"):

@@ -212,20 +212,20 @@ class _SpecParser:
             return int(word)
         return float(word)
 
-    def word(self, wanted: str, or_text: bool = False) -> str:
+    def word(self, expected: str, or_text: bool = False) -> str:
         if not self.tokens or self.tokens[0] in "[](),=" or (self.tokens[0][0] == '"' and not or_text):
-            raise self.broken(wanted)
+            raise self.broken(expected)
         return self.tokens.pop(0)
 
-    def expect(self, token: str, wanted: str) -> None:
+    def expect(self, token: str, expected: str) -> None:
         if not self.take(token):
-            raise self.broken(wanted)
+            raise self.broken(expected)
 
     def take(self, token: str) -> bool:
         is_next = self.tokens[:1] == [token]
         del self.tokens[: int(is_next)]
         return is_next
 
-    def broken(self, wanted: str) -> InputError:
+    def broken(self, expected: str) -> InputError:
         where = f"before {''.join(self.tokens)!r}" if self.tokens else "at its end"
-        return InputError(f"{self.text!r}: expected {wanted} {where}; allowed is NAME[param=value,...]")
+        return InputError(f"{self.text!r}: expected {expected} {where}; allowed is NAME[param=value,...]")

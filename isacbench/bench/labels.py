@@ -38,7 +38,7 @@ def variant_label(name: str, params: str) -> str:
     own = json.loads(params)
     kinds: tuple[PluginKind, ...] = "estimator", "detector"
     unlike = next((found for kind in kinds if (found := _unlike_defaults(kind, name, own))), {})
-    return spell_spec(name, {key: _shown(value) for key, value in unlike.items()})
+    return spell_spec(name, {key: _short_value(value) for key, value in unlike.items()})
 
 
 def estimator_labels(variants: Iterable[Variant]) -> dict[Variant, str]:
@@ -69,7 +69,7 @@ def _with_differences(variants: Sequence[Variant]) -> dict[Variant, str]:
     keys = dict.fromkeys(key for own in parsed for key in own)
     differing = [key for key in keys if any(own.get(key) != parsed[0].get(key) for own in parsed)]
     return {
-        variant: spell_spec(variant[0], {key: _shown(own[key]) for key in differing if key in own})
+        variant: spell_spec(variant[0], {key: _short_value(own[key]) for key in differing if key in own})
         for variant, own in zip(variants, parsed, strict=True)
     }
 
@@ -83,7 +83,7 @@ def _unlike_defaults(kind: PluginKind, name: str, own: Params) -> dict[str, Any]
     return {key: value for key, value in own.items() if key not in defaults or value != defaults[key]}
 
 
-def _shown(value: Any) -> Any:
+def _short_value(value: Any) -> Any:
     """Value to show: of a detector only its name and the parameters that differ from known defaults."""
     if not isinstance(value, dict):
         return value

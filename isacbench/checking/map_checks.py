@@ -158,7 +158,7 @@ def _finite(subject: MapSubject) -> None:
         measure(subject)
 
 
-def _listed(subject: MapSubject) -> float:
+def _cell_list(subject: MapSubject) -> float:
     """Difference if all cells are listed from the last to the first, and if one is listed alone."""
     if "cells" not in inspect.signature(subject.plugin.detect).parameters:
         raise NotApplicableError("takes whole maps only")
@@ -274,7 +274,7 @@ MAP_POWERS = Check("threshold and noise", _has_possible_powers)
 MASK = Check("mask", _compares_with_its_threshold)
 MAP_FINITE = Check("finite", _finite)
 MAP_REPEAT = Check("repeat", lambda subject: subject.difference(subject.detect(subject.power.copy())))
-LISTED = Check("listed cells", _listed, EXACT, "cells says where to test, and changes no test")
+LISTED = Check("listed cells", _cell_list, EXACT, "cells says where to test, and changes no test")
 MAP_LAYOUT = Check("memory order", _layout, EXACT)
 MAP_TWO_POWER_SCALE = Check(
     "scale by powers of two",

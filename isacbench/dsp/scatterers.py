@@ -173,7 +173,7 @@ class ScatterersInCells:
         """
         ranked = self.select(_strongest_first(self.scatterers))
         found, own = ranked.scatterers, ranked.amplitudes
-        shown = ranked._shown(system)
+        shown = ranked._echoes_at_others(system)
         elsewhere = (ranked.cells[:, None] != ranked.cells).any(axis=2)
         weaker, stronger = np.nonzero(np.tril(elsewhere & (np.abs(shown) > FAINT * np.abs(own)[:, None]), -1))
         u, w = (np.stack([cosine[weaker], cosine[stronger]], axis=1) for cosine in (found.u, found.w))
@@ -185,7 +185,7 @@ class ScatterersInCells:
             kept[k] = level > excess * np.abs(seen).max(initial=0) and left > least_left * level
         return ranked.select(kept)
 
-    def _shown(self, system: System) -> Complex:
+    def _echoes_at_others(self, system: System) -> Complex:
         """Amplitudes (n, n) in the cell of each scatterer of all their echoes, as if in one direction."""
         tapered, (range_window, doppler_window) = self.tapered, self.windows
         rows, columns = tapered.index((self.cells[:, 0], self.cells[:, 1]))

@@ -92,12 +92,12 @@ class CloudPair:
 
     def remembered(self, make: Callable[[CloudPair], T]) -> T:
         """Call a function on the pair once for all metrics."""
-        if make not in self._made:
-            self._made[make] = make(self)
-        return self._made[make]
+        if make not in self._cache:
+            self._cache[make] = make(self)
+        return self._cache[make]
 
     @cached_property
-    def _made(self) -> dict[Callable[[CloudPair], Any], Any]:
+    def _cache(self) -> dict[Callable[[CloudPair], Any], Any]:
         return {}
 
     @cached_property

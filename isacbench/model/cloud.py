@@ -113,7 +113,7 @@ class PointCloud(Displayed):
                 raise ValueError(f"a point array takes shape (n, 3), (n, 4) or (n, 5), not {array.shape}")
             found = dict(zip(POINT_COLUMNS, array.T, strict=False))
         else:
-            found = _found(columns)
+            found = _point_columns(columns)
         return cls(np.column_stack([found[name] for name in "xyz"]), found.get("v"), found.get("power"))
 
     @classmethod
@@ -175,7 +175,7 @@ class PointCloud(Displayed):
         return PointCloud(self.xyz[keep], velocity, self.power[keep])
 
 
-def _found(columns: dict[str, ArrayLike]) -> dict[str, Floats]:
+def _point_columns(columns: dict[str, ArrayLike]) -> dict[str, Floats]:
     """Columns of a table by their names in `POINT_COLUMNS`."""
     names = ["v" if name == "velocity" else name for name in columns]
     wanted = [name for name in POINT_COLUMNS if name in ("x", "y", "z") or name in names]

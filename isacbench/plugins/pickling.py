@@ -65,7 +65,7 @@ class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]
 
 
 @contextmanager
-def _told(what: str) -> Iterator[None]:
+def _input_errors(what: str) -> Iterator[None]:
     """Refuse what cannot be pickled, and say what to do."""
     try:
         yield
@@ -81,14 +81,14 @@ def _pack(estimators: Mapping[str, Estimator]) -> dict[str, bytes]:
     packed = {}
     for text, one in estimators.items():
         codes = class_codes(one)
-        with _by_value(codes.values()), _told(f"estimator {text}: cannot be sent to"):
+        with _by_value(codes.values()), _input_errors(f"estimator {text}: cannot be sent to"):
             _Pickler(buffer := io.BytesIO()).dump((one, codes))
         packed[text] = buffer.getvalue()
     return packed
 
 
 def _unpack(packed: bytes) -> Estimator:
-    with _told("estimators: cannot be had in"):
+    with _input_errors("estimators: cannot be had in"):
         estimator, codes = pickle.loads(packed)
     for kind, code in codes.items():
         kind.__qualname__ = code.name  # which cloudpickle does not keep

@@ -189,14 +189,14 @@ def spelled_estimators(estimators: Iterable[str | Estimator]) -> dict[str, Estim
         raise InputError(f"estimators {estimators!r}: allowed is a list, such as [{estimators!r}]")
     found: dict[str, Estimator | None] = {}
     for one in estimators:
-        text = one if isinstance(one, str) else _spelled(one)
+        text = one if isinstance(one, str) else _specification_of(one)
         if text in found:
             raise InputError(f"estimators: {text!r} is listed twice")
         found[text] = None if isinstance(one, str) else one
     return found
 
 
-def _spelled(estimator: object) -> str:
+def _specification_of(estimator: object) -> str:
     """Name of an object and its parameters, as a specification shows them."""
     plugin = type(estimator)
     name = getattr(plugin, "name", None)
@@ -366,7 +366,7 @@ def check_parameter(where: str, key: str, value: Any, hint: Any) -> Any:
     error: ValidationError
     for none in (None, "none"):  # the word means no value where the field takes that
         try:
-            return _adapter(hint).validate_python(_meant(value, hint, none))
+            return _adapter(hint).validate_python(_with_none(value, hint, none))
         except ValidationError as refused:
             error = refused
     # A union reports what each of its members wants.
@@ -381,12 +381,12 @@ def _adapter(hint: Any) -> TypeAdapter[Any]:
     return TypeAdapter(hint, config=config)
 
 
-def _meant(value: Any, hint: Any, none: str | None) -> Any:
+def _with_none(value: Any, hint: Any, none: str | None) -> Any:
     """Value that a specification, the word none, or a number of NumPy stands for."""
     if isinstance(value, Spec):
         return get_detector(value.name, **value.params) if _takes_detectors(hint) else value
     if isinstance(value, tuple):
-        return tuple(_meant(one, hint, none) for one in value)
+        return tuple(_with_none(one, hint, none) for one in value)
     if isinstance(value, str):
         if value == "none" and none is None and not isinstance(value, QuotedText):
             return None

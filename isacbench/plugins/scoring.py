@@ -178,13 +178,15 @@ class Metrics:
     def columns(self, kinds: Sequence[str]) -> dict[str, ScoreColumn]:
         """Columns of rows, counts and those of ``paper`` included; scenarios have objects of some kinds."""
         found = {column.name: column for column in COUNTS}
-        return found | {name: column for own in self._named(kinds) for name, column in own.items()}
+        return found | {
+            name: column for own in self._columns_by_metric(kinds) for name, column in own.items()
+        }
 
     def score(self, pair: CloudPair) -> dict[str, float]:
         """Score a pair by all of them: counts, and columns of rows."""
         kinds = () if pair.scenario is None else object_kinds(pair.scenario)
         scores: dict[str, float] = dict(_counts(pair))
-        for metric, named in zip(self._all(), self._named(kinds), strict=True):
+        for metric, named in zip(self._all(), self._columns_by_metric(kinds), strict=True):
             scores |= dict(zip(named, metric_scores(metric, pair).values(), strict=True))
         return scores
 
@@ -198,7 +200,7 @@ class Metrics:
     def _all(self) -> tuple[Metric, ...]:
         return Paper(), *self.further
 
-    def _named(self, kinds: Sequence[str]) -> list[Mapping[str, ScoreColumn]]:
+    def _columns_by_metric(self, kinds: Sequence[str]) -> list[Mapping[str, ScoreColumn]]:
         """Columns of each metric by their names in rows."""
         taken = {column.name for column in COUNTS}
         found: list[Mapping[str, ScoreColumn]] = []

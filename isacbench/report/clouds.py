@@ -185,7 +185,7 @@ def _draw_perspective(axes: Axes3D, scene: _Scene, heading: str, image: Image) -
     axes.text2D(0.5, 0.94, image.note, size=8, **centred)
     style: dict[str, Any] = {"depthshade": False, "clip_on": False}
     axes.scatter(*scene.truth.xyz.T, color=CONTEXT, s=2, linewidths=0, **style)
-    for points, marks in _marked(scene, image.cloud):
+    for points, marks in _points_with_marks(scene, image.cloud):
         axes.scatter(*points.xyz.T, c=scene.colours.to_rgba(points.velocity), **marks, **style)
 
 
@@ -194,7 +194,7 @@ def _draw_projection(axes: Axes, scene: _Scene, cloud: PointCloud, plane: str) -
     columns = [AXES.index(name) for name in plane]
     across, up = scene.truth.xyz[:, columns].T
     axes.scatter(across, up, s=22, facecolors="none", edgecolors=CONTEXT)
-    for points, marks in _marked(scene, cloud):
+    for points, marks in _points_with_marks(scene, cloud):
         across, up = points.xyz[:, columns].T
         axes.scatter(across, up, c=scene.colours.to_rgba(points.velocity), **marks)
     margin_m = 0.02 * float((scene.upper_m - scene.lower_m).max())
@@ -221,7 +221,7 @@ def _ticks(scene: _Scene, name: str) -> MaxNLocator:
     return MaxNLocator(max(n_own, 2), steps=[1, 2, 5, 10])
 
 
-def _marked(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str, Any]]]:
+def _points_with_marks(scene: _Scene, cloud: PointCloud) -> list[tuple[PointCloud, dict[str, Any]]]:
     """Split a cloud into right and false points, each with its mark; without truth no point is false."""
     is_false = np.zeros(len(cloud), dtype=np.bool_)
     if len(scene.truth):

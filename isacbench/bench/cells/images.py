@@ -76,15 +76,15 @@ def image_reference(
 
 
 @lru_cache(maxsize=KEPT)
-def _imaged(asked: _Reference) -> ScoredImage:
-    start, scenario = time.process_time(), asked.scenario
-    clouds = list(asked.reference.realisations(scenario, scenario.truth))
+def _imaged(key: _Reference) -> ScoredImage:
+    start, scenario = time.process_time(), key.scenario
+    clouds = list(key.reference.realisations(scenario, scenario.truth))
     for cloud in clouds:
         if not isinstance(cloud, PointCloud):
             raise TypeError(f"realisations() must return PointClouds, not {type(cloud).__name__}")
     time_s, imaged = time.process_time() - start, time.perf_counter()
     pairs = [CloudPair.of(scenario, cloud) for cloud in clouds]
-    scores = score_realisations(pairs, PAPER_ALONE.score, asked.metrics.score)
+    scores = score_realisations(pairs, PAPER_ALONE.score, key.metrics.score)
     time_score_s = time.perf_counter() - imaged
     return ScoredImage(clouds[scores.nearest], scores.means, scores.spreads, time_s, time_score_s)
 

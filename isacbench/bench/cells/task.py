@@ -295,13 +295,13 @@ def entry_of(plugin: Any, **labels: Any) -> Entry[Any]:
     return Entry(plugin.name, params, plugin, {"label": variant_label(plugin.name, params), **labels})
 
 
-def distinct_entries(what: str, written: Iterable[tuple[str, Entry[Plugin]]]) -> list[Entry[Plugin]]:
+def distinct_entries(what: str, spelled_entries: Iterable[tuple[str, Entry[Plugin]]]) -> list[Entry[Plugin]]:
     """List entries, each given with what the suite writes for it, and refuse two with equal parameters.
 
     `what` they are: ``"estimator"``, ``"detector"`` or ``"receiver"``.
     """
     entries: dict[Variant, Entry[Plugin]] = {}
-    for text, entry in written:
+    for text, entry in spelled_entries:
         if entry.key in entries:
             article = "an" if what.startswith("e") else "a"
             raise InputError(f"{what}s: {text!r} repeats {article} {what} with equal parameters")

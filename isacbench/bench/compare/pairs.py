@@ -54,7 +54,7 @@ def code_version(manifest: Mapping[str, Any]) -> str:
 
 def incomparable(base: Run, new: Run) -> tuple[str, ...]:
     """Find every reason why two runs cannot be compared, in words; different code is not a reason."""
-    (before, contents), (after, others) = (_measured(run) for run in (base, new))
+    (before, contents), (after, others) = (_properties(run) for run in (base, new))
     differing = [
         f"{what} differs: {value} in {base.label}, {after[what]} in {new.label}"
         for what, value in before.items()
@@ -64,7 +64,7 @@ def incomparable(base: Run, new: Run) -> tuple[str, ...]:
     return (*differing, *(f"scenario {name} has another content" for name in edited))
 
 
-def _measured(run: Run) -> tuple[dict[str, Any], dict[str, set[str]]]:
+def _properties(run: Run) -> tuple[dict[str, Any], dict[str, set[str]]]:
     """Properties that must be equal to be compared: in words, and digests of each scenario's content."""
     suite, metrics = run.manifest["suite"], run.manifest[SCORES]["metrics"]
     words = {
@@ -112,12 +112,14 @@ def find_variant(run: Run, text: str) -> Variant:
         raise InputError(f"{run.label}: no estimator fits {text!r}: {did_you_mean(name, names)}")
     fitting = [variant for variant in namesakes if _fits(json.loads(variant[1]), asked)]
     if not fitting:
-        raise InputError(f"{run.label}: no variant fits {text!r}; allowed are {_listed(namesakes, asked)}")
+        raise InputError(
+            f"{run.label}: no variant fits {text!r}; allowed are {_variant_list(namesakes, asked)}"
+        )
     labels = estimator_labels(namesakes)
     meant = fitting if len(fitting) == 1 else [variant for variant in namesakes if labels[variant] == text]
     if not meant:
         raise InputError(
-            f"{run.label}: {text!r} fits {len(fitting)} variants, {_listed(fitting, asked)}; give a "
+            f"{run.label}: {text!r} fits {len(fitting)} variants, {_variant_list(fitting, asked)}; give a "
             "specification that fits one of them alone"
         )
     return meant[0]
@@ -142,7 +144,7 @@ def _agrees(stored: Any, asked: Any) -> bool:
     return isinstance(stored, bool) == isinstance(asked, bool) and bool(stored == asked)
 
 
-def _listed(variants: Sequence[Variant], asked: Collection[str]) -> str:
+def _variant_list(variants: Sequence[Variant], asked: Collection[str]) -> str:
     """Spell the first few variants by the parameters that set them apart or were asked for."""
     more = f" and {len(variants) - MAX_LISTED} more" if len(variants) > MAX_LISTED else ""
     return ", ".join(spell_apart(variants, asked)[:MAX_LISTED]) + more

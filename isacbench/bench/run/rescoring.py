@@ -114,7 +114,7 @@ def _score(run: Run, metrics: Metrics) -> pd.DataFrame:
         else:  # means over realisations, with their spreads
             reference = _reference(run.label, row["estimator"], row["params"])
             scores = image_reference(reference, scenario, metrics).columns()
-        scored[place] = {**scores, **_measured(run, scenario, row, cloud)}
+        scored[place] = {**scores, **_own_columns(run, scenario, row, cloud)}
     # What only some scenes measure, or only some kinds of objects have, stays as it is in the other rows.
     names = list(dict.fromkeys(name for found in scored.values() for name in found))
     before = rows.reindex(columns=names).iloc[list(scored)].to_dict("records")
@@ -134,7 +134,7 @@ def _reference(label: str, name: str, params: str) -> ReferenceEstimator:
     return plugin
 
 
-def _measured(run: Run, scenario: Scenario, row: pd.Series[Any], cloud: PointCloud) -> dict[str, Any]:
+def _own_columns(run: Run, scenario: Scenario, row: pd.Series[Any], cloud: PointCloud) -> dict[str, Any]:
     """Columns that a scene derives from a cloud; none if it needs more than the cloud."""
     scene = run.imaged_scenes[row["scenario"]]
     image = Image(scenario, None, None, row["snr_db"], cloud)

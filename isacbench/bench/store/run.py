@@ -355,7 +355,7 @@ class Run(Displayed):
 
     def observed(self, name: str, trial: int) -> Scenario:
         """Restore the scenario that a trial of an imaged scene observed, from stored draws or drawn again."""
-        scene, drawn = self.imaged_scenes[name], self._drawn.get((name, trial))
+        scene, drawn = self.imaged_scenes[name], self._draw_places.get((name, trial))
         if not scene.is_drawn:
             return scene.template
         if drawn is None:
@@ -370,7 +370,7 @@ class Run(Displayed):
             return replace(scene.template, scatterers=restore_scatterers(self.draws.iloc[drawn]))
 
     @cached_property
-    def _drawn(self) -> Mapping[Any, Any]:
+    def _draw_places(self) -> Mapping[Any, Any]:
         """Positions of the draws by scene and trial."""
         return self.draws.groupby(["scenario", "trial"]).indices
 
@@ -380,7 +380,7 @@ class Run(Displayed):
         if len(found) != 1:
             given = " and ".join(f"{name} = {quoted(value)}" for name, value in wanted.items()) or "any key"
             rows, whose = (self.rows, "the rows of the run") if found.empty else (found, "these rows")
-            values = "; ".join(f"{name} {_listed(rows[name].unique())}" for name in CLOUD_KEYS)
+            values = "; ".join(f"{name} {_value_list(rows[name].unique())}" for name in CLOUD_KEYS)
             raise InputError(
                 f"{self.label}: {len(found)} rows have {given}; give a key that only one row has. "
                 f"The values of {whose} are {values}"
@@ -398,8 +398,8 @@ class Run(Displayed):
             f"{quoted(shortened(self.label, LONGEST_PATH))}",
             {
                 "status": ", ".join(f"{number} {status}" for status, number in statuses.items()),
-                "scenarios": _listed(rows["scenario"].unique()),
-                "estimators": _listed(estimators)
+                "scenarios": _value_list(rows["scenario"].unique()),
+                "estimators": _value_list(estimators)
                 + (f" in {n_variants} variants" if n_variants > len(estimators) else ""),
                 "SNR": range_text(rows["snr_db"], "dB"),
                 "trials": str(rows["trial"].nunique()),
@@ -571,7 +571,7 @@ def _key_columns(row: Row) -> dict[str, Any]:
     return {name: row[name] for name in CLOUD_KEYS}
 
 
-def _listed(values: Any) -> str:
+def _value_list(values: Any) -> str:
     """List values, the first ones of many."""
     shown = [shortened(str(value), LONGEST_VALUE) for value in values]
     more = f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else ""

@@ -102,7 +102,7 @@ class AtomFit:
         return self.amplitude.real**2 + self.amplitude.imag**2
 
     @property
-    def shown(self) -> Floats:
+    def shown_energy(self) -> Floats:
         """Energies of the atoms, but at most those of lone atoms that the map would show there, shape (n,).
 
         Two atoms that nearly cancel can have any energies, of which the map shows only their sum.

@@ -304,7 +304,7 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of one within two bins in range
     and Doppler, whose misfit has every direction. The energy of an atom is what the map shows of it
-    (`AtomFit.shown`). Atoms do not count at their own place.
+    (`AtomFit.shown_energy`). Atoms do not count at their own place.
     """
     if len(places) > (most := MOST_PAIRS // len(fit)):
         parts = np.split(places, range(most, len(places), most))
@@ -316,7 +316,7 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
     share[itself] = 0
-    return (share * fit.shown).max(axis=1, initial=0)
+    return (share * fit.shown_energy).max(axis=1, initial=0)
 
 
 def split_gains(
