@@ -21,7 +21,7 @@ import pandas as pd
 import isacbench
 from isacbench.bench.cells.cell import seed_global_generators
 from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
-from isacbench.bench.store.provenance import git_state, machine, package_versions
+from isacbench.bench.cells.provenance import git_state, machine, package_versions
 from isacbench.bench.store.run_folder import atomic_write, open_folder
 from isacbench.checking import cases
 from isacbench.checking.checks import Case, Check, Choice, Family, Finding, Status, Subject, Whole, run_check

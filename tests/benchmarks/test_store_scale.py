@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
+from isacbench.bench.cells.provenance import environment_id, environment_of
 from isacbench.bench.cells.rows import Row
 from isacbench.bench.run import runner
-from isacbench.bench.store.provenance import environment_id, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.cloud import PointCloud
 from isacbench.report.run_report import draw_run, write_run_tables

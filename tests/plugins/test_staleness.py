@@ -14,7 +14,7 @@ import pytest
 from isacbench_algorithms.omp4d import Omp4d
 
 import isacbench
-from isacbench.bench.store.provenance import ROW_MAKERS
+from isacbench.bench.cells.provenance import ROW_MAKERS
 from isacbench.cores import one_blas_thread
 from isacbench.plugins.code_digests import class_code, files_digest, plugin_version
 from isacbench.plugins.discovery import PluginFile, register_plugin

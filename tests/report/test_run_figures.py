@@ -107,7 +107,7 @@ def test_of_a_population_the_worst_scene_of_each_estimator_is_drawn(
         family, _, _ = name.partition("[")
         return dataclasses.replace(load_scenario(tiny), name=name, family=family, family_version=1)
 
-    monkeypatch.setattr("isacbench.bench.run.plan.load_scenario", load)
+    monkeypatch.setattr("isacbench.bench.cells.plan.load_scenario", load)
     keys = {"scenarios": ["town[seed=1]", "town[seed=2,frame=paper]", "sparse[seed=3]"], "trials": 1}
     suite = PopulationSuite(name="p", version=1, estimators=["blob", "oracle"], snr_db=[0, 10], **keys)
     draw_run(run_suite(suite, tmp_path / "run"))

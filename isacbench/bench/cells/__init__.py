@@ -1,3 +1,3 @@
-"""Cells of a run: what is observed, who works on it, in which process, and the row that comes of it."""
+"""Cells of a run: their plan, their tasks, who works on them in which process, and their rows."""
 
-__all__ = ["cell", "cluster", "images", "process", "rows", "task", "worker"]
+__all__ = ["cell", "cluster", "images", "plan", "process", "provenance", "rows", "task", "worker"]

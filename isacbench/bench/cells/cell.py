@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from isacbench.bench.cells.provenance import Environment, environment_id
 from isacbench.bench.cells.rows import Row
 from isacbench.bench.cells.task import Entry, Shared, Task, content_digest
-from isacbench.bench.store.provenance import Environment, environment_id
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError
 from isacbench.instrument.stages import STAGES, StageClock

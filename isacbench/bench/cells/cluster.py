@@ -26,10 +26,10 @@ from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
 from isacbench.bench.cells.cell import Limits
+from isacbench.bench.cells.plan import Block, Job, pieces
+from isacbench.bench.cells.provenance import differing_versions
 from isacbench.bench.cells.rows import Row
 from isacbench.bench.cells.worker import Ready, Worker, work
-from isacbench.bench.run.plan import Block, Job, pieces
-from isacbench.bench.store.provenance import differing_versions
 from isacbench.charts import Variant
 from isacbench.errors import InputError
 

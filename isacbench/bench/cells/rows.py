@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 
 import pandas as pd
 
-from isacbench.bench.store.provenance import Environment
+from isacbench.bench.cells.provenance import Environment
 from isacbench.files.escaping import quoted
 from isacbench.instrument.stages import STAGES
 from isacbench.metrics.realisations import SPREAD_COLUMNS

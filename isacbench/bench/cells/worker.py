@@ -22,10 +22,10 @@ from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from isacbench.bench.cells.cell import Limits, failed_by, first_row, run_cell, time_repeats
+from isacbench.bench.cells.plan import Block, Job, Plan, pieces
 from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
 from isacbench.bench.cells.rows import Row
 from isacbench.bench.cells.task import Shared, Task
-from isacbench.bench.run.plan import Block, Job, Plan, pieces
 from isacbench.charts import Variant
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning

@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from isacbench.bench.cells.provenance import differing_versions
 from isacbench.bench.cells.rows import CLOUD_KEYS as CELL
 from isacbench.bench.cells.rows import SCORED
 from isacbench.bench.labels import estimator_labels
 from isacbench.bench.store.manifest import SCORES, spell_metric
-from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.store.run import Run
 from isacbench.charts import VARIANT, Variant, variants_in
 from isacbench.errors import InputError, did_you_mean

@@ -1,3 +1,3 @@
 """Runs: made, resumed, merged, scored again."""
 
-__all__ = ["looks", "merging", "plan", "progress", "rescoring", "runner"]
+__all__ = ["looks", "merging", "progress", "rescoring", "runner"]

@@ -7,7 +7,7 @@ from datetime import date
 from pathlib import Path
 
 import isacbench
-from isacbench.bench.store.provenance import git_state
+from isacbench.bench.cells.provenance import git_state
 from isacbench.bench.suites.suite import Suite
 from isacbench.model.scenes.scene_families import family_specs, is_family_spec, use_of_seed
 

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from isacbench.bench.cells.plan import Plan
+from isacbench.bench.cells.provenance import differing_versions
 from isacbench.bench.cells.rows import TIMES, TIMING_COLUMNS, typed
-from isacbench.bench.run.plan import Plan
 from isacbench.bench.store.manifest import (
     ENTRIES,
     RUN_KEYS,
@@ -24,7 +25,6 @@ from isacbench.bench.store.manifest import (
     restore_plan,
     row_columns,
 )
-from isacbench.bench.store.provenance import differing_versions
 from isacbench.bench.store.run import Run, Scenes
 from isacbench.bench.store.run_folder import RUN_FILES, open_folder
 from isacbench.bench.suites.scenario_digest import canonical_json

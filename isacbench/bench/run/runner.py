@@ -15,10 +15,11 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from isacbench.bench.cells.cell import DEFAULT_TIMEOUT_S, Limits
+from isacbench.bench.cells.plan import Block, Job, Plan, Shard, load_job
+from isacbench.bench.cells.provenance import differing_versions, environment_id
 from isacbench.bench.cells.rows import REFERENCE_COLUMNS, TIMING_COLUMNS, Row, failed, typed
 from isacbench.bench.cells.worker import rows_guarded, rows_here
 from isacbench.bench.labels import estimator_labels
-from isacbench.bench.run.plan import Block, Job, Plan, Shard, load_job
 from isacbench.bench.run.progress import Progress, progress_shown
 from isacbench.bench.store.manifest import (
     SCORES,
@@ -30,7 +31,6 @@ from isacbench.bench.store.manifest import (
     with_sessions,
     write_manifest,
 )
-from isacbench.bench.store.provenance import differing_versions, environment_id
 from isacbench.bench.store.run import Run, Scenes, write_truth
 from isacbench.bench.store.run_folder import JOURNAL, Journal, open_folder
 from isacbench.bench.suites.suite import Suite

@@ -1,3 +1,3 @@
-"""Stored runs: their folder, their rows, and the origin of each row."""
+"""Stored runs: their folder and their rows."""
 
-__all__ = ["manifest", "provenance", "run", "run_folder"]
+__all__ = ["manifest", "run", "run_folder"]

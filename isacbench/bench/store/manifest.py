@@ -17,10 +17,10 @@ from typing import Any
 from threadpoolctl import threadpool_info
 
 import isacbench
+from isacbench.bench.cells.plan import Job, Plan
+from isacbench.bench.cells.provenance import Environment, git_state, machine, package_versions
 from isacbench.bench.cells.rows import COLUMNS
 from isacbench.bench.cells.task import Entry
-from isacbench.bench.run.plan import Job, Plan
-from isacbench.bench.store.provenance import Environment, git_state, machine, package_versions
 from isacbench.bench.store.run_folder import MANIFEST, atomic_write, damage_named
 from isacbench.bench.suites.scenario_digest import canonical_json, describe_scenario, scenario_digest
 from isacbench.bench.suites.suite import Suite

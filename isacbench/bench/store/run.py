@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from isacbench.bench.cells.provenance import Environment
 from isacbench.bench.cells.rows import (
     CLOUD_KEYS,
     COLUMNS,
@@ -25,7 +26,6 @@ from isacbench.bench.cells.rows import (
 from isacbench.bench.cells.task import ImagingTask
 from isacbench.bench.store import run_folder as files
 from isacbench.bench.store.manifest import SCORES, read_manifest, row_columns, stored_columns, write_manifest
-from isacbench.bench.store.provenance import Environment
 from isacbench.bench.store.run_folder import DAMAGE, atomic_write, damage_named, damage_text
 from isacbench.bench.suites.scenario_digest import restore_scatterers, restore_scenario, truth_table
 from isacbench.bench.suites.suite import Suite

@@ -31,8 +31,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from isacbench.bench.cells.provenance import Environment
 from isacbench.bench.cells.rows import CLOUD_KEYS, COLUMNS, Row
-from isacbench.bench.store.provenance import Environment
 from isacbench.bench.suites.scenario_digest import digest
 from isacbench.errors import AccessError, InputError
 from isacbench.files.checked_files import open_own, require_file, require_inside, require_utf8, write_errors

@@ -21,8 +21,8 @@ from typer.testing import CliRunner
 
 from isacbench.bench.cells.cell import Limits
 from isacbench.bench.cells.cluster import Order, make_rows, stop
+from isacbench.bench.cells.plan import load_job
 from isacbench.bench.cells.rows import TIMES
-from isacbench.bench.run.plan import load_job
 from isacbench.bench.run.runner import RunOptions, run, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.cli import app

@@ -15,9 +15,9 @@ import pytest
 
 from isacbench.bench.cells import worker as worker_module
 from isacbench.bench.cells.cell import Limits
+from isacbench.bench.cells.plan import load_job
 from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.cells.worker import Worker, rows_guarded
-from isacbench.bench.run.plan import load_job
 from isacbench.bench.run.runner import RunOptions, run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputError, InputWarning

@@ -106,7 +106,7 @@ def test_targets_of_lone_scatterers_are_rescored_from_clouds(plugins, tiny, tmp_
     def load(name):
         return dataclasses.replace(load_scenario(tiny), name=name, family="sparse", family_version=1)
 
-    monkeypatch.setattr("isacbench.bench.run.plan.load_scenario", load)
+    monkeypatch.setattr("isacbench.bench.cells.plan.load_scenario", load)
     plan = {"scenarios": ["sparse[seed=1]"], "estimators": ["seer", "trouble"], "snr_db": [20.0]}
     suite = PopulationSuite(name="p", version=1, trials=1, **plan)
     seen, broken = run_suite(suite, tmp_path / "run").rows.to_dict("records")

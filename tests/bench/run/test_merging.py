@@ -5,12 +5,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacbench.bench.cells.plan import load_job
 from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.kinds.detection import DetectionSuite
 from isacbench.bench.kinds.population import PopulationSuite
 from isacbench.bench.kinds.resolution import ResolutionSuite
 from isacbench.bench.run.merging import merge
-from isacbench.bench.run.plan import load_job
 from isacbench.bench.run.runner import run
 from isacbench.bench.store.manifest import describe_run, read_manifest, restore_plan
 from isacbench.bench.store.run import Run
@@ -232,7 +232,7 @@ def test_runs_that_do_not_belong_together_are_refused_with_what_differs(suite, t
 
 
 def test_other_versions_are_refused_unless_they_may_be_mixed(suite, halves, tmp_path, monkeypatch):
-    monkeypatch.setattr("isacbench.bench.store.provenance.package_version", lambda package: "0.0")
+    monkeypatch.setattr("isacbench.bench.cells.provenance.package_version", lambda package: "0.0")
     shutil.rmtree(halves[1])
     run(suite, out=halves[1], shard="2/2")
     with pytest.raises(

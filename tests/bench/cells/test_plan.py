@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isacbench.bench.cells.plan import Plan, Shard, pieces
 from isacbench.bench.cells.task import Entry
-from isacbench.bench.run.plan import Plan, Shard, pieces
 from isacbench.errors import InputError
 
 

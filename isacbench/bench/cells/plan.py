@@ -18,9 +18,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from isacbench.bench.cells.provenance import Environment, environment_of
 from isacbench.bench.cells.rows import CLOUD_KEYS, DRAW_COLUMNS
 from isacbench.bench.cells.task import Entry, Task, build_plugins
-from isacbench.bench.store.provenance import Environment, environment_of
 from isacbench.bench.suites.suite import Suite
 from isacbench.bench.suites.suite_kinds import kind_of
 from isacbench.charts import Variant

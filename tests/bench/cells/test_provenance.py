@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import isacbench
-from isacbench.bench.store.provenance import (
+from isacbench.bench.cells.provenance import (
     differing_versions,
     environment_id,
     environment_of,
