@@ -114,7 +114,7 @@ def cluster(tmp_path_factory, installed):
 @pytest.fixture
 def slow(suite, write_plugin):
     load_plugin_file(write_plugin("slow.py", SLOW))
-    return suite.replace(estimators=["slow", "blob"], trials=10)
+    return suite.replace(estimators=["slow", "blob"], trials=6)
 
 
 @pytest.fixture(autouse=True)
