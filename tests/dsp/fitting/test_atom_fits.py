@@ -98,8 +98,8 @@ def test_of_two_atoms_that_nearly_cancel_little_is_shown_and_all_of_a_lone_one()
     fit = fit_atoms(noisy(PART, places, np.array([5.0, -5.0, 2.0]), 0.0), places)
     np.testing.assert_allclose(fit.power, [25, 25, 4], rtol=1e-6)
     # The product of two atoms a tenth of a cell apart is 1 - (π/10)² / 6.
-    assert np.all(fit.shown[:2] < 25 * 0.03**2)
-    np.testing.assert_allclose(fit.shown[2], 4, rtol=0.02)
+    assert np.all(fit.shown_energy[:2] < 25 * 0.03**2)
+    np.testing.assert_allclose(fit.shown_energy[2], 4, rtol=0.02)
 
 
 def test_two_atoms_in_one_place_share_an_amplitude():
