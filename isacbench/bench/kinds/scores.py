@@ -202,8 +202,9 @@ def with_references(labels: Mapping[Variant, str], references: Collection[str]) 
 
 
 def over_snrs(rows: pd.DataFrame) -> str:
-    """Say which SNRs a mean is over."""
-    return f"mean over {', '.join(f'{snr_db:g}' for snr_db in sorted(rows['snr_db'].unique()))} dB"
+    """Say which SNRs a mean is over, or that there is one."""
+    snrs_db = sorted(rows["snr_db"].unique())
+    return f"{'mean over' if len(snrs_db) > 1 else 'at'} {', '.join(f'{snr_db:g}' for snr_db in snrs_db)} dB"
 
 
 def object_means(rows: pd.DataFrame) -> pd.DataFrame:
