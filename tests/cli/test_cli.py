@@ -33,6 +33,16 @@ def drawn(monkeypatch, drawn_runs):
     return drawn_runs
 
 
+@pytest.fixture(autouse=True)
+def handlers():
+    """Handle signals as in the foreground of a shell, also where the tests run in its background."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
