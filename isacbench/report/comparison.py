@@ -332,7 +332,10 @@ class ComparisonReport:
             table[(table["metric"] == metric) & (table["n_pairs"] > 0)]
             for table in (self.comparison.points, self.comparison.curves)
         )
-        shown = _worst_first(curves)[:MOST_CHARTS] if len(curves) > MOST_CHARTS else curves
+        shown = curves
+        if len(curves) > MOST_CHARTS:  # a curve may hide that one of its points is worse
+            shown = _worst_first(pd.concat([curves, points]))[CURVE].drop_duplicates()[:MOST_CHARTS]
+            shown = shown.merge(curves, on=CURVE)
         part = f", {len(shown)} of {len(curves)} curves" if len(shown) < len(curves) else ""
         n_pairs = int(curves["n_pairs"].max())
         of_scenes = f"mean of {n_pairs} scenes, 95 % confidence band"

@@ -205,6 +205,18 @@ def test_of_many_curves_those_with_a_regression_are_drawn_first_and_long_names_a
     assert title.endswith(", 6 of 8 curves")
 
 
+def test_of_many_curves_one_that_is_the_same_but_has_a_worse_point_is_drawn_first(compared, monkeypatch):
+    monkeypatch.setattr("isacbench.report.comparison.MOST_CHARTS", 2)
+    names = list("abcd")
+
+    def change(records):
+        own = records["estimator"] == names[-1]
+        records["deviation"] += np.where(own, records["snr_db"].map({10: 5.0, -20: -5.0}).fillna(0.0), 0.0)
+
+    charts = charts_of(compared(change, estimators=names, trials=12))[1]
+    assert [chart.title.split("\n")[0] for chart in charts] == ["street, d", "street, a"]
+
+
 def test_a_figure_for_each_score_lies_beside_the_new_run_or_where_asked(compared, tmp_path):
     found = compared(tolerances=["recall=0.1"])
     paths = ComparisonReport(found).draw(tmp_path)
