@@ -48,7 +48,7 @@ def slow_but(quick, every):
 
 
 PATIENCE_S = 120
-"""What no machine is too busy for."""
+"""Time in s that is enough on any machine, however busy."""
 
 
 def wait_until(condition):

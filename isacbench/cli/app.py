@@ -8,6 +8,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from enum import IntEnum
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -86,8 +87,9 @@ def main() -> None:
         if all(thread.daemon for thread in others):
             raise
         for stream in filter(None, (sys.stdout, sys.stderr)):
-            stream.flush()
-        os._exit(ending.code if isinstance(ending.code, int) else 0)
+            with suppress(OSError):  # whose reader is gone
+                stream.flush()
+        os._exit(ending.code if isinstance(ending.code, int) else int(ending.code is not None))
 
 
 def _print_version(wanted: bool) -> None:

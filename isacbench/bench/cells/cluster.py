@@ -49,7 +49,7 @@ GONE = "the scheduler is gone"
 
 @dataclass(frozen=True)
 class Order:
-    """What each task of a run carries.
+    """Job, limits and versions that each task of a run carries.
 
     Attributes
     ----------

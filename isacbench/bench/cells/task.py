@@ -68,7 +68,7 @@ Entries = Sequence[Entry[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all entries of a task work on at one SNR in one trial.
+    """Observation that all entries of a task work on, at one SNR in one trial.
 
     Attributes
     ----------

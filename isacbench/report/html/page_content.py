@@ -219,7 +219,7 @@ def _estimator(joined: JoinedRuns, variant: Variant, line: Line) -> dict[str, An
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """What was run, where, by which versions."""
+    """Suite, command, machine and versions of a run, in words."""
     suite, packages = manifest["suite"], manifest.get("packages") or {}
     return {
         "suite": str(suite.get("name")) + (f", version {suite['version']}" if "version" in suite else ""),

@@ -1,4 +1,4 @@
-"""What a row takes: clouds of estimators, and statuses."""
+"""Rows take sound clouds of estimators, and have a status."""
 
 from typing import get_args
 
