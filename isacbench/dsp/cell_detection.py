@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.special import betainc
 
 from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.display import short_repr
@@ -198,7 +198,8 @@ class BinaryIntegration:
     @property
     def pfa(self) -> float:
         """Probability of false alarm per cell in white noise."""
-        return float(binom.sf(self.m - 1, self.powers.shape[-1], self.detector.pfa))
+        n = self.powers.shape[-1]
+        return float(betainc(self.m, n - self.m + 1, self.detector.pfa))  # the tail of the binomial law
 
     def detect(
         self,

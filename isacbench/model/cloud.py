@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Floats, checked_array, freeze_arrays, named_columns, unmasked_array
@@ -16,6 +15,9 @@ from isacbench.errors import InputError
 from isacbench.files.escaping import plural
 from isacbench.model.cloud_files.point_files import read_point_table, write_point_table
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

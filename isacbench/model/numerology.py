@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
-from scipy import constants
 
 from isacbench.checked_arrays import Mask
 from isacbench.choices import NoiseSource, Sensing
 from isacbench.errors import require, unknown_name
 from isacbench.model.number_limits import require_count
 
-SPEED_OF_LIGHT_MPS = float(constants.speed_of_light)
+SPEED_OF_LIGHT_MPS = 299_792_458.0
 
 COMB_SIZE = 4
 

@@ -1,5 +1,7 @@
 """`isacbench image` with a choice of what is sent and what is sensed with."""
 
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
@@ -52,3 +54,15 @@ def test_the_scores_of_a_reference_are_means_with_their_spreads(image, tiny, spe
     told = dict(line.split(maxsplit=1) for line in result.output.splitlines() if line.startswith("  "))
     assert told["deviation"] == f"{expected.scores['deviation']:.6g} ±{expected.spreads['deviation']:.3g}"
     assert told["n_true"] == str(len(scenario.truth))
+
+
+def test_an_image_loads_no_package_that_it_does_not_use(tiny):
+    code = (
+        "import sys\n"
+        "from typer.testing import CliRunner\n"
+        "from isacbench.cli import app\n"
+        f"assert not CliRunner().invoke(app, ['image', '-s', {str(tiny)!r}]).exit_code\n"
+        "print({'matplotlib', 'pandas', 'pyarrow', 'scipy.signal', 'scipy.stats'} & {*sys.modules})"
+    )
+    finished = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert finished.stdout == "set()\n"

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from datetime import timedelta
 from functools import partial
 
-from rich.console import Console
-
 from isacbench.files.escaping import escape_control
 
 Progress = Callable[[int, int], None]
@@ -26,13 +24,15 @@ def progress_shown(title: str, noun: str = "cells", is_idle: bool = False) -> It
     `title` names the work, `noun` its pieces. With `is_idle` a bar is redrawn only when a piece is done. What
     is yielded is called after each piece.
     """
+    from rich.console import Console  # only where it is needed: it takes a while
+
     console = Console(stderr=True)
     if not console.is_terminal:
         # The console's file is a null device if stderr is closed.
         say = partial(print, file=console.file, flush=True)
         yield paced_progress(noun, lambda text: say(f"isacbench: {text}"), LINE_S)
         return
-    from rich import markup, progress  # only where they are needed: they take a while
+    from rich import markup, progress
 
     columns = *progress.Progress.get_default_columns(), progress.MofNCompleteColumn()
     with progress.Progress(*columns, console=console, transient=True, auto_refresh=not is_idle) as bar:

@@ -6,10 +6,9 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from isacbench.model.array import PAPER_ORDER, VirtualArray
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
@@ -17,6 +16,9 @@ from isacbench.model.frame import PaperFrame, get_frame
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario, no_input_warnings
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""

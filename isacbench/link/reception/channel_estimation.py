@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal.windows import dpss
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.errors import InputError, require
@@ -161,6 +160,8 @@ def _basis(n_subcarriers: int, latest: float) -> Complex:
     width = max(latest, 1.0)
     if width >= n_subcarriers or n_subcarriers < FEWEST_POINTS:
         return np.eye(n_subcarriers, dtype=np.complex128)
+    from scipy.signal.windows import dpss  # only where it is needed: its import takes half a second
+
     n_most = min(int(np.ceil(width)) + MOST_BESIDES, n_subcarriers)
     sequences, concentration = dpss(n_subcarriers, width / 2, n_most, norm=2, return_ratios=True)
     concentrated = sequences[concentration >= LEAST_CONCENTRATION].T

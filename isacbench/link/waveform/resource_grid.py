@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import max_len_seq
 from scipy.special import xlogy
 
 from isacbench.checked_arrays import Complex, Floats, Mask, checked_array
@@ -162,6 +161,8 @@ def _m_sequence(start: list[int], taps: tuple[int, ...], length: int) -> NDArray
     """Bits (length,) behind the skipped ones: x(n + 31) is the sum of x(n) and of x(n + tap) modulo 2."""
     if not any(start):
         return np.zeros(length, dtype=np.uint8)
+    from scipy.signal import max_len_seq  # only where it is needed: its import takes half a second
+
     bits, _ = max_len_seq(REGISTER, start, SKIPPED + length, taps)
     return bits[SKIPPED:].astype(np.uint8)
 
