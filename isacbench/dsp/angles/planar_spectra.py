@@ -23,6 +23,9 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
 
+COLUMN_VALUES = 2**18
+"""Entries of the matrices whose minima are sought at once: 2 MiB, read in every step of Newton's method."""
+
 CANDIDATES = 2
 """Samples a peak asked for from which Newton's method starts."""
 
@@ -113,17 +116,28 @@ def planar_minima(
     """
     level, (u, w) = with_neighbours(level, grid)
     row, column, found = _lowest_samples(level, highest, n_minima)
-    start_u, start_w = u[row], w[column]
-    place_u, place_w = start_u, start_w
     step_limit = np.array([line[1] - line[0] for line in grid])
-    for _ in range(NEWTON_STEPS):
-        _, gradient, curvature = _slopes(columns, place_u, place_w)
-        step = _newton_step(sign * gradient, sign * curvature, step_limit)
+    place_u, place_w = u[row], w[column]
+    curvature, lowest = np.empty((*found.shape, 2, 2)), np.empty(found.shape)
+    for some in parts_of(len(columns), COLUMN_VALUES // max(columns[:1].size, 1)):
+        some_u, some_w, matrices = place_u[some], place_w[some], columns[some]
         # A minimum lies within a sample of its start.
-        place_u = np.clip(place_u + step[:, :, 0], start_u - step_limit[0], start_u + step_limit[0])
-        place_w = np.clip(place_w + step[:, :, 1], start_w - step_limit[1], start_w + step_limit[1])
-    level, _, curvature = _slopes(columns, place_u, place_w)
-    return Minima(place_u, place_w, found, sign * curvature, sign * level)
+        limits_u, limits_w = (
+            (place - limit, place + limit) for place, limit in zip((some_u, some_w), step_limit, strict=True)
+        )
+        for _ in range(NEWTON_STEPS):
+            _, gradient, bend = _slopes(matrices, some_u, some_w)
+            step = _newton_step(sign * gradient, sign * bend, step_limit)
+            some_u = np.clip(some_u + step[:, :, 0], *limits_u)
+            some_w = np.clip(some_w + step[:, :, 1], *limits_w)
+        value, _, bend = _slopes(matrices, some_u, some_w)
+        place_u[some], place_w[some], lowest[some], curvature[some] = (
+            some_u,
+            some_w,
+            sign * value,
+            sign * bend,
+        )
+    return Minima(place_u, place_w, found, curvature, lowest)
 
 
 def _lowest_samples(
@@ -138,8 +152,9 @@ def _lowest_samples(
     index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
     found = np.isfinite(np.take_along_axis(depth, index, axis=1))
     found &= np.arange(index.shape[1]) < n_minima[:, None]
-    row, column = np.divmod(index, inner.shape[2])
-    return row + 1, column + 1, found
+    most = int(found.sum(axis=1).max(initial=0))
+    row, column = np.divmod(index[:, :most], inner.shape[2])
+    return row + 1, column + 1, found[:, :most]
 
 
 def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
@@ -154,19 +169,18 @@ def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
 
 def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
     """Squared projections (n, m) at u and w, their first (n, m, 2) and second derivatives (n, m, 2, 2)."""
-    n, n_u, n_w, k = columns.shape
-    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
-    lines = columns.reshape(n, n_u, n_w * k)
-
-    def projection(u_order: int, w_order: int) -> Floats:
-        along_u = (a[u_order] @ lines).reshape(*u.shape, n_w, k)
-        return np.einsum("nmqk,nmq->nmk", along_u, b[w_order])
-
-    level, along_u, along_w = projection(0, 0), projection(1, 0), projection(0, 1)
+    (n, m), (_, n_u, n_w, k) = u.shape, columns.shape
+    a, b = (
+        np.stack(slopes, axis=2) for slopes in (real_steering_slopes(n_u, u), real_steering_slopes(n_w, w))
+    )
+    along = a.reshape(n, 3 * m, n_u) @ columns.reshape(n, n_u, n_w * k)
+    # Derivatives of the projections, their orders along u and w in front.
+    projections = b[:, :, None] @ along.reshape(n, m, 3, n_w, k)
+    (level, along_w, ww), (along_u, uw, _), (uu, _, _) = np.moveaxis(projections, (2, 3), (0, 1))
     gradient = 2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
-    uu = np.sum(along_u**2 + level * projection(2, 0), axis=2)
-    uw = np.sum(along_u * along_w + level * projection(1, 1), axis=2)
-    ww = np.sum(along_w**2 + level * projection(0, 2), axis=2)
+    uu = np.sum(along_u**2 + level * uu, axis=2)
+    uw = np.sum(along_u * along_w + level * uw, axis=2)
+    ww = np.sum(along_w**2 + level * ww, axis=2)
     curvature = 2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
     return np.sum(level**2, axis=2), gradient, curvature
 
