@@ -48,6 +48,7 @@ from isacbench.dsp.cfar.training_cells import (
     checked_axis,
     checked_list,
     checked_power,
+    listed_windows,
     share_of,
     spread,
     window_axes,
@@ -205,6 +206,24 @@ class CaCfar(_WindowCfar):
     """
 
     name: ClassVar[str] = "ca"
+
+    def _thresholds(
+        self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int
+    ) -> tuple[Floats, Floats]:
+        if cells is None:
+            return super()._thresholds(power, axes, cells, looks)
+        noise, factor = np.empty((2, cells[0].size))
+        for some, values, n_training in listed_windows(power, axes, cells):
+            # Zeros between the terms of a sum change no digit of it.
+            noise[some] = _total(values) / n_training
+            numbers, which = np.unique(n_training, return_inverse=True)
+            exact = self.threshold == "exact"
+            factors = [
+                ca_factor(self.pfa, n, looks) if exact else paper_factor(self.pfa, n)
+                for n in numbers.tolist()
+            ]
+            factor[some] = np.array(factors)[which]
+        return noise, factor * noise
 
     def _noise(self, power: Floats, windows: Windows) -> Floats:
         return _mean(windows.training(power))
@@ -594,11 +613,16 @@ class FixedThreshold:
 
 
 def _mean(values: Floats) -> Floats:
-    """Mean along the last axis, added in sequence: one cell tested alone gives the same digits as many."""
-    terms = np.ascontiguousarray(np.moveaxis(values, -1, 0))
+    """Mean along the last axis."""
+    return _total(np.moveaxis(values, -1, 0)) / values.shape[-1]
+
+
+def _total(values: Floats) -> Floats:
+    """Sum along the first axis, added in sequence: one cell tested alone gives the same digits as many."""
+    terms = np.ascontiguousarray(values)
     # NumPy adds a single column by pairs.
     total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]
-    return total / len(terms)
+    return total
 
 
 def _orders(columns: Floats) -> Floats:

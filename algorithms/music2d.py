@@ -57,6 +57,7 @@ from isacbench.dsp.angles.peaks import (
     PERIOD,
     Peaks,
     cosine_samples,
+    line_maxima,
     line_peaks,
     with_neighbours,
     within_period,
@@ -67,7 +68,7 @@ from isacbench.errors import require, require_least, require_option
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
-from isacbench.plugins.contracts import Detection, Detector, Spectrum
+from isacbench.plugins.contracts import Detector, Spectrum
 
 from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, determined_order
 from .detectors import CaCfar
@@ -95,22 +96,19 @@ Pairing = Literal["joint", "product"]
 
 
 class MusicSpectra(NamedTuple):
-    """MUSIC spectra of n cells along one direction cosine, their test, and the peaks that pass.
+    """MUSIC spectra of n cells along one direction cosine, and the peaks that pass their test.
 
     Attributes
     ----------
     cosine : ndarray of float64, shape (g,)
     spectra : ndarray of float64, shape (n, g)
         1 in an empty direction.
-    detection : Detection
-        CFAR test of the spectra.
     peaks : Peaks
         Direction cosines of the peaks that pass.
     """
 
     cosine: Floats
     spectra: Floats
-    detection: Detection
     peaks: Peaks
 
     def heights(self) -> tuple[Integers, Floats]:
@@ -126,17 +124,12 @@ class MusicSpectra(NamedTuple):
         samples = np.minimum(steps.astype(np.int64), self.cosine.size - 1)
         return samples, np.take_along_axis(self.spectra, samples, axis=1)
 
-    def first(self, label: Literal["u", "w"]) -> Spectrum:
-        """First of the spectra in dB above an empty direction.
-
-        Parameters
-        ----------
-        label : {"u", "w"}
-        """
+    def first(self, label: Literal["u", "w"], detector: Detector) -> Spectrum:
+        """First of the spectra and its threshold, in dB above an empty direction."""
         return Spectrum(
             self.cosine,
             10 * np.log10(self.spectra[0]),
-            10 * np.log10(self.detection.threshold[0]),
+            10 * np.log10(detector.detect(self.spectra).threshold[0]),
             self.peaks.place[0][self.peaks.found[0]],
             label,
         )
@@ -283,7 +276,7 @@ class Music2d(CellwiseEstimator):
             self.line_music(*each)._replace(peaks=self.line_directions(*each))
             for each in self.subspaces(observation, cells)
         )
-        return along_u.first("u"), along_w.first("w")
+        return along_u.first("u", self.spectrum_detector), along_w.first("w", self.spectrum_detector)
 
     def line_subspaces(self, lines: Complex, noise: float) -> tuple[Floats, Integers]:
         """Estimate signal subspaces along the sensors of lines.
@@ -324,7 +317,7 @@ class Music2d(CellwiseEstimator):
             return music_roots(vectors, order, limits)
 
     def line_music(self, vectors: Floats, order: Integers, limits: Interval) -> MusicSpectra:
-        """Evaluate MUSIC spectra, test them by CFAR, and place their peaks off the grid.
+        """Evaluate MUSIC spectra, test their local maxima by CFAR, and place the peaks off the grid.
 
         Parameters
         ----------
@@ -337,14 +330,16 @@ class Music2d(CellwiseEstimator):
         with stage("spectrum"):
             null = music_null_spectrum(vectors, order, real_steering(n_subarray, cosine))
             spectra = n_subarray / np.maximum(null, _sampled_null(n_subarray, step) * n_subarray)
-        detection = self.spectrum_detector.detect(spectra)
         # A parabola fits a null, and not the pole that its reciprocal is.
-        framed, (places,) = with_neighbours(null, [cosine])
-        tested = self.pairing == "joint"
-        passed = with_neighbours(detection.mask, [cosine])[0] if tested else None
-        peaks = line_peaks(-framed, places, order, passed)
+        framed, (places,) = with_neighbours(-null, [cosine])
+        cell, sample = line_maxima(framed)
+        if self.pairing == "joint":
+            cells = cell, (sample - (places.size - cosine.size) // 2) % cosine.size
+            passed = detect_listed(self.spectrum_detector, spectra, 1, cells).mask
+            cell, sample = cell[passed], sample[passed]
+        peaks = line_peaks(framed, places, order, (cell, sample))
         minima = music_null_minima(vectors, order, peaks.place, peaks.found, step)
-        return MusicSpectra(cosine, spectra, detection, Peaks(within_period(minima), peaks.found))
+        return MusicSpectra(cosine, spectra, Peaks(within_period(minima), peaks.found))
 
     def signal_order(self, pairs: Eigenpairs, shape: tuple[int, ...], noise: float) -> Integers:
         """Count the eigenvalues that belong to sources, by the test of `model_order`.

@@ -99,35 +99,50 @@ def vertex(left: Floats, middle: Floats, right: Floats) -> Floats:
     return np.clip(offset, -0.5, 0.5)
 
 
-def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, allowed: Mask | None = None) -> Peaks:
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Spectra, and samples of these, as `numpy.nonzero` gives them."""
+
+
+def line_maxima(spectra: Floats) -> Places:
+    """Find the local maxima of one-dimensional spectra (n, g), of equal neighbours the first.
+
+    The two ends are none: the spectrum may go on rising.
+    """
+    inner = spectra[:, 1:-1]
+    spectrum, sample = np.nonzero((inner > spectra[:, :-2]) & (inner >= spectra[:, 2:]))
+    return spectrum, sample + 1
+
+
+def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places | None = None) -> Peaks:
     """Strongest local maxima of one-dimensional spectra.
 
     Parameters
     ----------
     spectra : ndarray of float64, shape (n, g)
     grid : ndarray of float64, shape (g,)
-        Equidistant places of the samples. Maxima at its two ends are not
-        peaks: the spectrum may go on rising.
+        Equidistant places of the samples.
     n_peaks : ndarray of int64, shape (n,)
         Most peaks to return of each spectrum.
-    allowed : ndarray of bool, shape (n, g), optional
-        Samples that may be peaks; without it all.
+    maxima : (ndarray of int, ndarray of int), each shape (m,), optional
+        Those of `line_maxima` that may be peaks; without it all.
 
     Returns
     -------
     Peaks
         Refined by a parabola through three samples.
     """
-    inner = spectra[:, 1:-1]
-    is_peak = (inner > spectra[:, :-2]) & (inner >= spectra[:, 2:])
-    if allowed is not None:
-        is_peak &= allowed[:, 1:-1]
-    height = np.where(is_peak, inner, -np.inf)
-    index = np.argsort(-height, axis=1, kind="stable")[:, : int(n_peaks.max(initial=0))]
-    found = np.isfinite(np.take_along_axis(height, index, axis=1))
-    found &= np.arange(index.shape[1]) < n_peaks[:, None]
-    left, middle, right = (np.take_along_axis(spectra, index + shift, axis=1) for shift in range(3))
-    return Peaks(grid[index + 1] + vertex(left, middle, right) * (grid[1] - grid[0]), found)
+    spectrum, sample = line_maxima(spectra) if maxima is None else maxima
+    height = spectra[spectrum, sample]
+    strongest = np.lexsort([-height, spectrum])
+    spectrum, sample = spectrum[strongest], sample[strongest]
+    rank = np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
+    kept = rank < n_peaks[spectrum]
+    spectrum, sample, rank = spectrum[kept], sample[kept], rank[kept]
+    peaks = Peaks(*(np.zeros((len(spectra), int(n_peaks.max(initial=0))), dtype) for dtype in (float, bool)))
+    left, middle, right = (spectra[spectrum, sample + shift] for shift in (-1, 0, 1))
+    peaks.place[spectrum, rank] = grid[sample] + vertex(left, middle, right) * (grid[1] - grid[0])
+    peaks.found[spectrum, rank] = True
+    return peaks
 
 
 def plane_maxima(power: Floats) -> Mask:

@@ -42,6 +42,9 @@ _ROUNDING = 1e-9
 _MOST_VALUES = 2**19
 """Largest number of values of windows that are gathered at a time."""
 
+_CACHED_VALUES = 2**16
+"""Values of windows that stay in the cache together."""
+
 
 def check_cells(name: str, sizes: CellsPerSide) -> None:
     """Refuse cells per side that are not whole numbers of at least 0; "training" is not 0 on all axes."""
@@ -321,6 +324,25 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
         for some in parts_of(listed.size, n_together):
             chosen = listed[some]
             yield (chosen,), Windows(axes, tuple(index[chosen] for index in cells), place)
+
+
+def listed_windows(
+    power: Floats, axes: tuple[Axis, ...], cells: Cells
+) -> Iterator[tuple[slice, Floats, NDArray[np.intp]]]:
+    """Windows of listed cells wherever they stand in them, in parts that stay in the cache.
+
+    Yielded are a part of the list, the values of its windows with 0 in place of all but training cells, shape
+    (window cells, n) in the order of the map, and the numbers of training cells, shape (n,).
+    """
+    views = sliding_window_view(power, tuple(axis.n_window for axis in axes))
+    starts = tuple(axis.start(index) for axis, index in zip(axes, cells, strict=True))
+    for some in parts_of(cells[0].size, _CACHED_VALUES // prod(views.shape[len(axes) :])):
+        is_guarded = np.ones(1, dtype=bool)
+        for axis, index, start in zip(axes, cells, starts, strict=True):
+            steps = np.abs(np.arange(axis.n_window)[:, None] - (index - start)[some])
+            is_guarded = (is_guarded[..., None, :] & (steps <= axis.guard)).reshape(-1, steps.shape[1])
+        values = views[tuple(start[some] for start in starts)].reshape(is_guarded.shape[1], -1)
+        yield some, np.where(is_guarded, 0, values.T), np.count_nonzero(~is_guarded, axis=0)
 
 
 def _blocks(axes: tuple[Axis, ...]) -> Iterator[tuple[tuple[slice, ...], tuple[int, ...]]]:
