@@ -42,13 +42,14 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
 from isacbench.dsp.fitting.joint_selection import select_jointly
 from isacbench.dsp.floating_point import scale_to_unit
-from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.rangedoppler import GatedMap, TaperedMap
 from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
 from isacbench.dsp.windows import Window
 from isacbench.errors import require, require_least, require_option, require_positive
 from isacbench.instrument.remarks import Remarks, remark
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
+from isacbench.model.gate import Bins
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Detection, Detector, Diagnosis, Needs, Spectrum
 
@@ -164,15 +165,15 @@ class CellSnapshots:
         Tapers and neighbours.
     bins : (ndarray of int64, ndarray of int64), each shape (n,)
         Absolute range and Doppler bins.
-    tapered : GatedMap
-        Map after the tapers of the rule.
+    tapered : TaperedMap
+        Map with the tapers of the rule.
     snapshots : ndarray of complex, shape (n, s, *elements)
         Samples of each cell and its neighbours in range, the cell in the middle.
     """
 
     rule: SnapshotRule
     bins: Bins
-    tapered: GatedMap
+    tapered: TaperedMap
     snapshots: Complex
     levels: Levels
 
@@ -252,11 +253,11 @@ def read_cells(rdm: ReadMap, detected: Detected, rule: SnapshotRule) -> CellSnap
         gated, bins = rdm.directions, detected.cells.bins
         doppler_window = gated.doppler_taper(rule.doppler_window)
         tapered = gated.tapered(rule.range_window, doppler_window, neighbours=1)
-        inside = tapered.surrounds(bins)
+        inside = tapered.gate.surrounds(bins)
         bins = bins[0][inside], bins[1][inside]
-        rows, columns = tapered.index(bins)
+        rows, columns = tapered.gate.index(bins)
         steps = np.arange(rule.range_cells) - rule.range_cells // 2
-        snapshots = tapered.cells[rows[:, None] + steps, columns[:, None]]
+        snapshots = tapered.at(*np.broadcast_arrays(rows[:, None] + steps, columns[:, None]))
         return CellSnapshots(rule, bins, tapered, snapshots, detected.levels)
 
 
@@ -316,15 +317,13 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
         strongest one of the 5 x 5 cells around them are left out.
     """
     with stage("peaks"):
-        rule, tapered = cells.rule, cells.tapered
         return locate_waves(
             waves,
-            tapered,
+            cells.tapered,
             cells.bins,
-            (rule.range_window, tapered.doppler_taper(rule.doppler_window)),
             estimator.local_dynamic_range_db,
             # Grating lobes put echoes of all speeds into every bin: hardly any then looks like one echo.
-            rule.one_doppler and not tapered.sees_lobes,
+            cells.rule.one_doppler and not cells.tapered.sees_lobes,
             cells.levels.min_power,
         )
 

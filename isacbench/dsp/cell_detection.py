@@ -19,14 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from isacbench.checked_arrays import Complex, Floats, Integers
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.display import short_repr
 from isacbench.dsp.detection import Detection, Detector
-from isacbench.dsp.rangedoppler import Bins, GatedMap
-from isacbench.dsp.windows import reach, taper
+from isacbench.dsp.rangedoppler import WHOLE, GatedMap, TaperedMap
 from isacbench.errors import require
-from isacbench.instrument.stages import stage
-from isacbench.model.gate import Gate
+from isacbench.model.gate import Bins, Gate
 
 Integration = Literal["element", "noncoherent", "binary"]
 
@@ -75,8 +73,7 @@ class DetectedCells:
 
     def strongest(self) -> DetectedCells:
         """Keep only the strongest of the cells; none if there is none."""
-        rows, columns = self.bins[0] - self.gate.range_bins[0], self.bins[1] - self.gate.doppler_bins[0]
-        first = np.argsort(-self.power[rows, columns], kind="stable")[:1]
+        first = np.argsort(-self.power[self.gate.index(self.bins)], kind="stable")[:1]
         return replace(self, bins=(self.bins[0][first], self.bins[1][first]))
 
 
@@ -94,6 +91,14 @@ def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
     return np.einsum("rde,rde->rd", parts, parts) / n_looks, n_looks
 
 
+def tapered_power(
+    tapered: TaperedMap, integration: Integration, part: tuple[slice, slice] = WHOLE
+) -> tuple[Floats, int]:
+    """Power of the cells of a tapered map, or of a part of it, and the number of looks, as of `power_map`."""
+    powers, looks = zip(*(power_map(cells, integration) for cells in tapered.blocks(part)), strict=True)
+    return np.concatenate(powers), looks[0]
+
+
 def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> float | None:
     """Measure the noise power in Doppler bins, or range bins, that no echo of the region reaches.
 
@@ -101,17 +106,19 @@ def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> floa
     does not count as noise; None if the gate has no such bins. If `sees_lobes`, every echo shows in grating
     lobes along all Doppler bins: noise is then measured in range bins.
     """
-    axis, outside = _clear_bins(gate, sees_lobes)
-    clear = power.take(outside, axis=axis)
-    return float(np.median(clear.mean(axis=1 - axis))) if outside.size else None
+    axis, sides = _clear_sides(gate, sees_lobes)
+    means = [power[side].mean(axis=1 - axis) for side in sides]
+    return float(np.median(np.concatenate(means))) if means else None
 
 
-def _clear_bins(gate: Gate, sees_lobes: bool) -> tuple[int, Integers]:
-    """Axis of `reference_noise`, and the indices of its bins."""
+def _clear_sides(gate: Gate, sees_lobes: bool) -> tuple[int, list[tuple[slice, slice]]]:
+    """Axis of `reference_noise`, and the parts of the gate, on either side of the echoes, with its bins."""
     axis = 0 if sees_lobes else 1
     reachable = gate.reachable_range if sees_lobes else gate.reachable_doppler
-    outside = np.r_[0 : max(reachable.start - CLEAR_BINS, 0), reachable.stop + CLEAR_BINS : gate.shape[axis]]
-    return axis, outside
+    last = gate.shape[axis]
+    sides = [slice(0, reachable.start - CLEAR_BINS), slice(reachable.stop + CLEAR_BINS, last)]
+    parts = [(side, slice(None)) if sees_lobes else (slice(None), side) for side in sides]
+    return axis, [part for part, side in zip(parts, sides, strict=True) if 0 < side.stop > side.start]
 
 
 def white_noise(gated: GatedMap) -> float:
@@ -120,13 +127,11 @@ def white_noise(gated: GatedMap) -> float:
     In the bins of `reference_noise`, after a Hann window along Doppler, which keeps the sidelobes of strong
     echoes out of them. Without such bins, the median power of the map.
     """
-    reaches = (reach("hann"), 0) if gated.sees_lobes else (0, reach("hann"))
-    with stage("rdm"):
-        wrapped = gated.wrapped(reaches)
-        axis, clear = _clear_bins(wrapped.gate.trim(*reaches), gated.sees_lobes)
-        seen = taper(wrapped.cells, "hann", axis, clear if clear.size else None)
-    power = power_map(seen, "noncoherent")[0]
-    return float(np.median(power.mean(axis=1 - axis) if clear.size else power))
+    tapered = gated.tapered(*(("hann", "rect") if gated.sees_lobes else ("rect", "hann")))
+    axis, sides = _clear_sides(tapered.gate, gated.sees_lobes)
+    powers = [tapered_power(tapered, "noncoherent", side)[0] for side in sides or [WHOLE]]
+    levels = [power.mean(axis=1 - axis) if sides else power for power in powers]
+    return float(np.median(np.concatenate(levels, axis=None)))
 
 
 def detect_listed(
@@ -235,21 +240,25 @@ class BinaryIntegration:
 
 
 def detect_cells(
-    gated: GatedMap, detector: Detector, integration: Integration, dynamic_range_db: float, m_of_n: int = 1
+    tapered: TaperedMap,
+    detector: Detector,
+    integration: Integration,
+    dynamic_range_db: float,
+    m_of_n: int = 1,
 ) -> DetectedCells:
-    """Detect cells of a gated range-Doppler map.
+    """Detect cells of a tapered range-Doppler map.
 
     Echoes within `dynamic_range_db` of the strongest cells can be distinguished from their leakage. With
     `integration` "binary", `m_of_n` elements must detect a cell, and one of them must lie above the floor.
     """
-    gate = gated.gate
-    power, looks = power_map(gated.cells, integration)
+    gate = tapered.gate
+    power, looks = tapered_power(tapered, integration)
     highest = power
     if integration == "binary":
-        elements = gated.cells.reshape(*power.shape, -1)
+        elements = tapered.cells.reshape(*power.shape, -1)
         powers = elements.real**2 + elements.imag**2
         detector, highest = BinaryIntegration(detector, powers, m_of_n), powers.max(axis=-1)
-    noise = reference_noise(power, gate, gated.sees_lobes)
+    noise = reference_noise(power, gate, tapered.sees_lobes)
     if noise is None:
         noise = float(np.median(detector.detect(power, looks).noise))
     strongest = np.sort(power[gate.reachable])[-PEAK_CELLS:].mean()

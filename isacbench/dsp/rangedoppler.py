@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import prod
 from typing import Any
 
 import numpy as np
 import scipy.fft
 
-from isacbench.checked_arrays import Complex, Integers, Mask, checked_array
+from isacbench.checked_arrays import Complex, Integers, checked_array, parts_of
 from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
-from isacbench.dsp.windows import Window, reach, taper
+from isacbench.dsp.windows import Window, reach, require_bins, taper, taps
 from isacbench.instrument.stages import stage
 from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
 
-Bins = tuple[Integers, Integers]
+CACHED_SAMPLES = 2**16
+"""Samples of cells that stay in the cache together with what is computed from them."""
+
+WHOLE = slice(None), slice(None)
+"""All range and Doppler bins."""
 
 
 def range_doppler_map(grid: Complex) -> Complex:
@@ -135,7 +141,9 @@ class GatedMap:
         """
         return self if self.cells.dtype == dtype else replace(self, cells=self.cells.astype(dtype))
 
-    def tapered(self, range_window: Window, doppler_window: Window, neighbours: int = 0) -> GatedMap:
+    def tapered(
+        self, range_window: Window = "rect", doppler_window: Window = "rect", neighbours: int = 0
+    ) -> TaperedMap:
         """Taper the map along range and Doppler, without the outermost bins that lack neighbours.
 
         Along an axis whose last bin is next to its first, all bins have neighbours.
@@ -149,8 +157,9 @@ class GatedMap:
         reaches = reach(range_window), reach(doppler_window)
         with stage("rdm"):
             wrapped = self.wrapped(reaches, neighbours)
-            cells = taper(taper(wrapped.cells, range_window, axis=0), doppler_window, axis=1)
-        return replace(self, cells=cells, gate=wrapped.gate.trim(*reaches))
+        for n_bins, window in zip(wrapped.gate.shape, (range_window, doppler_window), strict=True):
+            require_bins(n_bins, window)
+        return TaperedMap(wrapped, (range_window, doppler_window), wrapped.gate.trim(*reaches))
 
     def wrapped(self, reaches: tuple[int, int], neighbours: int = 0) -> GatedMap:
         """Repeat bins from the other end of axes whose last bin is next to their first.
@@ -172,22 +181,78 @@ class GatedMap:
                 cells = np.take(cells, index, axis=axis)
         return self if added == [0, 0] else replace(self, cells=cells, gate=self.gate.extend(*added))
 
-    def surrounds(self, bins: Bins) -> Mask:
-        """Tell the absolute range and Doppler bins that lie in the map with all four neighbours."""
-        (rows, columns), (n_rows, n_columns) = self.index(bins), self.gate.shape
-        return (rows >= 1) & (rows < n_rows - 1) & (columns >= 1) & (columns < n_columns - 1)
 
-    def index(self, bins: Bins) -> Bins:
-        """Find range and Doppler bins in the map.
+@dataclass(frozen=True, eq=False)
+class TaperedMap:
+    """Range-Doppler map whose cells are tapered where they are read.
+
+    Attributes
+    ----------
+    untapered : GatedMap
+        With the neighbours that the windows mix in.
+    windows : (Window, Window)
+        Along range and along Doppler.
+    gate : Gate
+        Bins of the tapered map.
+    """
+
+    untapered: GatedMap
+    windows: tuple[Window, Window]
+    gate: Gate
+
+    __repr__ = short_repr
+
+    @property
+    def aperture(self) -> Aperture:
+        """The elements that the cells hold."""
+        return self.untapered.aperture
+
+    @property
+    def sees_lobes(self) -> bool:
+        """True if echoes show in Doppler bins far from their own."""
+        return self.untapered.sees_lobes
+
+    @property
+    def cells(self) -> Complex:
+        """All cells, shape (n_range, n_doppler, *elements)."""
+        return np.concatenate([*self.blocks()])
+
+    def blocks(self, part: tuple[slice, slice] = WHOLE) -> Iterator[Complex]:
+        """Cells of some range bins after the other, which stay in the cache while they are used.
+
+        `part` are the range and Doppler bins, as slices of the map.
+        """
+        kept = [range(*one.indices(n)) for one, n in zip(part, self.gate.shape, strict=True)]
+        n_more = [2 * reach(window) for window in self.windows]
+        rows, columns = (slice(bins.start, bins.stop + n) for bins, n in zip(kept, n_more, strict=True))
+        cells = self.untapered.cells[rows, columns]
+        for some in parts_of(len(kept[0]), CACHED_SAMPLES // cells[0].size - n_more[0]):
+            with stage("rdm"):
+                block = taper(cells[some.start : some.stop + n_more[0]], self.windows[1], axis=1)
+                block = taper(block, self.windows[0], axis=0)
+            yield block
+
+    def at(self, rows: Integers, columns: Integers) -> Complex:
+        """Tapered cells at indices of the map, each computed once.
 
         Parameters
         ----------
-        bins : (ndarray of int64, ndarray of int64)
-            Absolute range and Doppler bins, shape (n,).
+        rows, columns : ndarray of int64, same shape (...)
 
         Returns
         -------
-        (ndarray of int64, ndarray of int64)
-            Indices into `cells`.
+        ndarray of complex, shape (..., *elements)
         """
-        return bins[0] - self.gate.range_bins[0], bins[1] - self.gate.doppler_bins[0]
+        source = self.untapered.cells
+        n_columns, elements = source.shape[1], source.shape[2:]
+        index, where = np.unique(rows * n_columns + columns, return_inverse=True)
+        parts = np.ascontiguousarray(source).reshape(-1, prod(elements)).view(source.real.dtype)
+        along_range, along_doppler = map(taps, self.windows)
+        weights = np.multiply.outer(along_range, along_doppler).astype(parts.dtype)
+        tapered = np.zeros((index.size, parts.shape[1]), parts.dtype)
+        for some in parts_of(index.size, CACHED_SAMPLES // parts.shape[1]):
+            for (row, column), weight in np.ndenumerate(weights):
+                term = parts[index[some] + row * n_columns + column]
+                term *= weight
+                tapered[some] += term
+        return tapered.view(source.dtype)[where].reshape(*rows.shape, *elements)

@@ -17,8 +17,9 @@ from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.floating_point import round_mantissa
-from isacbench.dsp.rangedoppler import Bins, GatedMap
+from isacbench.dsp.rangedoppler import TaperedMap
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin, reach, taper
+from isacbench.model.gate import Bins
 from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 
@@ -110,10 +111,8 @@ class ScatterersInCells:
         faster one.
     amplitudes : ndarray of complex128, shape (n,)
         In their own cells, with phases.
-    tapered : GatedMap
+    tapered : TaperedMap
         Map of these cells.
-    windows : (Window, Window)
-        Its tapers along range and along Doppler.
     """
 
     scatterers: LocatedScatterers
@@ -121,8 +120,7 @@ class ScatterersInCells:
     along_range: Floats
     along_doppler: Floats
     amplitudes: Complex
-    tapered: GatedMap
-    windows: tuple[Window, Window]
+    tapered: TaperedMap
 
     __repr__ = short_repr
 
@@ -187,10 +185,10 @@ class ScatterersInCells:
 
     def _echoes_at_others(self, system: System) -> Complex:
         """Amplitudes (n, n) in the cell of each scatterer of all their echoes, as if in one direction."""
-        tapered, (range_window, doppler_window) = self.tapered, self.windows
-        rows, columns = tapered.index((self.cells[:, 0], self.cells[:, 1]))
+        tapered, (range_window, doppler_window) = self.tapered, self.tapered.windows
+        rows, columns = tapered.gate.index((self.cells[:, 0], self.cells[:, 1]))
         along_range = partial(dirichlet, n=system.n_subcarriers)
-        along_doppler = tapered.doppler_kernel(system.n_symbols).response
+        along_doppler = tapered.untapered.doppler_kernel(system.n_symbols).response
         gate, found = tapered.gate, self.scatterers
         shown = _kernel(gate.range_bins, found.range_bin, range_window, along_range)[rows]
         shown *= _kernel(gate.doppler_bins, found.doppler_bin, doppler_window, along_doppler)[columns]
@@ -205,18 +203,16 @@ def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[.
     return taper(untapered, window, axis=0)
 
 
-def _surroundings(tapered: GatedMap, bins: Bins) -> Complex:
+def _surroundings(tapered: TaperedMap, bins: Bins) -> Complex:
     """Samples (5, n, *elements) of cells (n,) and of the next nearer, farther, slower and faster ones."""
-    rows, columns = tapered.index(bins)
-    steps = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
-    return np.stack([tapered.cells[rows + step[0], columns + step[1]] for step in steps])
+    rows, columns = tapered.gate.index(bins)
+    return tapered.at(rows + np.array([[0, -1, 1, 0, 0]]).T, columns + np.array([[0, 0, 0, -1, 1]]).T)
 
 
 def locate_waves(
     waves: PlaneWaves,
-    tapered: GatedMap,
+    tapered: TaperedMap,
     bins: Bins,
-    windows: tuple[Window, Window],
     dynamic_range_db: float,
     one_doppler: bool = False,
     min_power: float = 0.0,
@@ -234,8 +230,6 @@ def locate_waves(
     bins : (ndarray of int64, ndarray of int64)
         Absolute range and Doppler bin of each cell, shape (n,), none at the
         map's edge.
-    windows : (Window, Window)
-        Tapers of the map along range and along Doppler.
     dynamic_range_db : float
         Plane waves further below the strongest one of the 5 x 5 cells around
         them are left out.
@@ -245,7 +239,7 @@ def locate_waves(
     min_power : float, default 0
         Power per element that a plane wave must exceed.
     """
-    index = tapered.index(bins)
+    index, windows = tapered.gate.index(bins), tapered.windows
     amplitudes = waves.amplitudes(_surroundings(tapered, bins), tapered.aperture)
     own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
     strongest = np.zeros(tapered.gate.shape)
@@ -257,7 +251,7 @@ def locate_waves(
     shares = [_one_echo_share(in_ranges, side * range_offset, windows[0]) for side in (1, -1)]
     range_offset = np.where(shares[1] > shares[0], -range_offset, range_offset)
     range_offset[np.maximum(*shares) < ONE_ECHO] = 0
-    bursts = tapered.bursts if tapered.sees_lobes else None
+    bursts = tapered.untapered.bursts if tapered.sees_lobes else None
     doppler_offset = _offset(own, faster, slower, windows[1], bursts)
     loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
     if one_doppler:
@@ -274,9 +268,7 @@ def locate_waves(
     )
     along_range, along_doppler = levels[[1, 0, 2]][:, kept].T, levels[[3, 0, 4]][:, kept].T
     cells = np.column_stack(bins)[cell]
-    return ScatterersInCells(
-        scatterers, cells, along_range, along_doppler, amplitudes[0][kept], tapered, windows
-    )
+    return ScatterersInCells(scatterers, cells, along_range, along_doppler, amplitudes[0][kept], tapered)
 
 
 def _offset(

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
+from isacbench.checked_arrays import Complex, Floats, checked_array
 from isacbench.errors import InputError
 
 Window = Literal["rect", "soft", "hamming", "hann", "blackman"]
@@ -69,7 +69,14 @@ def taps(window: Window) -> tuple[float, ...]:
     return tuple(float(tap) for tap in kernel / np.linalg.norm(kernel))
 
 
-def taper(cells: Complex, window: Window, axis: int, bins: Integers | None = None) -> Complex:
+def require_bins(n_bins: int, window: Window) -> None:
+    """Refuse an axis that has fewer bins than the window."""
+    least = 2 * reach(window) + 1
+    if n_bins < least:
+        raise InputError(f"window {window!r} takes at least {least} neighbouring bins; the gate has {n_bins}")
+
+
+def taper(cells: Complex, window: Window, axis: int) -> Complex:
     """Apply a window along one axis of a gated range-Doppler map.
 
     Parameters
@@ -78,8 +85,6 @@ def taper(cells: Complex, window: Window, axis: int, bins: Integers | None = Non
     window : {"rect", "soft", "hamming", "hann", "blackman"}
     axis : int
         Range or Doppler axis, consecutive bins.
-    bins : ndarray of int64, shape (b,), optional
-        Which bins of the result to compute; all by default.
 
     Returns
     -------
@@ -94,20 +99,17 @@ def taper(cells: Complex, window: Window, axis: int, bins: Integers | None = Non
     """
     n_side = reach(window)
     if n_side == 0:
-        return cells if bins is None else cells.take(bins, axis=axis)
+        return cells
+    require_bins(cells.shape[axis], window)
     n_kept = cells.shape[axis] - 2 * n_side
-    if n_kept < 1:
-        raise InputError(
-            f"window {window!r} takes at least {2 * n_side + 1} neighbouring bins; "
-            f"the gate has {cells.shape[axis]}"
-        )
     before = (slice(None),) * (axis % cells.ndim)
-    kept = slice(n_kept) if bins is None else bins
-    shifted = [cells[(*before, slice(k, k + n_kept))][(*before, kept)] for k in range(2 * n_side + 1)]
+    shifted = [cells[(*before, slice(k, k + n_kept))] for k in range(2 * n_side + 1)]
     kernel = taps(window)
     tapered: Complex = kernel[n_side] * shifted[n_side]
     for k in range(n_side):
-        tapered += kernel[k] * (shifted[k] + shifted[-1 - k])
+        pair = shifted[k] + shifted[-1 - k]
+        pair *= kernel[k]
+        tapered += pair
     return tapered
 
 

@@ -17,6 +17,9 @@ RANGE_MARGIN_BINS = 6
 DOPPLER_MARGIN_BINS = 8
 """As in range, plus enough cells beyond all speeds of the region to estimate the noise from."""
 
+Bins = tuple[Integers, Integers]
+"""Range bins and Doppler bins of cells."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Gate(Displayed):
@@ -71,6 +74,15 @@ class Gate(Displayed):
         mask = np.zeros(self.shape, dtype=np.bool_)
         mask[self.reachable_range, self.reachable_doppler] = True
         return mask
+
+    def index(self, bins: Bins) -> Bins:
+        """Find absolute range and Doppler bins, each shape (n,), in arrays of the gate's shape."""
+        return bins[0] - self.range_bins[0], bins[1] - self.doppler_bins[0]
+
+    def surrounds(self, bins: Bins) -> Mask:
+        """Tell the absolute range and Doppler bins, each shape (n,), that have all four neighbours."""
+        (rows, columns), (n_rows, n_columns) = self.index(bins), self.shape
+        return (rows >= 1) & (rows < n_rows - 1) & (columns >= 1) & (columns < n_columns - 1)
 
     def trim(self, n_range: int, n_doppler: int) -> Gate:
         """Remove so many outermost bins at either end, as tapers do: reachable ones, too, without margins."""

@@ -337,10 +337,10 @@ def listed_windows(
     views = sliding_window_view(power, tuple(axis.n_window for axis in axes))
     starts = tuple(axis.start(index) for axis, index in zip(axes, cells, strict=True))
     for some in parts_of(cells[0].size, _CACHED_VALUES // prod(views.shape[len(axes) :])):
-        is_guarded = np.ones(1, dtype=bool)
+        is_guarded: Mask = np.ones((1, 1), dtype=bool)
         for axis, index, start in zip(axes, cells, starts, strict=True):
             steps = np.abs(np.arange(axis.n_window)[:, None] - (index - start)[some])
-            is_guarded = (is_guarded[..., None, :] & (steps <= axis.guard)).reshape(-1, steps.shape[1])
+            is_guarded = (is_guarded[:, None] & (steps <= axis.guard)).reshape(-1, steps.shape[1])
         values = views[tuple(start[some] for start in starts)].reshape(is_guarded.shape[1], -1)
         yield some, np.where(is_guarded, 0, values.T), np.count_nonzero(~is_guarded, axis=0)
 
