@@ -86,5 +86,13 @@ def steering(n_elements: int, cosine: ArrayLike) -> Complex:
     >>> steering(3, [1.0]).real.round(12).tolist()
     [[1.0, -1.0, 1.0]]
     """
-    phase = np.multiply.outer(checked_array("cosine", cosine), -np.pi * np.arange(n_elements))
-    return np.exp(1j * phase)
+    cosine = checked_array("cosine", cosine)
+    turn = np.exp(-1j * np.pi * cosine)
+    response = np.ones((n_elements, *cosine.shape), dtype=np.complex128)
+    known = 1
+    # Powers by doubling: exponentials cost ten times as much.
+    while known < n_elements:
+        following = response[known : 2 * known]
+        np.multiply(response[: len(following)], turn, out=following)
+        turn, known = turn * turn, 2 * known
+    return np.ascontiguousarray(np.moveaxis(response, 0, -1))

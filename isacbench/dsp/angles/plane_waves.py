@@ -169,15 +169,18 @@ class PlaneWaves:
             In Rayleigh cells, compared with `direction_errors`.
         """
         found = self.found.copy()
-        cells = np.flatnonzero(found.sum(axis=1) > 1)
-        while cells.size:
-            waves = replace(self.select(cells), found=found[cells])
+        n_waves = found.sum(axis=1)
+        # Cells with as many waves together: small systems are solved at their own size.
+        for count in range(int(n_waves.max(initial=0)), 1, -1):
+            cells = np.flatnonzero(n_waves == count)
+            entries = np.argsort(~found[cells], axis=1, kind="stable")[:, :count]
+            u, w = (np.take_along_axis(cosine[cells], entries, axis=1) for cosine in (self.u, self.w))
+            waves = PlaneWaves(u, w, np.ones(entries.shape, dtype=np.bool_))
             errors = waves.direction_errors(snapshots[cells], aperture, noise)
-            least_certain = errors.argmax(axis=1)
-            leaves = errors[np.arange(cells.size), least_certain] > largest_error
-            cells = cells[leaves]
-            found[cells, least_certain[leaves]] = False
-            cells = cells[found[cells].sum(axis=1) > 1]
+            least_certain = np.take_along_axis(entries, errors.argmax(axis=1)[:, None], axis=1)[:, 0]
+            leaves = errors.max(axis=1) > largest_error
+            found[cells[leaves], least_certain[leaves]] = False
+            n_waves[cells[leaves]] -= 1
         return replace(self, found=found)
 
     def amplitudes(self, snapshots: Complex, aperture: Aperture) -> Complex:
