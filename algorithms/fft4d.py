@@ -27,17 +27,19 @@ arXiv 2310.06401, the 4D-FFT that it compares with.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import prod
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from isacbench.checked_arrays import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
 from isacbench.dsp.angles.aperture import Cross
-from isacbench.dsp.angles.peaks import PERIOD, Peaks, plane_maxima, plane_peaks, within_period
+from isacbench.dsp.angles.peaks import PERIOD, Peaks, Places, plane_maxima, plane_peaks, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import detect_listed
+from isacbench.dsp.rangedoppler import CACHED_SAMPLES
 from isacbench.errors import require_least, require_positive
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation
@@ -164,15 +166,12 @@ class Fft4d(CellwiseEstimator):
         )
         with stage("spectrum"):
             power = _fourier_power(snapshots, (u.size, w.size))
-        is_maximum = self._strong_maxima(power, u_inside[:, None] & w_inside)
-        maxima = np.nonzero(is_maximum)
-        passed = np.zeros_like(is_maximum)
-        passed[maxima] = detect_listed(self.angle_detector, power, 1, maxima).mask
+        spectrum, *_ = maxima = self._strong_maxima(power, u_inside[:, None] & w_inside)
+        passed = detect_listed(self.angle_detector, power, 1, maxima).mask
         if not self._clearly_passes_a_lone_wave(snapshots.shape[1:], (u.size, w.size)):
-            n = len(power)
-            highest = np.where(is_maximum, power, 0).reshape(n, -1).argmax(axis=1)
-            passed.reshape(n, -1)[np.arange(n), highest] = is_maximum.any(axis=(1, 2))
-        row, column, found = plane_peaks(power, passed, self.max_sources)
+            highest = np.lexsort([-power[maxima], spectrum])
+            passed[highest[np.unique(spectrum, return_index=True)[1]]] = True
+        row, column, found = plane_peaks(power, tuple(index[passed] for index in maxima), self.max_sources)
         return _AngleSpectra(u, w, power, PlaneWaves(_between(u, row), _between(w, column), found))
 
     def _clearly_passes_a_lone_wave(self, elements: tuple[int, ...], samples: tuple[int, int]) -> bool:
@@ -198,10 +197,9 @@ class Fft4d(CellwiseEstimator):
         cosine, inside = self._cosines(lines.shape[1], limits)
         with stage("spectrum"):
             power = _fourier_power(lines, (cosine.size, 1))
-        passed = self._strong_maxima(power, inside[:, None])
-        maxima = np.nonzero(passed)
-        passed[maxima] = detect_listed(self.line_detector, power[:, :, 0], 1, maxima[:2]).mask
-        sample, _, found = plane_peaks(power, passed, self.max_sources)
+        maxima = self._strong_maxima(power, inside[:, None])
+        passed = detect_listed(self.line_detector, power[:, :, 0], 1, maxima[:2]).mask
+        sample, _, found = plane_peaks(power, tuple(index[passed] for index in maxima), self.max_sources)
         return _LineSpectra(cosine, power[:, :, 0], Peaks(_between(cosine, sample), found))
 
     def _cosines(self, n_sensors: int, limits: Interval) -> tuple[Floats, Mask]:
@@ -212,11 +210,11 @@ class Fft4d(CellwiseEstimator):
         inside = (cosine - limits[0] + 2 / n_points) % PERIOD <= limits[1] - limits[0] + 4 / n_points
         return cosine, inside
 
-    def _strong_maxima(self, power: Floats, inside: Mask) -> Mask:
+    def _strong_maxima(self, power: Floats, inside: Mask) -> Places:
         """Local maxima of spectra (n, g, h) inside the region that are no sidelobes."""
         strongest = power.max(axis=(1, 2), keepdims=True, initial=0)
         strong = power > strongest * 10 ** (-self.angle_dynamic_range_db / 10)
-        return plane_maxima(power) & strong & inside
+        return plane_maxima(power, strong & inside)
 
     def _line_cut(self, line: _LineSpectra, label: Literal["u", "w"]) -> Spectrum:
         threshold = self.line_detector.detect(line.power).threshold[0]
@@ -226,8 +224,20 @@ class Fft4d(CellwiseEstimator):
 
 def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> Floats:
     """Angular power spectra (n, *samples) of snapshots (n, P, Q), cosines ascending."""
-    spectra = scipy.fft.fftshift(scipy.fft.ifft2(snapshots, samples, norm="forward"), axes=(1, 2))
-    return spectra.real**2 + spectra.imag**2
+    # Turned by half a period, transforms begin at cosine -1: nothing need be shifted.
+    turns = [
+        np.exp(-2j * np.pi * (n // 2) / n * np.arange(size))
+        for n, size in zip(samples, snapshots.shape[1:], strict=True)
+    ]
+    dtype = np.result_type(snapshots, np.complex64)
+    turned = snapshots * np.multiply.outer(*turns).astype(dtype)
+    power = np.empty((len(snapshots), *samples), dtype=turned.real.dtype)
+    for some in parts_of(len(snapshots), CACHED_SAMPLES // prod(samples)):
+        rows = scipy.fft.ifft(turned[some], samples[1], axis=2, norm="forward")
+        spectra = scipy.fft.ifft(rows, samples[0], axis=1, norm="forward", overwrite_x=True)
+        power[some] = spectra.real**2
+        power[some] += spectra.imag**2
+    return power
 
 
 def _between(cosine: Floats, sample: Floats) -> Floats:

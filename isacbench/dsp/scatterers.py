@@ -203,10 +203,18 @@ def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[.
     return taper(untapered, window, axis=0)
 
 
-def _surroundings(tapered: TaperedMap, bins: Bins) -> Complex:
-    """Samples (5, n, *elements) of cells (n,) and of the next nearer, farther, slower and faster ones."""
+def _amplitudes_around(waves: PlaneWaves, tapered: TaperedMap, bins: Bins) -> Complex:
+    """Amplitudes (5, n, k) of waves in cells (n,) and in the next nearer, farther, slower and faster ones."""
     rows, columns = tapered.gate.index(bins)
-    return tapered.at(rows + np.array([[0, -1, 1, 0, 0]]).T, columns + np.array([[0, 0, 0, -1, 1]]).T)
+    rows, columns = rows + np.array([[0, -1, 1, 0, 0]]).T, columns + np.array([[0, 0, 0, -1, 1]]).T
+    amplitudes = np.zeros((5, *waves.found.shape), dtype=np.complex128)
+    n_waves = waves.found.sum(axis=1)
+    for count in range(1, int(n_waves.max(initial=0)) + 1):
+        cells = np.flatnonzero(n_waves == count)
+        some, entries = waves.select(cells).compact(count)
+        samples = tapered.at(rows[:, cells], columns[:, cells])
+        amplitudes[:, cells[:, None], entries] = some.amplitudes(samples, tapered.aperture)
+    return amplitudes
 
 
 def locate_waves(
@@ -239,13 +247,17 @@ def locate_waves(
     min_power : float, default 0
         Power per element that a plane wave must exceed.
     """
-    index, windows = tapered.gate.index(bins), tapered.windows
-    amplitudes = waves.amplitudes(_surroundings(tapered, bins), tapered.aperture)
-    own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
+    amplitudes = _amplitudes_around(waves, tapered, bins)
+    cell, entry = np.nonzero(waves.found)
+    rows, columns = tapered.gate.index((bins[0][cell], bins[1][cell]))
+    level = np.abs(amplitudes[0, cell, entry])
     strongest = np.zeros(tapered.gate.shape)
-    np.maximum.at(strongest, index, own.max(axis=1, initial=0))
-    weakest = maximum_filter(strongest, size=5)[index][:, None] * 10 ** (-dynamic_range_db / 20)
-    kept = waves.found & (own**2 > min_power) & (own >= weakest)
+    np.maximum.at(strongest, (rows, columns), level)
+    weakest = maximum_filter(strongest, size=5)[rows, columns] * 10 ** (-dynamic_range_db / 20)
+    kept = (level**2 > min_power) & (level >= weakest)
+    cell, entry = cell[kept], entry[kept]
+    amplitudes, windows = amplitudes[:, cell, entry], tapered.windows
+    own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
     in_ranges, range_offset = amplitudes[[1, 0, 2]], _offset(own, farther, nearer, windows[0])
     # Near the middle of a bin both neighbours are as strong, and only their phases tell the side.
     shares = [_one_echo_share(in_ranges, side * range_offset, windows[0]) for side in (1, -1)]
@@ -254,21 +266,25 @@ def locate_waves(
     bursts = tapered.untapered.bursts if tapered.sees_lobes else None
     doppler_offset = _offset(own, faster, slower, windows[1], bursts)
     loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
-    if one_doppler:
-        kept &= _one_echo_share(amplitudes[[3, 0, 4]], doppler_offset, windows[1]) >= ONE_ECHO
-    resolved = np.zeros(len(kept), dtype=np.bool_) if waves.resolved is None else waves.resolved
-    cell = np.nonzero(kept)[0]
-    scatterers = LocatedScatterers(
-        bins[0][cell] + range_offset[kept],
-        bins[1][cell] + doppler_offset[kept],
-        waves.u[kept],
-        waves.w[kept],
-        (own[kept] / loss[kept]) ** 2,
-        np.where(resolved[cell], cell, -1),
+    is_resolved = np.zeros(len(cell), dtype=np.bool_) if waves.resolved is None else waves.resolved[cell]
+    found = ScatterersInCells(
+        LocatedScatterers(
+            bins[0][cell] + range_offset,
+            bins[1][cell] + doppler_offset,
+            waves.u[cell, entry],
+            waves.w[cell, entry],
+            (own / loss) ** 2,
+            np.where(is_resolved, cell, -1),
+        ),
+        np.column_stack(bins)[cell],
+        levels[[1, 0, 2]].T,
+        levels[[3, 0, 4]].T,
+        amplitudes[0],
+        tapered,
     )
-    along_range, along_doppler = levels[[1, 0, 2]][:, kept].T, levels[[3, 0, 4]][:, kept].T
-    cells = np.column_stack(bins)[cell]
-    return ScatterersInCells(scatterers, cells, along_range, along_doppler, amplitudes[0][kept], tapered)
+    if not one_doppler:
+        return found
+    return found.select(_one_echo_share(amplitudes[[3, 0, 4]], doppler_offset, windows[1]) >= ONE_ECHO)
 
 
 def _offset(

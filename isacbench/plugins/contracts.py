@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import (
     TYPE_CHECKING,
     ClassVar,
@@ -59,9 +60,14 @@ class Needs:
     cells: Literal["gate", "detected", "none"] = "gate"
 
     def __post_init__(self) -> None:
-        for name, hint in get_type_hints(Needs).items():
-            allowed, value = get_args(hint), getattr(self, name)
+        for name, allowed in _options_of_needs().items():
+            value = getattr(self, name)
             require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
+
+
+@lru_cache
+def _options_of_needs() -> dict[str, tuple[str | None, ...]]:
+    return {name: get_args(hint) for name, hint in get_type_hints(Needs).items()}
 
 
 @runtime_checkable

@@ -38,7 +38,7 @@ def street_cells(street):
     hann, detector = gated.tapered("hann", "hann"), estimator.cell_detector()
     detected = detect_cells(hann, detector, "noncoherent", estimator.dynamic_range_db)
     tapered = gated.tapered(estimator.range_window, estimator.doppler_window)
-    cells = tapered.cells[tapered.index(detected.bins)]
+    cells = tapered.cells[tapered.gate.index(detected.bins)]
     assert len(cells) > 200
     return cells[::40], detected.floor
 

@@ -34,7 +34,7 @@ def test_angles_of_detected_cells_are_those_of_all_cells_selected(estimator):
     def waves_of(snapshots):
         return method.plane_waves(observation, CellSnapshots(rule, None, None, snapshots[:, None], levels))
 
-    rows, columns = tapered.index(detected.bins)
+    rows, columns = tapered.gate.index(detected.bins)
     alone = waves_of(tapered.cells[rows, columns])
     everywhere = waves_of(tapered.cells.reshape(-1, 8, 8)).select(rows * tapered.gate.shape[1] + columns)
     assert 10 < rows.size < 0.5 * gated.gate.range_bins.size * gated.gate.doppler_bins.size

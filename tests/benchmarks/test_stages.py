@@ -33,7 +33,7 @@ def test_observe_another_trial(benchmark, scene):
 
 @pytest.mark.parametrize("window", ["soft", "hann", "blackman"])
 def test_taper(benchmark, scene, window):
-    assert benchmark(scene.gated.tapered, window, window).cells.any()
+    assert benchmark(lambda: scene.gated.tapered(window, window).cells).any()
 
 
 @pytest.mark.parametrize("integration", ["element", "noncoherent"])

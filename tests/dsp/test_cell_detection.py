@@ -92,7 +92,9 @@ def test_cells_are_kept_where_detected_reachable_and_above_the_floor(seed, dynam
     rng = np.random.default_rng(seed)
     cells = noise_cells(GATE, seed) * 10 ** (rng.random((*GATE.shape, 1, 1)) * contrast_db / 20)
     mask = rng.random(GATE.shape) < 0.7
-    found = detect_cells(GatedMap(cells, GATE), Everything(mask=mask), "noncoherent", dynamic_range_db)
+    found = detect_cells(
+        GatedMap(cells, GATE).tapered(), Everything(mask=mask), "noncoherent", dynamic_range_db
+    )
     power = np.mean(np.abs(cells) ** 2, axis=(2, 3))
     reachable = [*product(range(6, 24), range(8, 17))]
     strongest = sorted(power[cell] for cell in reachable)[-PEAK_CELLS:]
@@ -110,7 +112,7 @@ def test_two_echoes_in_phase_in_one_cell_do_not_hide_what_is_within_the_range_of
     amplitude[8, 9] = 20.0  # the sum of two
     amplitude[12, 12] = np.sqrt(2.0)
     cells = np.broadcast_to(amplitude[:, :, None, None], (*GATE.shape, 4, 3)).astype(complex)
-    found = detect_cells(GatedMap(cells, GATE), Everything(), "noncoherent", 20.0)
+    found = detect_cells(GatedMap(cells, GATE).tapered(), Everything(), "noncoherent", 20.0)
     assert len(found.bins[0]) == 21
     # 20 dB below the mean of 19 cells of power 100 and one of 400.
     assert found.floor == pytest.approx(1.15)
@@ -120,20 +122,20 @@ def test_the_strongest_cell_that_is_kept_is_named_by_its_bins():
     cells = noise_cells(GATE)
     cells[10, 12] *= 30
     cells[3, 12] *= 90  # beyond reach
-    found = detect_cells(GatedMap(cells, GATE), Everything(), "noncoherent", 30.0)
+    found = detect_cells(GatedMap(cells, GATE).tapered(), Everything(), "noncoherent", 30.0)
     assert [bins.tolist() for bins in found.strongest().bins] == [[50], [0]]
 
 
 def test_where_nothing_is_kept_there_is_no_strongest_cell():
     nothing = Everything(mask=np.zeros(GATE.shape, dtype=bool))
-    found = detect_cells(GatedMap(noise_cells(GATE), GATE), nothing, "noncoherent", 30.0)
+    found = detect_cells(GatedMap(noise_cells(GATE), GATE).tapered(), nothing, "noncoherent", 30.0)
     assert found.bins[0].size == found.bins[1].size == 0
     assert found.strongest().bins[0].size == 0
 
 
 def test_without_clear_doppler_bins_the_floor_falls_back_on_the_noise_of_the_detector():
     gated = GatedMap(noise_cells(NO_CLEAR_BINS), NO_CLEAR_BINS)
-    found = detect_cells(gated, Everything(), "noncoherent", 60.0)
+    found = detect_cells(gated.tapered(), Everything(), "noncoherent", 60.0)
     assert reference_noise(found.power, NO_CLEAR_BINS) is None
     assert found.floor == 3.0
 
@@ -198,9 +200,9 @@ def test_a_detector_that_takes_cells_is_asked_for_those_alone_and_of_another_the
 
 def test_where_clear_bins_give_the_floor_the_map_is_not_tested_beyond_what_may_be_kept():
     cells = noise_cells(GATE, elements=(4, 3))
-    picked = detect_cells(GatedMap(cells, GATE), Picky(), "noncoherent", 30.0)
+    picked = detect_cells(GatedMap(cells, GATE).tapered(), Picky(), "noncoherent", 30.0)
     everything = np.mean(np.abs(cells) ** 2, axis=(2, 3)) > 1
-    full = detect_cells(GatedMap(cells, GATE), Everything(mask=everything), "noncoherent", 30.0)
+    full = detect_cells(GatedMap(cells, GATE).tapered(), Everything(mask=everything), "noncoherent", 30.0)
     assert np.array_equal(picked.bins, full.bins)
     assert picked.bins[0].size
     assert full.detection.mask.shape == GATE.shape
@@ -211,7 +213,7 @@ def test_binary_integration_detects_where_m_elements_do(m):
     cells = noise_cells(GATE)
     cells[10, 12] += 9
     cells[15, 10, 1, :2] += 9
-    found = detect_cells(GatedMap(cells, GATE), CaCfar(pfa=0.03), "binary", 30.0, m)
+    found = detect_cells(GatedMap(cells, GATE).tapered(), CaCfar(pfa=0.03), "binary", 30.0, m)
     each = np.moveaxis(abs(cells.reshape(*GATE.shape, -1)) ** 2, -1, 0)
     expected = sum(CaCfar(pfa=0.03).detect(power).mask.astype(int) for power in each)
     np.testing.assert_array_equal(found.detection.mask, expected >= m)
@@ -234,4 +236,4 @@ def test_binary_integration_has_the_binomial_probability_of_false_alarm(m):
 @pytest.mark.parametrize("m", [0, 13])
 def test_binary_integration_needs_as_many_elements_as_there_are(m):
     with pytest.raises(InputError, match=f"m_of_n = {m}: .*12 elements"):
-        detect_cells(GatedMap(noise_cells(GATE), GATE), CaCfar(), "binary", 30.0, m)
+        detect_cells(GatedMap(noise_cells(GATE), GATE).tapered(), CaCfar(), "binary", 30.0, m)

@@ -30,7 +30,7 @@ def waves_in(cells, u, w):
 def placed(gated, plane_waves, cells, windows=("rect", "soft"), dynamic_range_db=60.0):
     """Places of waves of cells, by the map behind the windows."""
     bins = tuple(np.array(part) for part in cells)
-    return locate_waves(plane_waves, gated.tapered(*windows), bins, windows, dynamic_range_db)
+    return locate_waves(plane_waves, gated.tapered(*windows), bins, dynamic_range_db)
 
 
 def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dynamic_range_db=16.5):
@@ -98,7 +98,7 @@ def test_the_side_of_a_scatterer_near_the_middle_of_its_bin_is_told_by_phases(of
     gated = gated_map([35 + offset], [0], [0.05], [0.15], [1.0])
     cells = gated.cells.copy()
     # Noise makes the neighbour on the other side the stronger one.
-    cells[gated.index((np.array([35 + int(np.sign(offset))]), np.array([0])))] *= 0.9
+    cells[gated.gate.index((np.array([35 + int(np.sign(offset))]), np.array([0])))] *= 0.9
     found = located(replace(gated, cells=cells), ([35], [0]), [0.05], [0.15])
     assert found.range_bin == pytest.approx([35 + offset], abs=0.01)
 
@@ -134,7 +134,7 @@ def test_a_weak_scatterer_stays_if_a_strong_one_explains_too_little_of_its_ampli
 
     def amplitude_there(gated):
         cell = gated.tapered("rect", "soft")
-        row, column = cell.index((np.array([37]), np.array([0])))
+        row, column = cell.gate.index((np.array([37]), np.array([0])))
         response = np.exp(-1j * np.pi * (np.arange(8)[:, None] * u[1] + np.arange(8) * w[1]))
         return np.mean(cell.cells[row[0], column[0]] * response.conj())
 

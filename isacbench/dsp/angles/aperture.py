@@ -133,7 +133,8 @@ class _PlaneResponses(Responses):
 
     def matched(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)
-        return np.sum((a @ snapshots) * b, axis=3) / self.n_elements
+        # The product conjugates its first factor.
+        return np.vecdot(b.conj(), a @ snapshots) / self.n_elements
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
         a, b = self._filters(snapshots)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 from isacbench.checked_arrays import Floats, Integers, Mask
 from isacbench.model.region import Interval
@@ -99,8 +99,8 @@ def vertex(left: Floats, middle: Floats, right: Floats) -> Floats:
     return np.clip(offset, -0.5, 0.5)
 
 
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Spectra, and samples of these, as `numpy.nonzero` gives them."""
+Places = tuple[NDArray[np.intp], ...]
+"""Spectra, and samples of these along each axis, as `numpy.nonzero` gives them."""
 
 
 def line_maxima(spectra: Floats) -> Places:
@@ -131,13 +131,7 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
     Peaks
         Refined by a parabola through three samples.
     """
-    spectrum, sample = line_maxima(spectra) if maxima is None else maxima
-    height = spectra[spectrum, sample]
-    strongest = np.lexsort([-height, spectrum])
-    spectrum, sample = spectrum[strongest], sample[strongest]
-    rank = np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
-    kept = rank < n_peaks[spectrum]
-    spectrum, sample, rank = spectrum[kept], sample[kept], rank[kept]
+    (spectrum, sample), rank = _strongest(spectra, maxima or line_maxima(spectra), n_peaks)
     peaks = Peaks(*(np.zeros((len(spectra), int(n_peaks.max(initial=0))), dtype) for dtype in (float, bool)))
     left, middle, right = (spectra[spectrum, sample + shift] for shift in (-1, 0, 1))
     peaks.place[spectrum, rank] = grid[sample] + vertex(left, middle, right) * (grid[1] - grid[0])
@@ -145,29 +139,38 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
     return peaks
 
 
-def plane_maxima(power: Floats) -> Mask:
-    """Find the local maxima of two-dimensional spectra (n, g, h) whose axes are circles, as those of a DFT.
+def _strongest(spectra: Floats, maxima: Places, n_most: Integers) -> tuple[Places, Integers]:
+    """Choose the strongest maxima of each spectrum, at most n_most (n,) of it, and number them from 0."""
+    strongest = np.lexsort([-spectra[maxima], maxima[0]])
+    spectrum = maxima[0][strongest]
+    rank = np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
+    kept = rank < n_most[spectrum]
+    return tuple(index[strongest[kept]] for index in maxima), rank[kept]
+
+
+def plane_maxima(power: Floats, allowed: Mask) -> Places:
+    """Find the local maxima among allowed samples of spectra (n, g, h) with circular axes, as of a DFT.
 
     None of the eight neighbours exceeds them.
     """
-    return power >= maximum_filter(power, size=(1, 3, 3), mode="wrap")
+    spectrum, row, column = np.nonzero(allowed)
+    height, (_, n_rows, n_columns) = power[spectrum, row, column], power.shape
+    is_maximum = np.ones(height.size, dtype=np.bool_)
+    for up, right in product((-1, 0, 1), repeat=2):
+        is_maximum &= height >= power[spectrum, (row + up) % n_rows, (column + right) % n_columns]
+    return spectrum[is_maximum], row[is_maximum], column[is_maximum]
 
 
-def plane_peaks(power: Floats, is_peak: Mask, n_most: int) -> tuple[Floats, Floats, Mask]:
+def plane_peaks(power: Floats, maxima: Places, n_most: int) -> tuple[Floats, Floats, Mask]:
     """Place the strongest peaks of periodic two-dimensional spectra (n, g, h) between the samples.
 
-    `is_peak` marks local maxima. Returned are rows and columns (n, k), the strongest peak first, at most
-    `n_most`, and the mask (n, k) of the peaks; other entries only fill the row.
+    Returned are rows and columns (n, `n_most`), the strongest peak first, and the mask of the peaks; other
+    entries only fill the row.
     """
     n, n_rows, n_columns = power.shape
-    height = np.where(is_peak, power, -np.inf).reshape(n, n_rows * n_columns)
-    index = np.argsort(-height, axis=1, kind="stable")[:, :n_most]
-    found = np.isfinite(np.take_along_axis(height, index, axis=1))
-    row, column = np.divmod(index, n_columns)
-    spectrum = np.arange(n)[:, None]
-
+    (spectrum, row, column), rank = _strongest(power, maxima, np.full(n, n_most))
     peak = power[spectrum, row, column]
-    top = np.where(found & (peak > 0), peak, 1.0)
+    top = np.where(peak > 0, peak, 1.0)
 
     def level(row: Integers, column: Integers) -> Floats:
         # A mainlobe is nearer to a parabola in its logarithm; of a ratio, which no unit changes.
@@ -175,6 +178,10 @@ def plane_peaks(power: Floats, is_peak: Mask, n_most: int) -> tuple[Floats, Floa
         return np.log(np.maximum(ratio, np.finfo(np.float64).tiny))
 
     middle = np.zeros_like(top)
-    row_offset = vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
-    column_offset = vertex(level(row, column - 1), middle, level(row, (column + 1) % n_columns))
-    return row + row_offset, column + column_offset, found
+    (rows, columns), found = np.zeros((2, n, n_most)), np.zeros((n, n_most), dtype=np.bool_)
+    rows[spectrum, rank] = row + vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
+    columns[spectrum, rank] = column + vertex(
+        level(row, column - 1), middle, level(row, (column + 1) % n_columns)
+    )
+    found[spectrum, rank] = True
+    return rows, columns, found

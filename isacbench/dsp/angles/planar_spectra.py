@@ -223,7 +223,7 @@ class AngularSpectrum:
         is_peak &= power >= strongest * 10 ** (-dynamic_range_db / 10)
         is_peak &= ~self._is_flat[:, None, None]
         is_peak = np.pad(is_peak, ((0, 0), (1, 1), (1, 1)))
-        row, column, found = plane_peaks(framed, is_peak, n_most)
+        row, column, found = plane_peaks(framed, np.nonzero(is_peak), n_most)
         u, w = (line[0] + (line[1] - line[0]) * at for line, at in zip(grid, (row, column), strict=True))
         return PlaneWaves(u, w, found)
 

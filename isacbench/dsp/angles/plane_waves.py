@@ -66,6 +66,16 @@ class PlaneWaves:
         resolved = None if self.resolved is None else self.resolved[keep]
         return PlaneWaves(self.u[keep], self.w[keep], self.found[keep], resolved)
 
+    def compact(self, count: int) -> tuple[PlaneWaves, Integers]:
+        """Keep the first `count` waves of each cell, at entries (n, count), which are returned as well.
+
+        Small systems are best solved at their own size: those of cells with as many waves.
+        """
+        entries = np.argsort(~self.found, axis=1, kind="stable")[:, :count]
+        u, w = (np.take_along_axis(cosine, entries, axis=1) for cosine in (self.u, self.w))
+        found = np.take_along_axis(self.found, entries, axis=1)
+        return PlaneWaves(u, w, found, self.resolved), entries
+
     def unexplained(self, snapshots: Complex, aperture: Aperture) -> Floats:
         """Power that the waves leave of snapshots, amplitudes fitted.
 
@@ -170,12 +180,9 @@ class PlaneWaves:
         """
         found = self.found.copy()
         n_waves = found.sum(axis=1)
-        # Cells with as many waves together: small systems are solved at their own size.
         for count in range(int(n_waves.max(initial=0)), 1, -1):
             cells = np.flatnonzero(n_waves == count)
-            entries = np.argsort(~found[cells], axis=1, kind="stable")[:, :count]
-            u, w = (np.take_along_axis(cosine[cells], entries, axis=1) for cosine in (self.u, self.w))
-            waves = PlaneWaves(u, w, np.ones(entries.shape, dtype=np.bool_))
+            waves, entries = replace(self, found=found).select(cells).compact(count)
             errors = waves.direction_errors(snapshots[cells], aperture, noise)
             least_certain = np.take_along_axis(entries, errors.argmax(axis=1)[:, None], axis=1)[:, 0]
             leaves = errors.max(axis=1) > largest_error

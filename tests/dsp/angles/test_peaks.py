@@ -68,7 +68,7 @@ def test_no_spectra_and_no_peaks_asked_for_give_none(shape, n_peaks):
 def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_most, seed):
     power = distinct(seed, n, g, h)
     allowed = np.random.default_rng(seed).random(power.shape) < 0.8
-    row, column, found = plane_peaks(power, allowed & plane_maxima(power), n_most)
+    row, column, found = plane_peaks(power, plane_maxima(power, allowed), n_most)
     for k in range(n):
         maxima = []
         for i, j in np.ndindex(g, h):
@@ -89,7 +89,7 @@ def test_plane_peaks_are_those_of_a_plain_double_loop_on_two_circles(n, g, h, n_
 def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning():
     power = np.zeros((2, 5, 6))
     power[0, 2, 3] = 1.0
-    row, column, found = plane_peaks(power, (power > 0) & plane_maxima(power), 2)
+    row, column, found = plane_peaks(power, plane_maxima(power, power > 0), 2)
     assert (row[0, 0], column[0, 0]) == (2.0, 3.0)
     assert found.tolist() == [[True, False], [False, False]]
     assert np.isfinite(row).all()
