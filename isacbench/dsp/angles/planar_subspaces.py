@@ -37,14 +37,16 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array, parts_of
 from isacbench.dsp.angles.line_subspaces import Eigenpairs, unitary_transform, with_rounding
 from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.planar_spectra import Minima, planar_minima, squared_projections
 from isacbench.instrument.stages import stage
+
+CHUNK_VALUES = 2**17
+"""Values of the covariances decomposed at once: a megabyte stays in the cache."""
 
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
@@ -95,17 +97,40 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
         Real, symmetric, non-negative definite, in the precision of the
         snapshots. Mean eigenvalue in noise of power σ² is σ².
     """
-    snapshots = checked_array("snapshots", snapshots, np.complex64)
+    return _shared_covariance(checked_array("snapshots", snapshots, np.complex64)[:, None], subarray)
+
+
+def _shared_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
+    """Smoothed covariances (n, L M, L M) of snapshots (n, s, P, Q), one of the s of each cell."""
+    n, n_snapshots, n_p, n_q = snapshots.shape
     n_u, n_w = subarray
-    into_u, into_w = (unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in subarray)
-    along_u = sliding_window_view(snapshots, n_u, axis=1) @ into_u
-    both = sliding_window_view(along_u, n_w, axis=2) @ into_w
-    subarrays = both.reshape(len(snapshots), both.shape[1] * both.shape[2], n_u * n_w)
+    n_subarrays = n_snapshots * (n_p - n_u + 1) * (n_q - n_w + 1)
+    into_u = (_into_subarrays(n_p, n_u) / np.sqrt(n_subarrays)).astype(snapshots.real.dtype)
+    into_w = _into_subarrays(n_q, n_w).astype(snapshots.real.dtype)
+    parts = np.stack([snapshots.real, snapshots.imag], axis=3).reshape(n * n_snapshots * n_p, 2 * n_q)
+    along_w = (parts @ into_w.T).reshape(n, n_snapshots, n_p, n_q - n_w + 1, 2, n_w)
+    lines = along_w.transpose(0, 1, 3, 4, 2, 5).reshape(n, n_snapshots * (n_q - n_w + 1), 2 * n_p, n_w)
     # Real and imaginary parts are the forward-backward average: the backward half adds the conjugate.
-    real = np.concatenate([subarrays.real, subarrays.imag], axis=1)
+    real = (into_u @ lines).reshape(n, 2 * n_subarrays, n_u * n_w)
     covariance: Floats = real.transpose(0, 2, 1) @ real
-    covariance /= subarrays.shape[1]
     return covariance
+
+
+@lru_cache
+def _into_subarrays(n: int, n_subarray: int) -> Floats:
+    """Real matrix that reads all subarrays of n sensors after the unitary transform.
+
+    From the n real parts, then the n imaginary parts, to those of each subarray.
+    """
+    transform = unitary_transform(n_subarray).conj().T
+    both = np.stack([[transform.real, -transform.imag], [transform.imag, transform.real]]).transpose(
+        0, 2, 1, 3
+    )
+    shifts = range(n - n_subarray + 1)
+    reading = np.zeros((len(shifts), 2, n_subarray, 2, n))
+    for shift in shifts:
+        reading[shift, :, :, :, shift : shift + n_subarray] = both
+    return reading.reshape(len(shifts) * 2 * n_subarray, 2 * n)
 
 
 def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: int) -> Eigenpairs:
@@ -114,10 +139,13 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
     The s snapshots of a cell share a covariance; subarrays have 1 to P and 1 to Q elements.
     """
     snapshots = checked_array("snapshots", snapshots, np.complex64)
-    n_cells, n_snapshots, n_p, n_q = snapshots.shape
-    each = planar_covariance(snapshots.reshape(n_cells * n_snapshots, n_p, n_q), subarray)
-    covariance = each.reshape(n_cells, n_snapshots, *each.shape[1:]).mean(axis=1)
-    return with_rounding(*leading_eigenpairs(covariance, n_pairs))
+    n_cells, n_sensors = len(snapshots), subarray[0] * subarray[1]
+    values = np.empty((n_cells, n_pairs), dtype=snapshots.real.dtype)
+    vectors = np.empty((n_cells, n_sensors, n_pairs), dtype=values.dtype)
+    for some in parts_of(n_cells, CHUNK_VALUES // n_sensors**2):
+        covariance = _shared_covariance(snapshots[some], subarray)
+        values[some], vectors[some] = leading_eigenpairs(covariance, n_pairs)
+    return with_rounding(values, vectors)
 
 
 def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats]:

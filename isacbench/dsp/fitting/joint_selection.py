@@ -69,6 +69,10 @@ MOST_UNEXPLAINED = 2.0
 MOST_UNEXPLAINED_POWER = 20.0
 """Misfit after the first steps above which further steps do not help, in noise powers."""
 
+MOST_MISPLACED = 1e-3
+"""Largest misfit before the first step, in powers of the strongest scatterer: places off by a tenth of a cell
+leave as much. Sparse maps leave 1e-5, crowds 2e-3 and more, and no step explains those."""
+
 LEAST_RESOLVED = 0.5
 """Share of scatterers from resolved cells below which a map counts as crowded, and no fit is tried."""
 
@@ -242,10 +246,14 @@ def explain_map(
         return scatterers
     if len(scatterers) > FEW and np.mean(scatterers.family >= 0) < LEAST_RESOLVED:
         return None
+    most_left = MOST_UNEXPLAINED_POWER * noise
+    misplaced = MOST_MISPLACED * gated.n_elements * float(scatterers.power.max())
+    if _most_unexplained(scatterers, gated, system) > most_left + misplaced:
+        return None
     atom_map = AtomMap.from_map(gated, system)
     start = np.stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w], axis=1)
     fit = refine_atoms(atom_map, start / atom_map.cell_size, EXPLAINING_STEPS)
-    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > MOST_UNEXPLAINED_POWER * noise:
+    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > most_left:
         return None
     while True:
         drop, places = redundant_pairs(fit, noise)
