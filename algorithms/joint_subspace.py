@@ -50,6 +50,7 @@ from isacbench.plugins.contracts import Spectrum
 from .chain import (
     CellSnapshots,
     CellwiseEstimator,
+    Detected,
     Levels,
     ReadMap,
     SnapshotRule,
@@ -143,29 +144,43 @@ class JointSubspaceEstimator(CellwiseEstimator):
         if not detected.cells.bins[0].size:
             return PointCloud.empty()
         by_rule = []
-        # Resolved cells, then crowds in three range cells, then crowds in single cells.
-        for rule in self.snapshot_rules():
-            cells = read_cells(rdm, detected, rule)
-            waves = self.plane_waves(observation, cells)  # subspaces, maximum likelihood in resolved cells
+        for cells, pairs in self.readings(rdm, detected):
+            waves = self.plane_waves(observation, cells, pairs)  # maximum likelihood in resolved cells
             waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
             by_rule.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
         found = self.explain(rdm, detected.levels, by_rule)  # least-squares fit, if that explains the map
         return self.to_cloud(rdm, found)
 
-    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+    def readings(self, rdm: ReadMap, detected: Detected) -> tuple[tuple[CellSnapshots, Eigenpairs], ...]:
+        """Read the cells by each snapshot rule, and decompose what is read; single cells are read once."""
+        resolved, crowds, single = self.snapshot_rules()
+        alone, together = (read_cells(rdm, detected, rule) for rule in (resolved, crowds))
+        pairs = self.eigenpairs(alone)
+        return (alone, pairs), (together, self.eigenpairs(together)), (replace(alone, rule=single), pairs)
+
+    def plane_waves(
+        self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs | None = None
+    ) -> PlaneWaves:
         """Find directions down to the noise in snapshots of resolved cells, and those of crowds in others.
+
+        Parameters
+        ----------
+        pairs : Eigenpairs, optional
+            From `eigenpairs`, if the cells are decomposed already.
 
         Returns
         -------
         PlaneWaves
             One row a cell.
         """
+        if pairs is None:
+            pairs = self.eigenpairs(cells)
         with stage("peaks"):
             if cells.rule.resolved_only:
-                waves = self.resolved_waves(observation, cells)
+                waves = self.resolved_waves(observation, cells, pairs)
             else:
-                waves = self.unresolved_waves(observation, cells)
+                waves = self.unresolved_waves(observation, cells, pairs)
             power = np.abs(waves.amplitudes(cells.own[None], self.aperture(observation))[0]) ** 2
             strongest = power.max(axis=1, keepdims=True, initial=0)
             found = waves.found & (power > cells.levels.min_power)
@@ -175,7 +190,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
                 found &= waves.resolved[:, None]
             return replace(waves, found=found)
 
-    def resolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+    def resolved_waves(self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs) -> PlaneWaves:
         """Find directions in cells whose sources can be resolved, by maximum likelihood in the end.
 
         Returns
@@ -184,9 +199,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             Resolved are the cells that it explains down to the noise.
         """
         white, snapshots = cells.levels.white, cells.own
-        with stage("subspace"):
-            subspaces = self.subspaces(snapshots[:, None], white)
-        waves = self.directions(observation, subspaces)
+        waves = self.directions(observation, self.subspaces(cells, pairs, white))
         if self.polish:
             with stage("refinement"):
                 data = snapshots[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
@@ -196,10 +209,11 @@ class JointSubspaceEstimator(CellwiseEstimator):
         resolved &= np.mean(np.abs(snapshots) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
         return replace(waves, resolved=resolved)
 
-    def unresolved_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+    def unresolved_waves(
+        self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs
+    ) -> PlaneWaves:
         """Find directions in cells that may hold more sources than can be resolved."""
-        with stage("subspace"):
-            subspaces = self.subspaces(cells.snapshots, cells.levels.floor)
+        subspaces = self.subspaces(cells, pairs, cells.levels.floor)
         waves = self.unresolved_directions(observation, subspaces)
         return replace(waves, resolved=np.zeros(len(cells), dtype=np.bool_))
 
@@ -287,28 +301,38 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """Find plane waves of any power, which a diagnosis shows."""
         return self.plane_waves(observation, replace(cells, levels=cells.levels._replace(min_power=0.0)))
 
-    def subspaces(self, snapshots: Complex, noise: float) -> Subspaces:
-        """Estimate the signal subspaces of cells.
+    def eigenpairs(self, cells: CellSnapshots) -> Eigenpairs:
+        """Decompose the smoothed covariance of each cell's snapshots: one pair more than may be sources."""
+        with stage("subspace"):
+            subarray = subarray_shape(cells.own.shape[1:], self.subarray_fraction)
+            n_sensors = subarray[0] * subarray[1]
+            # The last of a test's eigenvalues is never a source.
+            n_pairs = self._most_sources(subarray) + 1 if self.model_order == "noise" else n_sensors
+            data = cells.snapshots.astype(self.dtype_in("subspace"), copy=False)
+            return planar_eigenpairs(data, subarray, n_pairs)
+
+    def subspaces(self, cells: CellSnapshots, pairs: Eigenpairs, noise: float) -> Subspaces:
+        """Take the signal subspaces of cells.
 
         Parameters
         ----------
-        snapshots : ndarray of complex, shape (n, s, P, Q)
+        pairs : Eigenpairs
+            From `eigenpairs`.
         noise : float
             Power per element.
         """
-        shape = snapshots.shape[2], snapshots.shape[3]
-        subarray = subarray_shape(shape, self.subarray_fraction)
-        data = snapshots.astype(self.dtype_in("subspace"), copy=False)
-        n_sensors = subarray[0] * subarray[1]
-        largest = max(min(self.max_sources, most_sources(subarray), n_sensors - 1), 1)
-        # One more than may be sources: the last of a test's eigenvalues is never one.
-        n_pairs = largest + 1 if self.model_order == "noise" else n_sensors
-        pairs = planar_eigenpairs(data, subarray, n_pairs)
-        sources = self.signal_order(pairs, shape, subarray, noise)
-        order = determined_order(pairs, np.minimum(sources, largest))
-        in_signal = np.arange(order.max(initial=1)) < order[:, None]
-        basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
-        return Subspaces(basis.reshape(len(snapshots), *subarray, basis.shape[2]), order)
+        with stage("subspace"):
+            shape = cells.own.shape[1], cells.own.shape[2]
+            subarray = subarray_shape(shape, self.subarray_fraction)
+            sources = self.signal_order(pairs, shape, subarray, noise)
+            order = determined_order(pairs, np.minimum(sources, self._most_sources(subarray)))
+            in_signal = np.arange(order.max(initial=1)) < order[:, None]
+            basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
+            return Subspaces(basis.reshape(len(order), *subarray, basis.shape[2]), order)
+
+    def _most_sources(self, subarray: tuple[int, int]) -> int:
+        """Largest dimension of a signal subspace."""
+        return max(min(self.max_sources, most_sources(subarray), subarray[0] * subarray[1] - 1), 1)
 
     def signal_order(
         self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float

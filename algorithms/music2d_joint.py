@@ -110,7 +110,7 @@ class Music2dJoint(JointSubspaceEstimator):
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction."""
-        basis, order = self.subspaces(cells.snapshots, cells.levels.white)
+        basis, order = self.subspaces(cells, self.eigenpairs(cells), cells.levels.white)
         n_sensors = basis.shape[1] * basis.shape[2]
         grid = self._grid(observation, basis.shape[1:3])
         nulls = null_minima(basis, *grid, order)

@@ -123,13 +123,11 @@ def _into_subarrays(n: int, n_subarray: int) -> Floats:
     From the n real parts, then the n imaginary parts, to those of each subarray.
     """
     transform = unitary_transform(n_subarray).conj().T
-    both = np.stack([[transform.real, -transform.imag], [transform.imag, transform.real]]).transpose(
-        0, 2, 1, 3
-    )
+    both = np.block([[transform.real, -transform.imag], [transform.imag, transform.real]])
     shifts = range(n - n_subarray + 1)
     reading = np.zeros((len(shifts), 2, n_subarray, 2, n))
     for shift in shifts:
-        reading[shift, :, :, :, shift : shift + n_subarray] = both
+        reading[shift, :, :, :, shift : shift + n_subarray] = both.reshape(2, n_subarray, 2, n_subarray)
     return reading.reshape(len(shifts) * 2 * n_subarray, 2 * n)
 
 
@@ -140,8 +138,8 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
     """
     snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_cells, n_sensors = len(snapshots), subarray[0] * subarray[1]
-    values = np.empty((n_cells, n_pairs), dtype=snapshots.real.dtype)
-    vectors = np.empty((n_cells, n_sensors, n_pairs), dtype=values.dtype)
+    values: Floats = np.empty((n_cells, n_pairs), dtype=snapshots.real.dtype)
+    vectors: Floats = np.empty((n_cells, n_sensors, n_pairs), dtype=values.dtype)
     for some in parts_of(n_cells, CHUNK_VALUES // n_sensors**2):
         covariance = _shared_covariance(snapshots[some], subarray)
         values[some], vectors[some] = leading_eigenpairs(covariance, n_pairs)
