@@ -70,8 +70,8 @@ MOST_UNEXPLAINED_POWER = 20.0
 """Misfit after the first steps above which further steps do not help, in noise powers."""
 
 MOST_MISPLACED = 1e-3
-"""Largest misfit before the first step, in powers of the strongest scatterer: places off by a tenth of a cell
-leave as much. Sparse maps leave 1e-5, crowds 2e-3 and more, and no step explains those."""
+"""Largest misfit before the first step, per element, in powers of the strongest scatterer: a tenth of a bin
+leaves as much. Sparse maps leave 1e-5; crowds leave 2e-3 and more, which no step explains."""
 
 LEAST_RESOLVED = 0.5
 """Share of scatterers from resolved cells below which a map counts as crowded, and no fit is tried."""
@@ -101,7 +101,7 @@ class _MatchedFilters:
     own_range, own_doppler : ndarray of complex128, shapes (n, r) and (n, d)
         Unit echo of each scatterer on its own patch.
     matched : ndarray of complex128, shape (n,)
-        Outputs of the filters.
+        Outputs of the filters, per element.
     response : ndarray of complex128, shape (n, n)
         Output of filter i for a unit echo of scatterer j, 1 for its own.
     """
@@ -109,6 +109,7 @@ class _MatchedFilters:
     def __init__(self, scatterers: LocatedScatterers, gated: GatedMap, system: System) -> None:
         n, aperture = len(scatterers), gated.aperture
         self.gate, self.doppler, self.system = gated.gate, gated.doppler_kernel(system.n_symbols), system
+        self.n_elements = gated.n_elements
         self.rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
         self.columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
         patch = gated.cells[self.rows[:, :, None], self.columns[:, None, :]].reshape(n, -1, *aperture.shape)
@@ -239,21 +240,23 @@ def explain_map(
 
     The map is without tapers, and `noise` is the power of white noise per element. Echoes that are not
     modelled bias the fit. In a crowd this error is larger than the one that the fit removes: None is returned
-    where the map is crowded, or where the fitted scatterers leave too much of it unexplained. Scatterers that
-    noise makes indistinguishable from another are left out.
+    where the map is crowded, or where the scatterers leave too much of it unexplained, many of them already
+    before the fit. Scatterers that noise makes indistinguishable from another are left out.
     """
     if not len(scatterers):
         return scatterers
-    if len(scatterers) > FEW and np.mean(scatterers.family >= 0) < LEAST_RESOLVED:
-        return None
     most_left = MOST_UNEXPLAINED_POWER * noise
-    misplaced = MOST_MISPLACED * gated.n_elements * float(scatterers.power.max())
-    if _most_unexplained(scatterers, gated, system) > most_left + misplaced:
-        return None
+    if len(scatterers) > FEW:
+        if np.mean(scatterers.family >= 0) < LEAST_RESOLVED:
+            return None
+        filters = _MatchedFilters(scatterers, gated, system)
+        misplaced = MOST_MISPLACED * gated.n_elements * float(np.abs(filters.matched).max()) ** 2
+        if _most_unexplained(filters) > most_left + misplaced:
+            return None
     atom_map = AtomMap.from_map(gated, system)
     start = np.stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w], axis=1)
     fit = refine_atoms(atom_map, start / atom_map.cell_size, EXPLAINING_STEPS)
-    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > most_left:
+    if _most_unexplained(_MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)) > most_left:
         return None
     while True:
         drop, places = redundant_pairs(fit, noise)
@@ -263,7 +266,8 @@ def explain_map(
         fit = refine_atoms(atom_map, places[~drop], EXPLAINING_STEPS)
         if not drop.any():
             break
-    if _most_unexplained(_placed(scatterers, fit, atom_map), gated, system) > MOST_UNEXPLAINED * noise:
+    filters = _MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)
+    if _most_unexplained(filters) > MOST_UNEXPLAINED * noise:
         return None
     return _placed(scatterers, polish_atoms(atom_map, fit, POLISHING_STEPS), atom_map)
 
@@ -275,13 +279,12 @@ def _placed(scatterers: LocatedScatterers, fit: AtomFit, atom_map: AtomMap) -> L
     return LocatedScatterers(range_bin, doppler_bin, u, w, power, scatterers.family)
 
 
-def _most_unexplained(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> float:
+def _most_unexplained(filters: _MatchedFilters) -> float:
     """Largest mean power per element around any scatterer after the echoes of all are subtracted."""
-    filters = _MatchedFilters(scatterers, gated, system)
     # The usual loading leaves a rest of each echo: 76 dB above the noise it would count as unexplained.
     amplitude = filters.amplitudes(loading=LEAST_LOADING)
     misfit = filters.beam - filters.echoes(filters.direction_response * amplitude)
-    power = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * gated.n_elements
+    power = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * filters.n_elements
     return float(power.max())
 
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.bounds import joint_bound
+from isacbench.dsp.fitting import joint_selection
 from isacbench.dsp.fitting.joint_selection import FEW, LOADING, explain_map, select_jointly
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
@@ -233,6 +234,12 @@ def test_many_scatterers_of_which_no_cell_is_resolved_are_a_crowd_without_a_fit(
     # Even where the candidates are the truth, to the last digit.
     assert explained(rows, gated_map(rows), 1.0, unresolved) is None
     assert explained(rows, gated_map(rows), 1.0, family=0) is not None
+
+
+def test_many_scatterers_that_leave_much_of_the_map_are_not_fitted(monkeypatch):
+    monkeypatch.setattr(joint_selection, "refine_atoms", None)
+    rows = crowd(40)
+    assert explained(rows[: FEW + 1], gated_map(rows), 1.0) is None
 
 
 def test_without_scatterers_there_is_nothing_to_select_or_fit():
