@@ -1,0 +1,92 @@
+"""Processor times of images, and the committed ones, in a unit that takes longer where images do.
+
+``python -m tests.image_speed`` writes the times anew, after a change that is meant to move them.
+``python -m tests.image_speed check`` fails where an image takes more than `LIMIT` times as long.
+
+The unit y is the time to draw a street's noise, taken before and after each image: what slows down the one
+slows down the other. But drawing is scalar code and an image mostly linear algebra, which is slower where
+vectors are narrower. Limits therefore grow by as much as products and decompositions take longer, in y, than
+on the processor of the committed times; they never shrink.
+"""
+
+import json
+import sys
+from functools import cache
+from itertools import product
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+import numpy as np
+
+from isacbench import get_estimator, load_scenario, observe, score
+from isacbench.cores import one_blas_thread
+
+PATH = Path(__file__).parents[1] / "results" / "reference" / "speed.json"
+SCENES = "street", "town[seed=7]"
+ESTIMATORS = "music2d", "fft4d", "esprit2d", "music2d_joint", "capon2d", "iaa2d", "omp4d", "nomp4d"
+IMAGES = [" ".join(pair) for pair in product(SCENES, ESTIMATORS)]
+SNR_DB = 10.0
+LIMIT, TRIES = 1.4, 3
+LEAST_ROUNDS, MOST_ROUNDS, ENOUGH_S = 2, 9, 1.0
+
+scenario_of = cache(load_scenario)  # what a score keeps of its scenario is computed once
+
+
+def spent_s(call):
+    """Processor time of a call."""
+    start_s = process_time()
+    call()
+    return process_time() - start_s
+
+
+def unit_s():
+    """The unit y: 1.5 million normal draws."""
+    draw = np.random.default_rng(1).standard_normal
+    return median(spent_s(lambda: draw(2 * 89 * 33 * 256)) for _ in range(3))
+
+
+@one_blas_thread()
+def algebra_y():
+    """Time of covariances and small decompositions, in y."""
+    draws = np.random.default_rng(2).standard_normal((64, 98, 100))
+    algebra = lambda: np.linalg.eigh((draws.swapaxes(1, 2) @ draws)[:, :24, :24])  # noqa: E731
+    return median(spent_s(algebra) / unit_s() for _ in range(9))
+
+
+def image_y(image):
+    """Times in y of an observation with its image and score, and of the image alone: medians over rounds."""
+    scene, estimator = image.split()
+    scenario, imager = scenario_of(scene), get_estimator(estimator)
+    rounds, start_s = [], process_time()
+    while len(rounds) < LEAST_ROUNDS or (process_time() - start_s < ENOUGH_S and len(rounds) < MOST_ROUNDS):
+        units_s, marks_s = [unit_s()], [process_time()]
+        observation = observe(scenario, SNR_DB)
+        marks_s.append(process_time())
+        cloud = imager.estimate(observation)
+        marks_s.append(process_time())
+        score(scenario.truth, cloud, region=scenario.region)
+        marks_s.append(process_time())
+        units_s.append(unit_s())
+        rounds.append(np.array([marks_s[3] - marks_s[0], marks_s[2] - marks_s[1]]) / np.mean(units_s))
+    return np.median(rounds, axis=0).round(2).tolist()
+
+
+def too_slow(committed):
+    """Lines on the images that are too slow each time they are measured."""
+    limit = LIMIT * max(1.0, algebra_y() / committed["algebra"])
+    lines = dict.fromkeys(committed["images"], "")
+    for _ in range(TRIES):
+        for image in list(lines):
+            ratio = np.divide(image_y(image), committed["images"][image]).max()
+            lines[image] = f"{image}: {ratio:.2f} times the committed time; the limit is {limit:.2f}"
+            if ratio <= limit:
+                del lines[image]
+    return list(lines.values())
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["check"]:
+        sys.exit("\n".join(too_slow(json.loads(PATH.read_text()))) or None)
+    times_y = {"algebra": round(algebra_y(), 3), "images": {image: image_y(image) for image in IMAGES}}
+    PATH.write_text(json.dumps(times_y).replace('], "', '],\n"') + "\n")
