@@ -8,7 +8,7 @@ depend on the echo has the same place in both. Sidelobes, which lie elsewhere in
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -48,6 +48,9 @@ SPREAD = 0.125
 """Share of the power of an image at its strongest place, below which powers do not tell the place."""
 
 POWER_FACTOR = 10.0
+
+AT_ONCE = 1 << 14
+"""About as many distances of points from places are in memory at once."""
 
 SAME_LAW = 0.1
 """Largest difference of the exponent of a power law, and largest relative one of a difference in dB."""
@@ -134,6 +137,21 @@ def _directions(uw: Floats) -> Iterator[tuple[str, str, Floats, float]]:
     yield "u and w were angles in degrees", sines, np.rad2deg(np.arcsin(uw)), 120
 
 
+@cache
+def _true_place(frame: FrameName) -> Floats:
+    """Place of the scatterer of a view in Rayleigh cells."""
+    scenario = lone(frame).scenario
+    place: Floats = radio_places(scenario, scenario.truth)[0] / rayleigh_cells(scenario)
+    return place
+
+
+@cache
+def _places(frame: FrameName) -> tuple[list[Place], Floats, Floats]:
+    """Places of mistakes in a view, and where they are and their stretch as arrays (places, 4)."""
+    places = [*places_of_mistakes(lone(frame), _true_place(frame))]
+    return places, np.array([one.at for one in places]), np.array([one.stretch for one in places])
+
+
 class _Image:
     """Points (n, 4) of an image of a lone scatterer: range, velocity, u and w in Rayleigh cells.
 
@@ -148,8 +166,8 @@ class _Image:
         self.points = self._wrapped(points)
         self._weights = power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
         self._sum = float(self._weights.sum())
-        self.true: Floats = radio_places(scenario, scenario.truth)[0] / self._cells
-        self.places = [*places_of_mistakes(lone(frame), self.true)]
+        self.true = _true_place(frame)
+        self.places, self.at, self._stretch = _places(frame)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -157,7 +175,7 @@ class _Image:
     @cached_property
     def offset(self) -> Floats:
         """Offset (4,) of the image from the scatterer."""
-        start = self.true if self.is_at(self.places[0]) else self._fullest[0]
+        start = self.true if self.is_at[0] else self._fullest[0]
         return self._settled(start, np.ones(4)) - self.true
 
     @property
@@ -173,27 +191,31 @@ class _Image:
         return centres[sums.argmax()], float(sums.max())
 
     @cached_property
+    def _powers(self) -> Floats:
+        """Power at each place."""
+        at, n_at_once = self._wrapped(self.at), AT_ONCE // max(len(self), 1) + 1
+        parts = [slice(start, start + n_at_once) for start in range(0, len(at), n_at_once)]
+        near = (np.abs(self.points - at[one, None]) <= self._stretch[one, None] for one in parts)
+        return np.concatenate([one.all(axis=2) @ self._weights for one in near])
+
+    @cached_property
     def _most(self) -> float:
-        return max(self._fullest[1], *map(self._power_at, self.places))
+        return max(self._fullest[1], float(self._powers.max()))
+
+    @cached_property
+    def is_at(self) -> NDArray[np.bool_]:
+        """Which places much of the power is at."""
+        return self._powers >= MOST * min(self._sum, self._most)
 
     @property
     def is_spread(self) -> bool:
         """Tell whether some of the power is at the scatterer, but as much is all over the image."""
-        is_there = self.cosine <= 1 and self._power_at(self.places[0]) > 0
+        is_there = self.cosine <= 1 and self._powers[0] > 0
         return is_there and self._most < SPREAD * self._sum
 
-    def _power_at(self, place: Place) -> float:
-        return float(self._weights[self._near(place.at, place.stretch)].sum())
-
-    def is_at(self, place: Place) -> bool:
-        """Tell whether much of the power is at a place."""
-        power = self._power_at(place)
-        return power >= MOST * self._sum or power >= MOST * self._most
-
-    def error(self, place: Place) -> float:
-        """Largest error on any axis if the image is at a place; infinite where it is not."""
-        if not self.is_at(place):
-            return np.inf
+    def error(self, number: int) -> float:
+        """Largest error on any axis if the image is at a place where much of its power is."""
+        place = self.places[number]
         off = self._settled(place.at, place.stretch) - self._wrapped(place.at)
         allowed = OFF_CELLS + BIAS_CELLS * (place.stretch - 1)
         return float(np.abs(off).max()) if (np.abs(off) <= allowed).all() else np.inf
@@ -314,15 +336,13 @@ def _require_place(estimator: Estimator, images: Sequence[_Image]) -> None:
 
 def _likeliest(images: Sequence[_Image]) -> tuple[float, tuple[tuple[str, str], ...]]:
     """Largest error, in Rayleigh cells, that the mistakes leave that explain all images best, and these."""
+    is_wrong = np.any([np.abs(image.at - image.true).max(axis=1) > OFF_CELLS for image in images], axis=0)
+    is_wrong &= np.all([image.is_at for image in images], axis=0)
     errors = [
-        (max(image.error(place) for image, place in zip(images, places, strict=True)), places[0].mistakes)
-        for places in zip(*(image.places[1:] for image in images), strict=True)
-        if any(
-            np.abs(place.at - image.true).max() > OFF_CELLS
-            for image, place in zip(images, places, strict=True)
-        )
+        (max(image.error(number) for image in images), images[0].places[number].mistakes)
+        for number in np.flatnonzero(is_wrong).tolist()
     ]
-    return min(errors, key=lambda one: one[0])
+    return min(errors, key=lambda one: one[0], default=(np.inf, ()))
 
 
 def _ignores_the_cells(estimator: Estimator, image: _Image) -> bool:
