@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Literal
@@ -84,7 +84,11 @@ def new_figure(
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure, or replace an older one, in the format that the suffix names; return the path."""
     with atomic_write(path, afterwards="") as temporary:
-        figure.savefig(temporary, format=path.suffix.removeprefix(".").lower())
+        if path.suffix.lower() == ".png":
+            canvas: Any = FigureCanvasAgg(figure)
+            canvas.print_png(temporary)  # `savefig` draws twice
+        else:
+            figure.savefig(temporary, format=path.suffix.removeprefix(".").lower())
     return path
 
 
@@ -121,6 +125,12 @@ MIXED_COLOUR = "0.4"
 
 LEAST_WIDTH_IN = 6.0
 TITLE_LETTERS_AN_INCH = 14
+LINE_IN, LETTER_IN = 0.16, 0.068
+"""Height of a line of text, and width of a letter at a tick."""
+
+LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.25, 0.14, 0.27, 0.1
+"""Room around a panel, without the letters of its ticks and the lines of its titles."""
+
 LONGEST_LEGEND = 80
 
 
@@ -142,23 +152,51 @@ def draw_charts(group: ChartGroup) -> Figure:
     width_in, height_in = group.panel_in
     n_columns = min(len(group.charts), group.n_columns)
     n_rows = -(-len(group.charts) // n_columns)
-    figure = new_figure(
-        max(n_columns * (width_in + 0.55), LEAST_WIDTH_IN),
-        n_rows * (height_in + 0.65) + 0.3,
-        legend=_legend(group),
-        title="\n".join(map(drawable, group.title.split("\n"))),
-    )
-    panels = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
-    for unused in panels[len(group.charts) :]:
-        unused.remove()
-    for place, (panel, chart) in enumerate(zip(panels, group.charts, strict=False)):
+    size_in = max(n_columns * (width_in + 0.55), LEAST_WIDTH_IN), n_rows * (height_in + 0.65) + 0.3
+    figure = new_figure(*size_in, legend=_legend(group), layout=None)
+    title = "\n".join(map(drawable, group.title.split("\n")))
+    heading = figure.suptitle(title, y=1 - LINE_IN / 3 / figure.get_figheight(), wrap=True)
+    panels: dict[tuple[int, int], Axes] = {}
+    for place, chart in enumerate(group.charts):
         if not chart.series:
-            panel.remove()
             continue
+        panel = panels[divmod(place, n_columns)] = figure.add_subplot(n_rows, n_columns, place + 1)
         _draw_chart(panel, chart, int(width_in * TITLE_LETTERS_AN_INCH))
         if place % n_columns and chart.y == group.charts[place - 1].y and chart.y.categories:
             panel.set_yticklabels([])
+    top_in = LINE_IN / 2 + heading.get_window_extent().height / DPI
+    _lay_out(figure, panels, (n_rows, n_columns), (top_in, figure.get_figheight() - size_in[1]))
     return figure
+
+
+def _lay_out(
+    figure: Figure,
+    panels: Mapping[tuple[int, int], Axes],
+    shape: tuple[int, int],
+    margins_in: tuple[float, float],
+) -> None:
+    """Place panels of one size by the letters around them, which takes longer to measure than to draw."""
+    (n_rows, n_columns), (top_in, bottom_in), size_in = shape, margins_in, figure.get_size_inches()
+    left_in, above_in, below_in = np.zeros(n_columns), np.zeros(n_rows), np.zeros(n_rows)
+    for (row, column), panel in panels.items():
+        low, high = sorted(panel.get_ylim())
+        shown = [tick for tick in panel.yaxis.get_majorticklocs() if low <= tick <= high]
+        letters = max(map(len, panel.yaxis.get_major_formatter().format_ticks(shown)), default=0)
+        width_in = LEFT_IN + LETTER_IN * letters + LINE_IN * _n_lines(panel.get_ylabel())
+        left_in[column] = max(left_in[column], width_in)
+        above_in[row] = max(above_in[row], ABOVE_IN + LINE_IN * _n_lines(panel.get_title()))
+        below_in[row] = max(below_in[row], BELOW_IN + LINE_IN * _n_lines(panel.get_xlabel()))
+    width_in = (size_in[0] - left_in.sum()) / n_columns - RIGHT_IN
+    height_in = (size_in[1] - bottom_in - top_in - above_in.sum() - below_in.sum()) / n_rows
+    for (row, column), panel in panels.items():
+        x_in = left_in[: column + 1].sum() + column * (width_in + RIGHT_IN)
+        y_in = size_in[1] - top_in - above_in[: row + 1].sum() - below_in[:row].sum() - (row + 1) * height_in
+        place = np.array([x_in, y_in, width_in, height_in]) / [*size_in, *size_in]
+        panel.set_position(place.tolist())
+
+
+def _n_lines(text: str) -> int:
+    return text.count("\n") + 1 if text else 0
 
 
 def _legend(group: ChartGroup) -> list[Artist]:
@@ -184,7 +222,8 @@ def _legend(group: ChartGroup) -> list[Artist]:
 
 def _draw_chart(axes: Axes, chart: Chart, letters: int) -> None:
     """Draw a chart, its title broken to so many letters a line."""
-    axes.set_title("\n".join(textwrap.fill(drawable(line), letters) for line in chart.title.split("\n")))
+    title = "\n".join(textwrap.fill(drawable(line), letters) for line in chart.title.split("\n"))
+    axes.set_title(title, y=1.0)  # without y all ticks are measured
     axes.set(xlabel=chart.x.title, ylabel=drawable(chart.y.title))
     left: Floats | float = 0.0
     for series in chart.series:
