@@ -8,11 +8,8 @@ along u and a small one along w, so that the P Q elements are touched once.
 Products square the condition of the responses: two echoes a hundredth of a
 Rayleigh cell apart keep twelve digits, a thousandth leaves eight.
 
-In white noise the likeliest directions are those whose plane waves, each with
-its best amplitude, leave the least power unexplained. The amplitudes drop out
-in closed form; the directions follow by damped Gauss-Newton steps, whose
-curvature is the Fisher information of the directions, and by Newton steps near
-the optimum (`isacbench.dsp.fitting.maximum_likelihood`).
+The directions follow by damped Gauss-Newton steps, whose curvature is the Fisher
+information of the directions, and by Newton steps near the optimum.
 
 A cell is done when the next step promises no more than rounding. The power
 itself would be too coarse a measure: a minimum is flat, and powers that agree
@@ -23,10 +20,6 @@ pair nearer than its error is one direction.
 
 References
 ----------
-Golub and Pereyra, "The differentiation of pseudo-inverses and nonlinear least
-squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
-Kaufman, "A variable projection method for solving separable nonlinear least
-squares problems", BIT 15 (1975).
 Golub and Pereyra, "The differentiation of pseudo-inverses and nonlinear least
 squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
 Kaufman, "A variable projection method for solving separable nonlinear least
@@ -42,6 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.angles.line_subspaces import real_steering_slopes, unitary_transform
 from isacbench.dsp.angles.peaks import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.floating_point import round_step
@@ -143,75 +137,89 @@ class WaveFit(NamedTuple):
             mine[cells] = theirs
 
 
-def fit_waves(snapshots: Complex, u: Floats, w: Floats, found: Mask) -> WaveFit:
+def real_snapshots(snapshots: Complex) -> Floats:
+    """Real and imaginary parts (n, 2 s, P, Q) of snapshots (n, s, P, Q) after the unitary transform.
+
+    Responses referred to the middle of the array are then real, and so is all that follows.
+    """
+    into_u, into_w = (unitary_transform(n).conj() for n in snapshots.shape[2:])
+    turned = into_u.T @ snapshots @ into_w
+    return np.concatenate([turned.real, turned.imag], axis=1)
+
+
+def fit_waves(snapshots: Floats, u: Floats, w: Floats, found: Mask) -> WaveFit:
     """Fit the plane waves of each cell at given direction cosines (n, k).
 
-    Snapshots have the shape (n, s, P, Q); amplitudes are free in each of the s. Directions outside of the
-    mask `found` (n, k) only fill the row.
+    Snapshots are those of `real_snapshots`; amplitudes are free in each. Directions outside of the mask
+    `found` (n, k) only fill the row.
     """
-    k = found.shape[1]
-    power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
+    n, k = found.shape
     along_u, along_w = _line(snapshots.shape[2], u, found), _line(snapshots.shape[3], w, found)
-    turned = np.concatenate(along_u, axis=1).conj()[:, None] @ snapshots
-    turned = turned.reshape(*turned.shape[:2], 3, k, turned.shape[3])
-
-    def outputs(u_order: int, w_order: int) -> Complex:
-        """Outputs (n, k, s) of filters matched to derivatives of the responses."""
-        return np.einsum("nskq,nkq->nks", turned[:, :, u_order], along_w[w_order].conj())
-
-    in_u, in_w = _products(along_u), _products(along_w)
-    gram = in_u[0, 0] * in_w[0, 0] + (GRAM_LOADING + ~found)[:, None, :] * np.eye(k)
-    cross = np.concatenate([in_u[1, 0] * in_w[0, 0], in_u[0, 0] * in_w[1, 0]], axis=1)
-    mixed = in_u[1, 0] * _adjoint(in_w[1, 0])
-    slopes = np.block([[in_u[1, 1] * in_w[0, 0], mixed], [_adjoint(mixed), in_u[0, 0] * in_w[1, 1]]])
-    matched = outputs(0, 0)
+    # Of derivatives of any two orders with each other along one line.
+    in_u, in_w = ((line @ line.transpose(0, 2, 1)).reshape(n, 3, k, 3, k) for line in (along_u, along_w))
+    gram = in_u[:, 0, :, 0] * in_w[:, 0, :, 0] + (GRAM_LOADING + ~found)[:, None, :] * np.eye(k)
+    mixed = in_u[:, 1, :, 0] * in_w[:, 0, :, 1]
+    slopes = np.empty((n, 2, k, 2, k))
+    slopes[:, 0, :, 0], slopes[:, 0, :, 1] = in_u[:, 1, :, 1] * in_w[:, 0, :, 0], mixed
+    slopes[:, 1, :, 0], slopes[:, 1, :, 1] = mixed.transpose(0, 2, 1), in_u[:, 0, :, 0] * in_w[:, 1, :, 1]
+    cross = np.concatenate([in_u[:, 1, :, 0] * in_w[:, 0, :, 0], in_u[:, 0, :, 0] * in_w[:, 1, :, 0]], axis=1)
+    matched = _outputs(snapshots, along_u[:, :k], along_w[:, :k], k)[:, 0, 0]
     # Solved together: the inverse of a nearly singular matrix has no digits to multiply by.
-    wanted = [np.broadcast_to(np.eye(k), gram.shape), matched, _adjoint(cross)]
+    wanted = [np.broadcast_to(np.eye(k), gram.shape), matched, cross.transpose(0, 2, 1)]
     solved = np.linalg.solve(gram, np.concatenate(wanted, axis=2))
     inverse, amplitude, leaning = np.split(solved, [k, k + matched.shape[2]], axis=2)
 
-    misfit = np.concatenate([outputs(1, 0), outputs(0, 1)], axis=1) - cross @ amplitude
+    # Differences are taken before products: those of the rest keep the digits that products lose.
+    echoes = amplitude.transpose(0, 2, 1)[:, :, None, :] * along_u[:, None, :k].transpose(0, 1, 3, 2)
+    rest = snapshots - echoes @ along_w[:, None, :k]
+    outputs = _outputs(rest, along_u, along_w, k)
+    missed = inverse @ outputs[:, 0, 0]
+    amplitude = amplitude + missed
+    misfit = np.concatenate([outputs[:, 1, 0], outputs[:, 0, 1]], axis=1) - cross @ missed
     both = np.concatenate([amplitude, amplitude], axis=1)
-    curvature = ((slopes - cross @ leaning) * (both.conj() @ both.transpose(0, 2, 1))).real
+    curvature = (slopes.reshape(n, 2 * k, 2 * k) - cross @ leaning) * (both @ both.transpose(0, 2, 1))
     # The rest of the second derivatives vanishes with the misfit.
-    moved = (np.tile(leaning, (1, 2, 1)) * (misfit.conj() @ both.transpose(0, 2, 1))).real
-    taken = (np.tile(inverse, (1, 2, 2)) * (misfit @ _adjoint(misfit)).transpose(0, 2, 1)).real
+    moved = np.tile(leaning, (1, 2, 1)) * (misfit @ both.transpose(0, 2, 1))
+    taken = np.tile(inverse, (1, 2, 2)) * (misfit @ misfit.transpose(0, 2, 1))
     hessian = curvature + moved + moved.transpose(0, 2, 1) - taken
+    bent = np.sum(outputs * amplitude[:, None, None], axis=4)
     wave = np.arange(k)
     for (i, j), row, column in (((2, 0), 0, 0), ((1, 1), 0, k), ((1, 1), k, 0), ((0, 2), k, k)):
-        bent = outputs(i, j) - (in_u[i, 0] * in_w[j, 0]) @ amplitude
-        hessian[:, wave + row, wave + column] -= np.sum((bent.conj() * amplitude).real, axis=2)
-    own_power = np.sum(amplitude.real**2 + amplitude.imag**2, axis=2)
+        hessian[:, wave + row, wave + column] -= bent[:, i, j]
+    own_power = np.sum(amplitude**2, axis=2)
     return WaveFit(
         u=u.copy(),
         w=w.copy(),
-        unexplained=power - np.sum((matched.conj() * amplitude).real, axis=(1, 2)),
-        rounding=ROUNDING * power,
-        gradient=np.sum((both.conj() * misfit).real, axis=2),
+        unexplained=_energy(rest) - np.sum(outputs[:, 0, 0] * missed, axis=(1, 2)),
+        rounding=ROUNDING * _energy(snapshots),
+        gradient=np.sum(both * misfit, axis=2),
         curvature=curvature,
         hessian=hessian,
         power=own_power,
-        alone=own_power / np.einsum("nii->ni", inverse).real,
+        alone=own_power / np.einsum("nii->ni", inverse),
     )
 
 
-def _line(n_elements: int, cosine: Floats, found: Mask) -> list[Complex]:
-    """Responses (n, k, elements) of unit norm, referred to the middle, and two derivatives; 0 for fillers."""
-    arm = np.arange(n_elements) - (n_elements - 1) / 2
-    response = np.exp(-1j * np.pi * cosine[:, :, None] * arm) * (found / np.sqrt(n_elements))[:, :, None]
-    slope = -1j * np.pi * arm * response
-    return [response, slope, -1j * np.pi * arm * slope]
+def _energy(snapshots: Floats) -> Floats:
+    """Sums of squares (n,)."""
+    return np.einsum("nspq,nspq->n", snapshots, snapshots)
 
 
-def _products(line: list[Complex]) -> dict[tuple[int, int], Complex]:
-    """Products (n, k, k) of derivatives of one order with those of another along one line."""
-    orders = ((0, 0), (1, 0), (1, 1), (2, 0))
-    return {(i, j): line[i].conj() @ line[j].transpose(0, 2, 1) for i, j in orders}
+def _outputs(snapshots: Floats, along_u: Floats, along_w: Floats, k: int) -> Floats:
+    """Outputs (n, i, j, k, s) of filters matched to derivatives of the orders i along u and j along w."""
+    beams = along_u[:, None] @ (snapshots @ along_w.transpose(0, 2, 1)[:, None])
+    n, n_snapshots, n_filters, _ = beams.shape
+    n_orders = n_filters // k
+    return np.ascontiguousarray(
+        np.einsum("nsikjk->nijks", beams.reshape(n, n_snapshots, n_orders, k, n_orders, k))
+    )
 
 
-def _adjoint(matrices: Complex) -> Complex:
-    """Conjugate transposes of matrices (n, i, j)."""
-    return matrices.conj().transpose(0, 2, 1)
+def _line(n_elements: int, cosine: Floats, found: Mask) -> Floats:
+    """Real responses of unit norm, their first and second derivatives (n, 3 k, elements); 0 for fillers."""
+    slopes = np.stack(real_steering_slopes(n_elements, cosine), axis=1)
+    slopes *= (found / np.sqrt(n_elements))[:, None, :, None]
+    return slopes.reshape(len(found), 3 * found.shape[1], n_elements)
 
 
 def resolve_directions(
@@ -241,14 +249,14 @@ def resolve_directions(
     n_steps : int
         Most steps of the first refinement; a cell that is explained to 70 dB by then takes up to 30 more.
     """
-    found = waves.found.copy()
-    fit = refined(snapshots, fit_waves(snapshots, waves.u, waves.w, found), found, n_steps, FINISHING_STEPS)
+    found, data = waves.found.copy(), real_snapshots(snapshots)
+    fit = refined(data, fit_waves(data, waves.u, waves.w, found), found, n_steps, FINISHING_STEPS)
     changing = np.arange(len(found))
     while changing.size:
         u, w, fewer = _without_one(fit.at(changing), found[changing], noise, -np.log(pfa) * noise)
         changed = (fewer != found[changing]).any(axis=1)
         changing, fewer = changing[changed], fewer[changed]
-        cells = snapshots[changing]
+        cells = data[changing]
         fit.put(
             changing,
             refined(
@@ -304,12 +312,12 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
     return square.min(axis=1), first, second
 
 
-def refined(snapshots: Complex, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
+def refined(snapshots: Floats, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
     """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more."""
     half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
     near = np.zeros(len(snapshots), dtype=np.bool_)
-    power = np.sum(snapshots.real**2 + snapshots.imag**2, axis=(1, 2, 3))
+    power = _energy(snapshots)
     least_gain = CONVERGED * power
     moving = np.flatnonzero(found.any(axis=1))
     for n_done in range(n_steps + n_finishing):

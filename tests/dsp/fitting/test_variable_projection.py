@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.fitting.maximum_likelihood import fit_waves
+from isacbench.dsp.fitting.maximum_likelihood import fit_waves, real_snapshots
 from isacbench.model.kernels import steering
 from tests.dsp.plane_wave_data import least_squares, noise
 
@@ -33,7 +33,7 @@ def test_slope_and_curvature_are_those_of_the_unexplained_power(seed):
     places, found = rng.uniform(-0.8, 0.8, (1, 6)), np.ones((1, 3), dtype=bool)
 
     def fit(places):
-        return fit_waves(data, places[:, :3], places[:, 3:], found)
+        return fit_waves(real_snapshots(data), places[:, :3], places[:, 3:], found)
 
     here, step = fit(places), 1e-5
     for k in range(6):
@@ -47,7 +47,7 @@ def test_slope_and_curvature_are_those_of_the_unexplained_power(seed):
 @given(cell=cells())
 def test_what_is_left_is_what_plain_least_squares_leaves(cell):
     data, u, w, found = cell
-    fit = fit_waves(*cell)
+    fit = fit_waves(real_snapshots(data), u, w, found)
     for n in range(2):
         _, left = least_squares(data[n], u[n][found[n]], w[n][found[n]])
         assert fit.unexplained[n] == pytest.approx(left, rel=1e-9)
@@ -56,7 +56,7 @@ def test_what_is_left_is_what_plain_least_squares_leaves(cell):
 def test_coinciding_waves_share_their_amplitude_and_fillers_have_none():
     data = np.outer(steering(8, 0.1), steering(8, 0.2))[None, None]
     u, w = np.array([[0.1, 0.1, 0.5]]), np.array([[0.2, 0.2, 0.5]])
-    fit = fit_waves(data, u, w, np.array([[True, True, False]]))
+    fit = fit_waves(real_snapshots(data), u, w, np.array([[True, True, False]]))
     assert all(np.isfinite(getattr(fit, name)).all() for name in NUMBERS)
     assert fit.unexplained[0] < 1e-12 * np.sum(np.abs(data) ** 2)
     assert fit.power[0, 2] == 0
