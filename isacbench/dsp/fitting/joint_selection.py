@@ -86,8 +86,6 @@ LOBE_ROUNDS = 16
 class _MatchedFilters:
     """Matched filters of n scatterers, each on a patch of r x d cells around it.
 
-    Patches and directions stay when scatterers move in range and Doppler.
-
     Attributes
     ----------
     rows, columns : ndarray of int64, shapes (n, r) and (n, d)
@@ -96,10 +94,8 @@ class _MatchedFilters:
         Array output per element on the patch, steered to the scatterer.
     direction_response : ndarray of complex128, shape (n, n)
         Response of beam i to a unit echo from the direction of scatterer j.
-    along_range, along_doppler : ndarray of complex128, shapes (n, r, n) and (n, d, n)
-        Unit echoes of all scatterers on all patches, patch first.
-    own_range, own_doppler : ndarray of complex128, shapes (n, r) and (n, d)
-        Unit echo of each scatterer on its own patch.
+    along_range, along_doppler : ndarray of complex128, shapes (n_range, n) and (n_doppler, n)
+        Unit echoes of all scatterers in the gate.
     matched : ndarray of complex128, shape (n,)
         Outputs of the filters, per element.
     response : ndarray of complex128, shape (n, n)
@@ -107,35 +103,29 @@ class _MatchedFilters:
     """
 
     def __init__(self, scatterers: LocatedScatterers, gated: GatedMap, system: System) -> None:
-        n, aperture = len(scatterers), gated.aperture
-        self.gate, self.doppler, self.system = gated.gate, gated.doppler_kernel(system.n_symbols), system
-        self.n_elements = gated.n_elements
-        self.rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
-        self.columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
-        patch = gated.cells[self.rows[:, :, None], self.columns[:, None, :]].reshape(n, -1, *aperture.shape)
+        gate, aperture = gated.gate, gated.aperture
+        n, n_c, n_s = len(scatterers), system.n_subcarriers, system.n_symbols
+        self.doppler, self.n_elements = gated.doppler_kernel(n_s), gated.n_elements
+        self.range_bin, self.doppler_bin = scatterers.range_bin, scatterers.doppler_bin
+        self.rows = _around(self.range_bin, gate.range_bins, PATCH[0])
+        self.columns = _around(self.doppler_bin, gate.doppler_bins, PATCH[1])
+        patch = gated.cells[self.rows[:, :, None], self.columns[:, None, :]]
         responses = aperture.towards(scatterers.u, scatterers.w)
-        self.beam = responses.beams(patch).reshape(n, self.rows.shape[1], self.columns.shape[1])
+        self.beam = responses.beams(patch.reshape(n, -1, *aperture.shape)).reshape(patch.shape[:3])
         self.direction_response = responses.gram()
-        self.place(scatterers.range_bin, scatterers.doppler_bin)
-
-    def place(self, range_bin: Floats, doppler_bin: Floats) -> None:
-        """Move the scatterers to fractional bins (n,)."""
-        self.range_bin, self.doppler_bin = range_bin, doppler_bin
-        along_range, along_doppler = self._unit_echoes(range_bin, doppler_bin)
-        self.along_range, self.along_doppler = along_range[self.rows], along_doppler[self.columns]
-        self.own_range = self.along_range.diagonal(axis1=0, axis2=2).T
-        self.own_doppler = self.along_doppler.diagonal(axis1=0, axis2=2).T
-        range_filter, doppler_filter = self.own_range.conj(), self.own_doppler.conj()
-        response = (range_filter[:, None, :] @ self.along_range)[:, 0]
-        response *= (doppler_filter[:, None, :] @ self.along_doppler)[:, 0]
-        response *= self.direction_response
+        self.along_range = dirichlet(gate.range_bins, self.range_bin, n_c) / np.sqrt(n_c)
+        self.along_doppler = self.doppler.response(gate.doppler_bins, self.doppler_bin) / np.sqrt(n_s)
+        in_range, range_filter = _filters(self.along_range, self.rows)
+        in_doppler, doppler_filter = _filters(self.along_doppler, self.columns)
+        response = (in_range @ self.along_range) * (in_doppler @ self.along_doppler) * self.direction_response
         gain = response.diagonal().real.copy()
         output = (range_filter[:, None, :] @ self.beam @ doppler_filter[:, :, None])[:, 0, 0]
         self.matched, self.response = output / gain, response / gain[:, None]
 
     def echoes(self, shares: Complex) -> Complex:
         """Sums (n, r, d) of echoes on all patches, each with its share (n, n) of the patch's beam."""
-        return (self.along_range * shares[:, None, :]) @ self.along_doppler.transpose(0, 2, 1)
+        along_doppler = self.along_doppler[self.columns].transpose(0, 2, 1)
+        return (self.along_range[self.rows] * shares[:, None, :]) @ along_doppler
 
     def amplitudes(self, member: Mask | None = None, loading: float = LOADING) -> Complex:
         """Amplitudes (n,) that explain the outputs of all members' filters together, 0 for the others."""
@@ -145,13 +135,6 @@ class _MatchedFilters:
         square = self.response[np.ix_(member, member)] + loading * np.eye(int(member.sum()))
         amplitude[member] = np.linalg.solve(square, self.matched[member])
         return amplitude
-
-    def _unit_echoes(self, range_bin: Floats, doppler_bin: Floats) -> tuple[Complex, Complex]:
-        """Unit echoes on all range bins, and on all Doppler bins, of the gate: one column per scatterer."""
-        n_subcarriers, n_symbols = self.system.n_subcarriers, self.system.n_symbols
-        along_range = dirichlet(self.gate.range_bins, range_bin, n_subcarriers) / np.sqrt(n_subcarriers)
-        along_doppler = self.doppler.response(self.gate.doppler_bins, doppler_bin) / np.sqrt(n_symbols)
-        return along_range, along_doppler
 
 
 def select_jointly(
@@ -286,6 +269,14 @@ def _most_unexplained(filters: _MatchedFilters) -> float:
     misfit = filters.beam - filters.echoes(filters.direction_response * amplitude)
     power = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * filters.n_elements
     return float(power.max())
+
+
+def _filters(echoes: Complex, cells: Integers) -> tuple[Complex, Complex]:
+    """Filters (n, b) matched to echoes (b, n) in k cells of each, and what they have there (n, k)."""
+    scatterer = np.arange(len(cells))[:, None]
+    filters = np.zeros_like(echoes.T, order="C")
+    filters[scatterer, cells] = echoes[cells, scatterer].conj()
+    return filters, filters[scatterer, cells]
 
 
 def _around(places: Floats, bins: Integers, n_side: int) -> Integers:
