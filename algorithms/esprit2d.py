@@ -17,9 +17,10 @@ Scatterers that explain the map down to the noise are fitted to it together
 (`isacbench_algorithms.joint_subspace`).
 
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them and k
-sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces,
-n (L M k² + k³) for the directions, and n (k P Q + k³) a step of the refinement,
-in each of three snapshot rules; then m (15 P Q + m²) for m candidates.
+sources: 2 n (2 S (L M)² + 40 (L M)² + 20 L M k²) for the subspaces of single
+and of three cells, n (L M k² + k³) for the directions by each of three rules,
+and n (k P Q + k³) a step of the refinement; then m (15 P Q + m²) for m
+candidates.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of

@@ -20,10 +20,10 @@ A CFAR over the spectrum, as the paper has one, is left out: the reciprocal of
 a null is no power of noise, and the order says how many nulls count.
 
 Cost of n cells on P x Q elements, subarrays of L x M, S shifts of them, g x h
-grid points and k sources: n (S (L M)² + 40 (L M)² + 20 L M k²) for the
-subspaces, n k h L (M + g) for the spectra, and n (k P Q + k³) a step of the
-refinement, in each of three snapshot rules; then what selecting and fitting the
-candidates together costs.
+grid points and k sources: 2 n (2 S (L M)² + 40 (L M)² + 20 L M k²) for the
+subspaces of single and of three cells, n k h L (M + g) for the spectra by each
+of three rules, and n (k P Q + k³) a step of the refinement; then what selecting
+and fitting the candidates together costs.
 
 Fails where the second eigenvalue drowns: two equal echoes in phase at the
 middle of the array and d Rayleigh cells apart leave one of about d⁴ / 20 of

@@ -3,13 +3,14 @@
 In white noise the likeliest directions leave the least power unexplained, each
 plane wave with its best amplitude. The amplitudes are linear and drop out in
 closed form (variable projection). All matrices are products of a small one
-along u and a small one along w, so that the P Q elements are touched once.
+along u and a small one along w. The directions follow by damped Gauss-Newton
+steps, whose curvature is the Fisher information of the directions, and by
+Newton steps near the optimum.
 
-Products square the condition of the responses: two echoes a hundredth of a
-Rayleigh cell apart keep twelve digits, a thousandth leaves eight.
-
-The directions follow by damped Gauss-Newton steps, whose curvature is the Fisher
-information of the directions, and by Newton steps near the optimum.
+Products square the condition of the responses: of two echoes a thousandth of a
+Rayleigh cell apart they leave eight digits. That is enough for curvatures. The
+misfit, which decides where steps end, is what filters show of the elements
+after the echoes are subtracted, and keeps its digits.
 
 A cell is done when the next step promises no more than rounding. The power
 itself would be too coarse a measure: a minimum is flat, and powers that agree
