@@ -55,11 +55,6 @@ from isacbench.plugins.contracts import Detection, Detector, Diagnosis, Needs, S
 
 from .detectors import OscaCfar
 
-PrecisionStage = Literal["detection", "directions", "subspace", "selection"]
-"""Computations on cells, each with its own precision. detection: the map and its test. directions:
-snapshots, their Fourier spectra and amplitudes. subspace: covariances, their eigenvectors and null
-spectra. selection: the joint selection and fit."""
-
 CellPrecision = Literal["double", "single"]
 
 LAST_DIGITS_LOST = 4
@@ -78,24 +73,20 @@ LEAST_LEFT = 0.33
 
 @dataclass(frozen=True, eq=False)
 class ReadMap:
-    """Range-Doppler map of an observation, in the precision of each stage.
+    """Range-Doppler map of an observation.
 
     Attributes
     ----------
     observation : Observation
         The observation that was read.
-    detection, directions, selection : GatedMap
-        Cells for the detection, for the directions of plane waves, and for the
-        joint selection and fit, without tapers, shape (n_range, n_doppler, *elements).
-        Stages of equal precision share one map.
+    gated : GatedMap
+        Cells in double precision, without tapers, shape (n_range, n_doppler, *elements).
     unit : float
-        Amplitude in the observation that is 1 in these maps; a power of two.
+        Amplitude in the observation that is 1 in this map; a power of two.
     """
 
     observation: Observation
-    detection: GatedMap
-    directions: GatedMap
-    selection: GatedMap
+    gated: GatedMap
     unit: float
 
 
@@ -195,18 +186,13 @@ def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
     Parameters
     ----------
     estimator : MapEstimator
-        Its `aperture` and `dtype_in` are used.
+        Its `aperture` is used.
     """
     with stage("rdm"):
         aperture = estimator.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
         cells, unit = scale_to_unit(cells)
-        gated = GatedMap.of(observation, cells, aperture)
-        stages: tuple[PrecisionStage, ...] = ("detection", "directions", "selection")
-        # Stages of one precision share one map.
-        maps = {dtype: gated.astype(dtype) for dtype in set(map(estimator.dtype_in, stages))}
-        detection, directions, selection = (maps[estimator.dtype_in(name)] for name in stages)
-        return ReadMap(observation, detection, directions, selection, unit)
+        return ReadMap(observation, GatedMap.of(observation, cells, aperture).astype(np.complex128), unit)
 
 
 def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
@@ -220,12 +206,13 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
     Parameters
     ----------
     estimator : MapEstimator
-        Its `detection_window`, `cell_detector`, `integration`,
+        Its `detection_window`, `precision`, `cell_detector`, `integration`,
         `m_of_n`, `dynamic_range_db` and `angle_pfa` are used.
     """
     with stage("detection"):
-        gated, window = rdm.detection, estimator.detection_window
-        tapered = gated.tapered(window, gated.doppler_taper(window))
+        gated, window = rdm.gated, estimator.detection_window
+        dtype = np.complex64 if estimator.precision == "single" else np.complex128
+        tapered = gated.tapered(window, gated.doppler_taper(window)).astype(dtype)
         cells = detect_cells(
             tapered,
             estimator.cell_detector(),
@@ -233,10 +220,10 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
             estimator.dynamic_range_db,
             estimator.m_of_n,
         )
-        last_digit = float(np.finfo(rdm.directions.cells.dtype).eps)
+        last_digit = float(np.finfo(gated.cells.dtype).eps)
         rounding = max(LAST_DIGITS_LOST * last_digit, LEAST_NOISE) ** 2 * float(cells.power.max())
-        white = min(max(white_noise(rdm.directions), rounding), cells.floor)
-        min_power = -np.log(estimator.angle_pfa) * cells.floor / rdm.selection.n_elements
+        white = min(max(white_noise(gated), rounding), cells.floor)
+        min_power = -np.log(estimator.angle_pfa) * cells.floor / gated.n_elements
         return Detected(cells, Levels(white, cells.floor, min_power))
 
 
@@ -250,7 +237,7 @@ def read_cells(rdm: ReadMap, detected: Detected, rule: SnapshotRule) -> CellSnap
         are detected only where the gate has no room for margins.
     """
     with stage("rdm"):
-        gated, bins = rdm.directions, detected.cells.bins
+        gated, bins = rdm.gated, detected.cells.bins
         doppler_window = gated.doppler_taper(rule.doppler_window)
         tapered = gated.tapered(rule.range_window, doppler_window, neighbours=1)
         inside = tapered.gate.surrounds(bins)
@@ -362,9 +349,6 @@ class MapEstimator(ABC):
     separable : bool
         Class attribute: whether directions are sought along u and along w
         separately, so that one column and one row of the array suffice.
-    single_stages : frozenset of {"detection", "directions", "subspace", "selection"}
-        Class attribute: stages that `precision` "single" computes in single
-        precision.
     detector : Detector
         Detector of range-Doppler cells.
     pfa : float or None
@@ -386,9 +370,8 @@ class MapEstimator(ABC):
         Range below the strongest scatterer nearby in which others can be
         distinguished from its leakage.
     precision : {"double", "single"}
-        Precision of the cells. "single" applies to the stages whose effect on
-        the curves is below 0.1 % (``docs/precision.md``): subspaces and joint
-        least squares are double either way.
+        Precision of the map on which cells are detected. All else is double:
+        directions depend on the last digits of the snapshots (``docs/precision.md``).
     detection_window : {"hann", "rect", "soft", "hamming", "blackman"}
         Taper along range and Doppler of the map on which cells are detected.
         Its sidelobes must not look like echoes.
@@ -400,8 +383,6 @@ class MapEstimator(ABC):
     """
 
     separable: ClassVar[bool] = False
-    # Directions depend on the last digits of the snapshots: points would move by more than 1e-6.
-    single_stages: ClassVar[frozenset[PrecisionStage]] = frozenset({"detection"})
 
     detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
     pfa: float | None = None
@@ -440,20 +421,6 @@ class MapEstimator(ABC):
     def aperture(self, observation: Observation) -> Aperture:
         """Elements that the estimator reads of an observation."""
         return (Cross if self.needs.elements == "cross" else Plane)(*observation.array.shape)
-
-    def dtype_in(self, stage: PrecisionStage) -> type[np.complexfloating[Any, Any]]:
-        """Precision in which a stage reads cells.
-
-        Parameters
-        ----------
-        stage : {"detection", "directions", "subspace", "selection"}
-
-        Returns
-        -------
-        type
-            `numpy.complex64` or `numpy.complex128`.
-        """
-        return np.complex64 if self.precision == "single" and stage in self.single_stages else np.complex128
 
     def cell_detector(self) -> Detector:
         """Detector of range-Doppler cells, with `pfa` of this estimator if it is given."""
@@ -527,7 +494,7 @@ class CellwiseEstimator(MapEstimator):
         Largest amplitude of a plane wave in the next cell over that in its own,
         along range, where lines of scatterers have no local maximum, and along
         Doppler.
-    separable, single_stages, detector, pfa, integration, angle_pfa, dynamic_range_db
+    separable, detector, pfa, integration, angle_pfa, dynamic_range_db
         See `MapEstimator`.
     local_dynamic_range_db, precision, detection_window
         See `MapEstimator`.
@@ -586,7 +553,7 @@ class CellwiseEstimator(MapEstimator):
             Those that stronger ones explain neither one by one, up to `SIDELOBE_EXCESS`, nor together,
             up to `LEAST_LEFT`.
         """
-        system, gated, limit_db = rdm.observation.system, rdm.selection, self.local_dynamic_range_db
+        system, gated, limit_db = rdm.observation.system, rdm.gated, self.local_dynamic_range_db
         if gated.sees_lobes:
             with stage("refinement"):
                 return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)

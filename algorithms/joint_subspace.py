@@ -239,7 +239,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             Where they do not explain the map, those selected and those of the last rule.
         """
         with stage("refinement"):
-            gated, system, chosen = rdm.selection, rdm.observation.system, LocatedScatterers.empty()
+            gated, system, chosen = rdm.gated, rdm.observation.system, LocatedScatterers.empty()
             for candidates in by_rule:
                 chosen = select_jointly(
                     chosen.join(merge_scatterers(candidates)),
@@ -308,8 +308,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             n_sensors = subarray[0] * subarray[1]
             # The last of a test's eigenvalues is never a source.
             n_pairs = self._most_sources(subarray) + 1 if self.model_order == "noise" else n_sensors
-            data = cells.snapshots.astype(self.dtype_in("subspace"), copy=False)
-            return planar_eigenpairs(data, subarray, n_pairs)
+            return planar_eigenpairs(cells.snapshots, subarray, n_pairs)
 
     def subspaces(self, cells: CellSnapshots, pairs: Eigenpairs, noise: float) -> Subspaces:
         """Take the signal subspaces of cells.

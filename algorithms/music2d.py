@@ -234,7 +234,7 @@ class Music2d(CellwiseEstimator):
         self, observation: Observation, cells: CellSnapshots
     ) -> list[tuple[Floats, Integers, Interval]]:
         """Estimate signal subspaces along columns and along rows, with the cosines that the region spans."""
-        lines = self.aperture(observation).lines(cells.own.astype(self.dtype_in("subspace"), copy=False))
+        lines = self.aperture(observation).lines(cells.own)
         return [
             (*self.line_subspaces(each, cells.levels.floor), limits)
             for each, limits in zip(lines, observation.cosine_limits, strict=True)

@@ -106,7 +106,7 @@ class Omp4d(MapEstimator):
         if not detected.cells.bins[0].size:
             return PointCloud.empty()
         with stage("spectrum"):
-            atom_map = AtomMap.from_map(rdm.selection, observation.system, observation.cosine_limits)
+            atom_map = AtomMap.from_map(rdm.gated, observation.system, observation.cosine_limits)
             grid = self.grid(observation, detected, atom_map)
         places = self.pursue(atom_map, grid, detected.levels)  # best atom, exact amplitudes, and so on
         found = merge_scatterers(self.strong(atom_map, places))

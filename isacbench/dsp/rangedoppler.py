@@ -14,7 +14,7 @@ from isacbench.checked_arrays import Complex, Integers, checked_array, parts_of
 from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
-from isacbench.dsp.windows import Window, reach, require_bins, taper, taps
+from isacbench.dsp.windows import Window, reach, relative_taper, require_bins, taps
 from isacbench.instrument.stages import stage
 from isacbench.model.gate import Gate
 from isacbench.model.observation import Observation
@@ -159,7 +159,8 @@ class GatedMap:
             wrapped = self.wrapped(reaches, neighbours)
         for n_bins, window in zip(wrapped.gate.shape, (range_window, doppler_window), strict=True):
             require_bins(n_bins, window)
-        return TaperedMap(wrapped, (range_window, doppler_window), wrapped.gate.trim(*reaches))
+        windows, gate = (range_window, doppler_window), wrapped.gate.trim(*reaches)
+        return TaperedMap(wrapped, windows, gate, self.cells.dtype.type)
 
     def wrapped(self, reaches: tuple[int, int], neighbours: int = 0) -> GatedMap:
         """Repeat bins from the other end of axes whose last bin is next to their first.
@@ -194,11 +195,14 @@ class TaperedMap:
         Along range and along Doppler.
     gate : Gate
         Bins of the tapered map.
+    dtype : type
+        Precision of the cells that are read.
     """
 
     untapered: GatedMap
     windows: tuple[Window, Window]
     gate: Gate
+    dtype: type[np.complexfloating[Any, Any]]
 
     __repr__ = short_repr
 
@@ -211,6 +215,10 @@ class TaperedMap:
     def sees_lobes(self) -> bool:
         """True if echoes show in Doppler bins far from their own."""
         return self.untapered.sees_lobes
+
+    def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> TaperedMap:
+        """Read the cells in a precision."""
+        return replace(self, dtype=dtype)
 
     @property
     def cells(self) -> Complex:
@@ -226,10 +234,13 @@ class TaperedMap:
         n_more = [2 * reach(window) for window in self.windows]
         rows, columns = (slice(bins.start, bins.stop + n) for bins, n in zip(kept, n_more, strict=True))
         cells = self.untapered.cells[rows, columns]
+        gain = prod(taps(window)[reach(window)] for window in self.windows)
         for some in parts_of(len(kept[0]), CACHED_SAMPLES // cells[0].size - n_more[0]):
             with stage("rdm"):
-                block = taper(cells[some.start : some.stop + n_more[0]], self.windows[1], axis=1)
-                block = taper(block, self.windows[0], axis=0)
+                block = cells[some.start : some.stop + n_more[0]]
+                block = np.multiply(block, gain, dtype=self.dtype, casting="same_kind")
+                block = relative_taper(block, self.windows[1], axis=1)
+                block = relative_taper(block, self.windows[0], axis=0)
             yield block
 
     def at(self, rows: Integers, columns: Integers) -> Complex:
@@ -255,4 +266,6 @@ class TaperedMap:
                 term = parts[index[some] + row * n_columns + column]
                 term *= weight
                 tapered[some] += term
-        return tapered.view(source.dtype)[where].reshape(*rows.shape, *elements)
+        return (
+            tapered.view(source.dtype)[where].astype(self.dtype, copy=False).reshape(*rows.shape, *elements)
+        )
