@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
+from numpy.lib.stride_tricks import sliding_window_view
 
 from isacbench.checked_arrays import Complex, Integers, checked_array, parts_of
 from isacbench.display import short_repr
@@ -255,17 +256,14 @@ class TaperedMap:
         ndarray of complex, shape (..., *elements)
         """
         source = self.untapered.cells
-        n_columns, elements = source.shape[1], source.shape[2:]
+        n_columns, elements = self.gate.shape[1], source.shape[2:]
         index, where = np.unique(rows * n_columns + columns, return_inverse=True)
-        parts = np.ascontiguousarray(source).reshape(-1, prod(elements)).view(source.real.dtype)
-        along_range, along_doppler = map(taps, self.windows)
-        weights = np.multiply.outer(along_range, along_doppler).astype(parts.dtype)
-        tapered = np.zeros((index.size, parts.shape[1]), parts.dtype)
-        for some in parts_of(index.size, CACHED_SAMPLES // parts.shape[1]):
-            for (row, column), weight in np.ndenumerate(weights):
-                term = parts[index[some] + row * n_columns + column]
-                term *= weight
-                tapered[some] += term
-        return (
-            tapered.view(source.dtype)[where].astype(self.dtype, copy=False).reshape(*rows.shape, *elements)
-        )
+        row, column = np.divmod(index, n_columns)
+        weights = np.multiply.outer(*map(taps, self.windows))
+        parts = np.ascontiguousarray(source).reshape(*source.shape[:2], -1).view(source.real.dtype)
+        around = sliding_window_view(parts, weights.shape, axis=(0, 1)).transpose(0, 1, 3, 4, 2)
+        tapered = np.empty((index.size, prod(elements)), self.dtype)
+        for some in parts_of(index.size, CACHED_SAMPLES // (weights.size * prod(elements))):
+            taken = around[row[some], column[some]].reshape(len(row[some]), weights.size, -1)
+            tapered[some] = (weights.ravel().astype(parts.dtype) @ taken).view(source.dtype)
+        return tapered[where].reshape(*rows.shape, *elements)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -176,12 +175,17 @@ class ScatterersInCells:
         weaker, stronger = np.nonzero(np.tril(elsewhere & (np.abs(shown) > FAINT * np.abs(own)[:, None]), -1))
         u, w = (np.stack([cosine[weaker], cosine[stronger]], axis=1) for cosine in (found.u, found.w))
         echoes = shown[weaker, stronger] * ranked.tapered.aperture.towards(u, w).gram()[:, 0, 1]
-        kept = np.ones(len(own), dtype=np.bool_)
-        for k, pairs in enumerate(pairwise(np.searchsorted(weaker, np.arange(len(own) + 1)))):
-            seen = echoes[slice(*pairs)] * kept[stronger[slice(*pairs)]]
-            level, left = np.abs(own[k]), np.abs(own[k] - seen.sum())
-            kept[k] = level > excess * np.abs(seen).max(initial=0) and left > least_left * level
-        return ranked.select(kept)
+        level, kept = np.abs(own), np.ones(len(own), dtype=np.bool_)
+        while True:
+            # Stronger ones alone count: after k rounds the k strongest are decided. Few rounds are needed.
+            seen = echoes * kept[stronger]
+            strongest = np.zeros(len(own))
+            np.maximum.at(strongest, weaker, np.abs(seen))
+            total = np.bincount(weaker, seen.real, len(own)) + 1j * np.bincount(weaker, seen.imag, len(own))
+            passes = (level > excess * strongest) & (np.abs(own - total) > least_left * level)
+            if np.array_equal(passes, kept):
+                return ranked.select(kept)
+            kept = passes
 
     def _echoes_at_others(self, system: System) -> Complex:
         """Amplitudes (n, n) in the cell of each scatterer of all their echoes, as if in one direction."""
