@@ -80,18 +80,17 @@ class Shared:
         Number of things to be found, the column ``n_true`` of a failure.
     data : Observation, ndarray or ResourceGrid
         What plugins are given.
-    digest : str
-        Of the data as they were made.
     """
 
     key: Mapping[str, Any]
     labels: Mapping[str, Any]
     n_true: int
     data: Any
-    digest: str = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "digest", content_digest(self.data))
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the data, as they are when it is first asked for."""
+        return content_digest(self.data)
 
     def has_changed(self) -> bool:
         """Whether a plugin has changed the data, which are read-only."""

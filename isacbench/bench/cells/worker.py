@@ -17,8 +17,8 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from itertools import chain
 from queue import SimpleQueue
+from threading import Lock
 from typing import Any, NamedTuple
 
 from isacbench.bench.cells.cell import Limits, failed_by, first_row, run_cell, time_repeats
@@ -29,6 +29,8 @@ from isacbench.bench.cells.task import Shared, Task
 from isacbench.charts import Variant
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
+from isacbench.plugins.code_digests import foreign_classes
+from isacbench.process_state import keep_freed_memory
 
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 
@@ -68,6 +70,7 @@ def work(
     # caller's process they are the caller's.
     plan = copy.deepcopy(job).plan
     environments, is_timed, is_fresh = plan.environments, repeats is not None, True
+    foreign = {one.key for one in plan.entries if foreign_classes(one.plugin)}
     task: Task | None = None
     for block in blocks:
         if task is not None and task.name != block.scenario:
@@ -76,11 +79,12 @@ def work(
         rows = {key: first_row(shared, task.entry(key), environments[key], is_timed) for key in block.entries}
         yield Ready(rows, is_fresh)
         for key, row in rows.items():
+            before = shared.digest if key in foreign else ""
             row = run_cell(task, shared, task.entry(key), row, limits)
             if repeats is not None and row.is_scored:
                 yield Repeating(repeats + 1)  # one more measures memory
                 row = time_repeats(task, shared, task.entry(key), row, repeats, limits)
-            if shared.has_changed():
+            if before and shared.has_changed():
                 if row.is_scored:
                     row = row.failed("error", CHANGED, row.result["time_estimate_s"])
                 plan = copy.deepcopy(job).plan
@@ -115,12 +119,15 @@ def rows_guarded(
             yield from worker.rows(blocks)
         return
     workers = [Worker(job.parts, limits) for _ in range(min(n_jobs, len(blocks)))]
-    todo = iter(pieces(blocks, PIECES_A_WORKER * len(workers)))  # of all threads: each takes the next one
+    todo: dict[str, deque[tuple[Block, ...]]] = {}
+    for piece in pieces(blocks, PIECES_A_WORKER * len(workers)):
+        todo.setdefault(piece[0].scenario, deque()).append(piece)
+    taking = Lock()
     done: SimpleQueue[Row | BaseException] = SimpleQueue()
 
     def work_off(worker: Worker) -> None:
         try:
-            for row in worker.rows(chain.from_iterable(todo)):
+            for row in worker.rows(_taken(todo, taking)):
                 done.put(row)
         except BaseException as error:
             done.put(error)
@@ -137,6 +144,25 @@ def rows_guarded(
         finally:
             for worker in workers:
                 worker.stop()
+
+
+def _taken(todo: dict[str, deque[tuple[Block, ...]]], taking: Lock) -> Iterator[Block]:
+    """Blocks of the pieces, by scenario, that a thread takes: of a scenario of its own while there is one.
+
+    What follows from a scenario alone, as the scores of its oracle, is then seldom made by several workers.
+    """
+    scenario = ""
+    while True:
+        with taking:
+            if scenario not in todo:
+                if not todo:
+                    return
+                scenario = next(iter(todo))
+                todo[scenario] = todo.pop(scenario)  # at the end, so that others begin with another one
+            piece = todo[scenario].popleft()
+            if not todo[scenario]:
+                del todo[scenario]
+        yield from piece
 
 
 class Worker(AbstractContextManager["Worker"]):
@@ -262,6 +288,8 @@ def _start(job: Job, limits: Limits, repeats: int | None) -> None:
     # The process that plans the run draws the same scenes, and warns of them.
     warnings.simplefilter("ignore", InputWarning)
     _job, _messages = job, work(job, iter(_blocks.popleft, None), limits, repeats)
+    if limits.memory_mib is None:  # what is kept would not count for the next cell
+        keep_freed_memory()
     gc.freeze()  # permanent objects need not be searched at every garbage collection
 
 

@@ -4,18 +4,19 @@ import gc
 import os
 import time
 import warnings
+from collections import deque
 from concurrent.futures import CancelledError
 from multiprocessing import active_children
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Thread
+from threading import Lock, Thread
 
 import pandas as pd
 import pytest
 
 from isacbench.bench.cells import worker as worker_module
 from isacbench.bench.cells.cell import Limits
-from isacbench.bench.cells.plan import load_job
+from isacbench.bench.cells.plan import Block, load_job
 from isacbench.bench.cells.rows import TIMES
 from isacbench.bench.cells.worker import Worker, rows_guarded
 from isacbench.bench.run.runner import RunOptions, run_suite
@@ -325,5 +326,13 @@ def test_a_worker_does_not_repeat_what_the_process_that_plans_has_warned_of(monk
         monkeypatch.setattr(worker_module, name, None, raising=False)
     monkeypatch.setattr(gc, "freeze", lambda: None)
     with warnings.catch_warnings():
-        worker_module._start(None, None, None)
+        worker_module._start(None, Limits(memory_mib=1), None)
         warnings.warn("a scatterer is far away", InputWarning, stacklevel=1)
+
+
+def test_workers_keep_to_scenarios_of_their_own_and_share_one_only_at_the_end():
+    todo = {name: deque((Block(name, trial, 0.0, ()),) for trial in range(2)) for name in "abc"}
+    first, second = (worker_module._taken(todo, Lock()) for _ in range(2))
+    taken = [next(thread)[:2] for _ in range(3) for thread in (first, second)]
+    assert taken == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("c", 0), ("c", 1)]
+    assert [*first, *second] == []
