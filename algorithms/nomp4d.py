@@ -50,7 +50,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.cell_detection import white_noise
-from isacbench.dsp.fitting.atom_fits import LEAST_DAMPING, AtomFit, polish_atoms, refine_atoms, refit_atoms
+from isacbench.dsp.fitting.atom_fits import LEAST_DAMPING, AtomFit, fit_atoms, polish_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.fitting.joint_selection import best_lobes, lobes_within
 from isacbench.dsp.fitting.pursuit import (
@@ -155,6 +155,8 @@ class Pursuit:
         Fit of the atoms, None without atoms.
     failed, unsplit : ndarray of float64, shape (m, 4)
         Places of failed new atoms, and of failed splits.
+    around : ndarray of float64, shape (n,)
+        Mean energy of the last residual around each atom.
     """
 
     observation: Observation
@@ -168,23 +170,19 @@ class Pursuit:
     fit: AtomFit | None = None
     failed: Floats = field(default_factory=NO_PLACES.copy)
     unsplit: Floats = field(default_factory=NO_PLACES.copy)
+    around: Floats = field(default_factory=lambda: np.empty(0))
 
     def residual(self) -> Complex:
-        """Outputs of the beams minus the echoes of all atoms."""
+        """Outputs of the beams minus the echoes of all atoms; measures `around`."""
         with stage("spectrum"):
-            return self.space.residual(self.fit)
+            residual = self.space.residual(self.fit)
+            self.around = self.space.mean_around(residual, self.places)
+            return residual
 
-    def release(self, residual: Complex) -> None:
-        """Centre new boxes on the atoms that explain almost all energy around them.
-
-        Parameters
-        ----------
-        residual : ndarray of complex128
-            From `residual`.
-        """
+    def release(self) -> None:
+        """Centre new boxes on the atoms that explain almost all energy around them."""
         if self.fit is not None:
-            around = self.space.mean_around(residual, self.places)
-            is_flat = (around < FLAT * self.fit.power) | (around < FLAT_NOISE * self.noise)
+            is_flat = (self.around < FLAT * self.fit.power) | (self.around < FLAT_NOISE * self.noise)
             self.origins = np.where(is_flat[:, None], self.places, self.origins)
 
     def apply(self, moves: _Moves) -> None:
@@ -311,11 +309,12 @@ class Nomp4d:
             if not moves.number:
                 break
             n_sought = len(pursuit.places) + moves.number
-            self._round(pursuit, residual, moves)  # joint Newton steps, pruning
+            self._round(pursuit, moves)  # joint Newton steps, pruning
             if n_sought >= self.max_scatterers:
                 break
         for _ in range(LAST_ROUNDS):
-            self._round(pursuit, pursuit.residual(), NO_MOVES)
+            pursuit.residual()
+            self._round(pursuit, NO_MOVES)
         pursuit.finish()
         return pursuit
 
@@ -323,7 +322,7 @@ class Nomp4d:
         """Choose the best moves, one per neighbourhood, without those that failed before."""
         with stage("peaks"):
             new_places, new_gain = self._new_atoms(pursuit, residual)
-            offsets, split_gain = _splits(pursuit, residual)
+            offsets, split_gain = _splits(pursuit)
             places = np.concatenate([new_places, pursuit.places])
             is_new = np.arange(len(places)) < len(new_places)
             room = max(self.max_scatterers - len(pursuit.places), 0)
@@ -339,18 +338,19 @@ class Nomp4d:
         eligible = reachable_places(places, pursuit.observation.gate)
         eligible &= ~are_near(places, pursuit.failed, FAILED_CELLS)
         if pursuit.fit is not None:
-            eligible &= gain > self._weakest(strongest_around(places, pursuit.fit, bursts))
+            strongest = strongest_around(places[eligible], pursuit.fit, bursts)
+            eligible[eligible] = gain[eligible] > self._weakest(strongest)
         order = descending(gain)
         candidates, others = order[eligible[order]], order[~eligible[order]]
         left = drop_lobe_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
         clear = above_sidelobes(places, gain, candidates, left, bursts)
         return places[clear], gain[clear]
 
-    def _round(self, pursuit: Pursuit, residual: Complex, moves: _Moves) -> None:
+    def _round(self, pursuit: Pursuit, moves: _Moves) -> None:
         """Make the moves of a round (possibly none), refine all atoms, and remember the moves that failed."""
         with stage("refinement"):
             n_before = len(pursuit.places)
-            pursuit.release(residual)
+            pursuit.release()
             pursuit.apply(moves)
             if len(pursuit.places):
                 self._refine(pursuit)
@@ -362,10 +362,8 @@ class Nomp4d:
         if not atom_map.bursts.is_whole_frame:
             pursuit.move_to_best_lobes()
         box = pursuit.origins - BOX_CELLS, pursuit.origins + BOX_CELLS
-        fit = refine_atoms(atom_map, pursuit.places, STEPS, box)
-        places, stays = fit.places, np.ones(len(fit), dtype=np.bool_)
+        fit = refine_atoms(atom_map, pursuit.places, STEPS, box, known=pursuit.fit)
         while True:
-            fit = refit_atoms(atom_map, fit, stays, places)
             places = fit.places
             weakest = self._weakest(strongest_around(places, fit, atom_map.bursts))
             stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
@@ -377,6 +375,7 @@ class Nomp4d:
             pursuit.fit = fit if stays.any() else None
             if stays.all() or not stays.any():
                 return
+            fit = fit_atoms(atom_map, pursuit.places, known=fit)
 
     def _weakest(self, strongest: Floats) -> Floats:
         """Least energy of an atom near a stronger one."""
@@ -394,13 +393,12 @@ def _begin(observation: Observation, pfa: float) -> Pursuit:
     )
 
 
-def _splits(pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
+def _splits(pursuit: Pursuit) -> tuple[Floats, Floats]:
     """Offsets (n, 4) of the two parts of each atom, and the energy (n,) that each split gains."""
     space, fit = pursuit.space, pursuit.fit
     if fit is None:
         return NO_PLACES, np.empty(0)
-    around = space.mean_around(residual, fit.places)
-    offsets, gain = split_gains(space.atom_map, fit, around, SPLIT_CERTAINTY * pursuit.threshold)
+    offsets, gain = split_gains(space.atom_map, fit, pursuit.around, SPLIT_CERTAINTY * pursuit.threshold)
     return offsets, np.where(are_near(fit.places, pursuit.unsplit, FAILED_SPLIT_CELLS), 0, gain)
 
 

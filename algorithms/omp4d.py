@@ -40,7 +40,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.peaks import PERIOD
-from isacbench.dsp.fitting.atom_fits import fit_atoms, refit_atoms
+from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid
 from isacbench.dsp.fitting.pursuit import strongest_around
@@ -152,7 +152,7 @@ class Omp4d(MapEstimator):
             fit = fit_atoms(atom_map, places)
             strongest = strongest_around(places, fit, atom_map.bursts)
             stays = fit.shown_energy >= strongest * 10 ** (-self.local_dynamic_range_db / 10)
-            fit = refit_atoms(atom_map, fit, stays, places)
+            fit = fit_atoms(atom_map, places[stays], known=fit)
         range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
         power, family = fit.shown_energy / prod(atom_map.array_shape), np.full(len(fit), -1)
         return LocatedScatterers(range_bin, doppler_bin, u, w, power, family)

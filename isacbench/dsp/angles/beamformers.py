@@ -19,15 +19,13 @@ IEEE Trans. AES 46 (2010).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, checked_array, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
+from isacbench.dsp.positive_matrices import inverse_of_lower
 
 LEAST_LOADING = 1e-12
 """Loading relative to the mean eigenvalue: without noise, covariances of few waves are singular."""
@@ -37,9 +35,6 @@ NEGLIGIBLE = 1e-4
 
 CHUNK_VALUES = 2**18
 """Entries of the covariances that are inverted at once: 2 MiB."""
-
-SMALL = 16
-"""Rows below which a matrix is inverted by elimination."""
 
 
 def bartlett_spectrum(snapshots: Complex, u: Floats, w: Floats) -> BeamformerSpectrum:
@@ -79,20 +74,9 @@ def capon_spectrum(
         # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
         diagonal += np.where(mean > 0, loading + LEAST_LOADING * mean, 1)
         # |C^-1 a|² with R = C C^T.
-        roots = _inverse_of_lower(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
+        roots = inverse_of_lower(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
         columns[some] = roots.reshape(-1, *subarray, n_sensors)
     return BeamformerSpectrum(u, w, 1 / squared_projections(columns, u, w), columns, reciprocal=True)
-
-
-def _inverse_of_lower(factor: NDArray[Any]) -> NDArray[Any]:
-    """Inverses of lower triangular matrices (n, d, d), by halves: most of it is products."""
-    if (half := factor.shape[1] // 2) < SMALL // 2:
-        return np.linalg.inv(factor)
-    inverse = np.zeros_like(factor)
-    first = inverse[:, :half, :half] = _inverse_of_lower(factor[:, :half, :half])
-    second = inverse[:, half:, half:] = _inverse_of_lower(factor[:, half:, half:])
-    inverse[:, half:, :half] = -second @ (factor[:, half:, :half] @ first)
-    return inverse
 
 
 def iaa_spectrum(

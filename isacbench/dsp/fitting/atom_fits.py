@@ -26,12 +26,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, Correlations, LineProducts, product_matrix
+from isacbench.dsp.fitting.atoms import (
+    N_COORDINATES,
+    AtomMap,
+    Correlations,
+    LineProducts,
+    Lines,
+    product_matrix,
+    select_atoms,
+)
 from isacbench.dsp.floating_point import round_step
+from isacbench.dsp.positive_matrices import inverse_of_positive, solve_positive
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Error of the product of two unit atoms, which is one of four products along the coordinates."""
@@ -76,6 +86,8 @@ class AtomFit:
         Energy of the map that the atoms explain.
     correlations : Correlations
         Of the atoms with the map.
+    lines : tuple of AtomFactors
+        Of the atoms (`AtomMap.lines`).
     products : tuple of LineProducts
         Of the atoms with each other.
     gram : ndarray of float64, shape (n, n)
@@ -89,6 +101,7 @@ class AtomFit:
     amplitude: Complex
     energy: float
     correlations: Correlations
+    lines: Lines
     products: tuple[LineProducts, ...]
     gram: Floats
     periods: Floats
@@ -191,15 +204,33 @@ class AtomFit:
     @cached_property
     def _mixed(self) -> Floats:
         """Products (n, 4 n) of the atoms with all slopes."""
-        return np.concatenate(
-            [product_matrix(self.products, None, axis) for axis in range(N_COORDINATES)], axis=1
-        )
+        mixed = np.empty((len(self), N_COORDINATES, len(self)))
+        for axis in range(N_COORDINATES):
+            mixed[:, axis] = self._product(None, axis)
+        return mixed.reshape(len(self), -1)
 
     @cached_property
     def _slopes(self) -> Floats:
         """Products (4 n, 4 n) of all slopes."""
-        axes = range(N_COORDINATES)
-        return np.block([[product_matrix(self.products, left, right) for right in axes] for left in axes])
+        n = len(self)
+        slopes = np.empty((N_COORDINATES, n, N_COORDINATES, n))
+        for left, right in product(range(N_COORDINATES), repeat=2):
+            slopes[left, :, right] = self._product(left, right)
+        return slopes.reshape(N_COORDINATES * n, -1)
+
+    def _product(self, left: int | None, right: int | None) -> Floats:
+        """Product (n, n) of those over range and Doppler and of those over u and w."""
+        bins, directions = self._plane_products
+        return bins[_axis_in(0, left), _axis_in(0, right)] * directions[_axis_in(2, left), _axis_in(2, right)]
+
+    @cached_property
+    def _plane_products(self) -> tuple[dict[tuple[int | None, int | None], Floats], ...]:
+        """Products (n, n) over range and Doppler, and over u and w, of atoms or their slopes along either."""
+        axes = None, 0, 1
+        return tuple(
+            {(left, right): product_matrix(lines, left, right) for left in axes for right in axes}
+            for lines in (self.products[:2], self.products[2:])
+        )
 
     @cached_property
     def _eliminated(self) -> Floats:
@@ -213,50 +244,42 @@ class AtomFit:
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
-        return np.linalg.inv(loaded) * scale[:, None] * scale
+        return inverse_of_positive(loaded) * scale[:, None] * scale
 
 
-def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0) -> AtomFit:
+def _axis_in(first: int, axis: int | None) -> int | None:
+    """The coordinate among two, the first of which is given; None if it is neither."""
+    return None if axis is None or axis not in (first, first + 1) else axis - first
+
+
+def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: AtomFit | None = None) -> AtomFit:
     """Fit the amplitudes of atoms at places (n, 4), n at least 1, in Rayleigh cells; prepare a step of them.
 
     With a `ridge` above 0, the weight of the energies |amplitude|² against that of the misfit, atoms that
     nearly coincide share an amplitude instead of cancelling. The energy of the fit is what the atoms explain,
-    less that of the ridge.
+    less that of the ridge. Atoms that stand where another fit to the map has them, `known`, are not
+    correlated with it anew.
     """
     lines = atom_map.lines(places)
-    return _fit(atom_map, places, atom_map.products(lines), atom_map.correlate(lines), ridge)
-
-
-def refit_atoms(atom_map: AtomMap, fit: AtomFit, keep: Mask, places: Floats, ridge: float = 0.0) -> AtomFit:
-    """Fit some of the n atoms of another fit, those of the mask `keep` (n,), at their present places (n, 4).
-
-    Only atoms that have moved are correlated anew. One atom at least stays.
-    """
-    known = Correlations(*(values[keep] for values in fit.correlations))
-    places = places[keep]
-    moved = np.any(places != fit.places[keep], axis=1)
-    if not moved.any():
-        kept = np.ix_(keep, keep)
-        products = tuple(LineProducts(*(each[kept] for each in along)) for along in fit.products)
-        return _fit(atom_map, places, products, known, ridge)
-    fresh = atom_map.correlate(atom_map.lines(places[moved]))
-    known.value[moved], known.slope[moved] = fresh.value, fresh.slope
-    return _fit(atom_map, places, atom_map.products(atom_map.lines(places)), known, ridge)
-
-
-def _fit(
-    atom_map: AtomMap,
-    places: Floats,
-    products: tuple[LineProducts, ...],
-    correlations: Correlations,
-    ridge: float,
-) -> AtomFit:
+    correlations, products = _correlations(atom_map, places, lines, known), atom_map.products(lines)
     gram = product_matrix(products, None, None)
     gram[np.diag_indices(len(gram))] += ROUNDING + ridge
     target = np.stack([correlations.value.real, correlations.value.imag], axis=1)
     amplitude: Complex = np.linalg.solve(gram, target) @ np.array([1, 1j])
     energy = float((correlations.value.conj() @ amplitude).real)
-    return AtomFit(places, amplitude, energy, correlations, products, gram, atom_map.periods)
+    return AtomFit(places, amplitude, energy, correlations, lines, products, gram, atom_map.periods)
+
+
+def _correlations(atom_map: AtomMap, places: Floats, lines: Lines, known: AtomFit | None) -> Correlations:
+    """Products of atoms with the map, those in the same places taken from another fit."""
+    if known is None:
+        return atom_map.correlate(lines)
+    same = (places[:, None] == known.places).all(axis=2)
+    fresh, index = ~same.any(axis=1), same.argmax(axis=1)
+    value, slope = (values[index] for values in known.correlations)
+    if fresh.any():
+        value[fresh], slope[fresh] = atom_map.correlate(select_atoms(lines, fresh))
+    return Correlations(value, slope)
 
 
 def refine_atoms(
@@ -265,6 +288,7 @@ def refine_atoms(
     n_steps: int,
     limits: tuple[Floats, Floats] = UNLIMITED,
     damping: float = FIRST_DAMPING,
+    known: AtomFit | None = None,
 ) -> AtomFit:
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
 
@@ -274,9 +298,9 @@ def refine_atoms(
     taken back.
 
     `limits` are the lowest and highest places (n, 4) that a step may lead to. `damping` is that of the first
-    step; less is better nearer to the optimum.
+    step; less is better nearer to the optimum. `known` is another fit to the map (`fit_atoms`).
     """
-    best = fit_atoms(atom_map, places)
+    best = fit_atoms(atom_map, places, known=known)
     for _ in range(n_steps):
         step = _step(best, damping)
         tried = fit_atoms(atom_map, np.clip(round_step(best.places + step, step), *limits))
@@ -292,7 +316,7 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     """Damped Gauss-Newton step (n, 4), no atom farther than the kernels are known."""
     diagonal = fit.information.diagonal()
     load = damping * diagonal + np.finfo(np.float64).eps * diagonal.max()
-    step = np.linalg.solve(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
+    step = solve_positive(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
     return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
 
@@ -304,14 +328,12 @@ def polish_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:
     rounding, is taken back and is the last.
     """
     rounding = ROUNDING * np.sqrt(atom_map.energy)
-    lines = atom_map.lines(fit.places)
-    rest = atom_map.without(lines, fit.amplitude)
+    rest = atom_map.without(fit.lines, fit.amplitude)
     for _ in range(n_steps):
-        amplitude_step, place_step = fit.steps(rest.correlate(lines))
+        amplitude_step, place_step = fit.steps(rest.correlate(fit.lines))
         moved = fit_atoms(atom_map, fit.places + place_step)
         moved = replace(moved, amplitude=fit.amplitude + amplitude_step)
-        lines = atom_map.lines(moved.places)
-        left = atom_map.without(lines, moved.amplitude)
+        left = atom_map.without(moved.lines, moved.amplitude)
         if np.sqrt(left.energy) > (1 + NOT_LESS) * np.sqrt(rest.energy) + rounding:
             break
         fit, rest = moved, left

@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.model.kernels import dirichlet_slopes
+from isacbench.model.kernels import dirichlet_slopes_of_bins
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
@@ -52,6 +52,11 @@ class AtomFactors(NamedTuple):
 
 Lines = tuple[AtomFactors, ...]
 """Factors of atoms along range, Doppler, u and w."""
+
+
+def select_atoms(lines: Lines, which: Mask | Integers) -> Lines:
+    """Factors of some of the atoms."""
+    return tuple(AtomFactors(*(factor[which] for factor in line)) for line in lines)
 
 
 class Correlations(NamedTuple):
@@ -178,9 +183,9 @@ class AtomMap:
             basis = self.bases[axis - 2]
             return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
         if axis == 0:
-            value, slope, curvature = dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers)
+            value, slope, curvature = dirichlet_slopes_of_bins(self.range_bins, places, self.n_subcarriers)
             return AtomFactors(value, -slope, curvature)
-        value, slope, curvature = self.bursts.slopes(self.doppler_bins - places[:, None])
+        value, slope, curvature = self.bursts.slopes_of_bins(self.doppler_bins, places)
         scale = 1 / self.bin_gain
         return AtomFactors(scale * value, -scale * slope, scale * curvature)
 
@@ -247,12 +252,15 @@ class AtomMap:
             LineProducts(value @ value.T, value @ slope.T, slope @ slope.T) for value, slope, _ in lines
         )
 
-    def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
+    def curvature_products(self, lines: Lines, others: Lines) -> tuple[tuple[Floats, Floats], ...]:
         """Products of the second derivatives of atoms along each coordinate: range, Doppler, u and w.
 
-        For each, products (n, n) with the atoms themselves along that coordinate, and energies (n,).
+        For each, products (n, m) with other atoms along that coordinate, and energies (n,).
         """
-        return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
+        return tuple(
+            (line.curvature @ other.value.T, np.sum(line.curvature**2, axis=1))
+            for line, other in zip(lines, others, strict=True)
+        )
 
     def _contract(self, lines: Lines, order: int) -> tuple[Complex, Complex]:
         """Products of atoms (n,) and of their derivatives of an order (n, 4) with the map."""

@@ -15,7 +15,6 @@ of a move is the energy that it takes from the residual.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -23,7 +22,7 @@ from scipy.ndimage import uniform_filter
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
-from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, select_atoms
 from isacbench.dsp.floating_point import round_mantissa
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
@@ -38,8 +37,8 @@ NEIGHBOURHOOD_BINS = 2.0 + 1e-9
 """Range and Doppler bins in which weaker atoms are compared with the strongest, in any direction. More than
 two: at the borders of their boxes atoms are two bins apart but for rounding."""
 
-MOST_PAIRS = 1 << 20
-"""Pairs of a place and an atom computed at once: 32 MiB of distances."""
+MOST_PAIRS = 1 << 15
+"""Pairs of a place and an atom computed at once: 1 MiB of distances."""
 
 SPLIT_OFFSETS_CELLS = (0.15, 0.5)
 """Least and largest distance of the two starts from the atom that is split."""
@@ -147,7 +146,7 @@ class BeamSpace:
         if fit is None:
             return self.beams
         atom_map, n = self.atom_map, len(fit)
-        along_range, along_doppler, along_u, along_w = (line.value for line in atom_map.lines(fit.places))
+        along_range, along_doppler, along_u, along_w = (line.value for line in fit.lines)
         towards_u = along_u @ (atom_map.bin_gain * atom_map.line(self.u, 2).value.T)
         towards_w = along_w @ atom_map.line(self.w, 3).value.T
         along_range, along_doppler = along_range[:, self.reach[0]].T, along_doppler[:, self.reach[1]]
@@ -171,7 +170,11 @@ class BeamSpace:
             In Rayleigh cells.
         energy : ndarray of float64, shape (n,)
         """
-        index, energy = _local_maxima(_halved(_halved(residual, 0), 1), least_energy)
+        # The long axes last: neighbours along an axis are compared a line at a time.
+        lines_last = np.ascontiguousarray(residual.T)
+        index, energy = _local_maxima(_halved(_halved(lines_last, 3), 2), least_energy)
+        order = np.lexsort(index)
+        index, energy = tuple(along[order] for along in index[::-1]), energy[order]
         along_range, along_doppler, along_u, along_w = self.axes
         places = np.stack(
             [
@@ -215,17 +218,22 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
 
     By more than rounding: of an echo halfway between two samples both are maxima.
     """
-    framed = np.full([n + 2 for n in beams.shape], -np.inf)
-    energy = framed[1:-1, 1:-1, 1:-1, 1:-1]
-    energy[...] = beams.real**2
-    energy += beams.imag**2
-    flat, strides = framed.ravel(), np.array(framed.strides) // framed.itemsize
-    index = np.flatnonzero(flat > least_energy)
-    level = 1 + 10.0**-TIE_DIGITS
-    # Neighbours along one axis first: they leave few for the others.
-    for step in sorted(product((-1, 0, 1), repeat=N_COORDINATES), key=np.count_nonzero):
-        index = index[level * flat[index] >= flat[index + int(np.dot(strides, step))]]
-    return tuple(along - 1 for along in np.unravel_index(index, framed.shape)), flat[index]
+    energy: Floats = beams.real**2 + beams.imag**2
+    highest = energy
+    for axis in range(beams.ndim):
+        highest = _highest_of_three(highest, axis)
+    highest /= 1 + 10.0**-TIE_DIGITS
+    index: tuple[Integers, ...] = np.nonzero((energy >= highest) & (energy > least_energy))
+    return index, energy[index]
+
+
+def _highest_of_three(values: Floats, axis: int) -> Floats:
+    """The highest of each value and its two neighbours along an axis."""
+    highest = values.copy()
+    along, there = np.moveaxis(values, axis, 0), np.moveaxis(highest, axis, 0)
+    np.maximum(there[1:], along[:-1], out=there[1:])
+    np.maximum(there[:-1], along[1:], out=there[:-1])
+    return highest
 
 
 def descending(energy: Floats) -> Integers:
@@ -293,10 +301,15 @@ def sidelobe_energy(
     if len(places) > (most := MOST_PAIRS // max(len(others), 1)):
         parts = np.split(places, range(most, len(places), most))
         return np.concatenate([sidelobe_energy(part, others, energy, bursts, least_range) for part in parts])
-    distance = places[:, None, :] - others
+    distance = _distances(places, others)
     envelope = np.where(np.abs(distance[..., 0]) >= least_range, sidelobe_envelope(distance, bursts), 0)
     amplitude: Floats = envelope @ np.sqrt(energy)
     return amplitude**2
+
+
+def _distances(places: Floats, others: Floats) -> Floats:
+    """Distances (n, m, 4) of places from others, one coordinate after the other in memory."""
+    return np.moveaxis(places.T[:, :, None] - others.T[:, None, :], 0, -1)
 
 
 def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
@@ -309,7 +322,8 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
     if len(places) > (most := MOST_PAIRS // len(fit)):
         parts = np.split(places, range(most, len(places), most))
         return np.concatenate([strongest_around(part, fit, bursts) for part in parts])
-    distance = unwrapped(places[:, None, :], fit.places, fit.periods) - fit.places
+    distance = _distances(places, fit.places)
+    distance -= fit.periods * np.rint(distance / fit.periods)
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
     share = np.where(near, 1.0, sidelobe_envelope(distance, bursts) ** 2)
@@ -331,27 +345,34 @@ def split_gains(
     Returned are the distances (n, 4) of the two atoms from the one, along the coordinate that gains most, and
     the energies gained (n,), 0 of atoms that are not to be split.
     """
-    n = len(fit)
-    lines, axes = atom_map.lines(fit.places), range(N_COORDINATES)
+    offsets, gained = np.zeros((len(fit), N_COORDINATES)), np.zeros(len(fit))
+    alone = np.flatnonzero(residual_around < SPLIT_RESIDUAL * fit.power)
+    if not alone.size:
+        return offsets, gained
+    lines, amplitude, atom = select_atoms(fit.lines, alone), fit.amplitude[alone], np.arange(alone.size)
+    products = [[each[alone] for each in along] for along in fit.products]
     curvature_outputs = atom_map.correlate_curvatures(lines)
-    products = atom_map.products(lines)
-    gain, separation = np.zeros((2, n, N_COORDINATES))
-    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines)):
-        others = np.prod([products[k].value for k in axes if k != axis], axis=0)
-        slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
+    gain, separation = np.zeros((2, alone.size, N_COORDINATES))
+    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines, fit.lines)):
+        others = np.prod([products[k][0] for k in range(N_COORDINATES) if k != axis], axis=0)
+        # Of the slopes of these atoms with all atoms.
+        slope_products = others * fit.products[axis].slope[:, alone].T
+        slope = fit.correlations.slope[alone, axis] - slope_products @ fit.amplitude
         curvature = curvature_outputs[:, axis] - (others * curved) @ fit.amplitude
         # An atom's second derivative without the part that is the atom itself.
-        free = energy - curved.diagonal() ** 2
+        free = energy - curved[atom, alone] ** 2
         if np.any(free <= LEAST_FREE * energy):
             continue  # two elements always see one wave
-        gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
-        separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
-    axis, atom = gain.argmax(axis=1), np.arange(n)
+        slope_energy = products[axis][2][atom, alone]
+        gain[:, axis] = np.abs(slope) ** 2 / slope_energy + np.abs(curvature) ** 2 / free
+        separation[:, axis] = np.sqrt(2 * np.abs((curvature / amplitude).real) / free)
+    axis = gain.argmax(axis=1)
     best = gain[atom, axis]
-    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_RESIDUAL * fit.power)
-    offsets = np.zeros((n, N_COORDINATES))
-    offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
-    return offsets, np.where(stands_out & (best > least_energy), best, 0)
+    offsets[alone, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
+    gained[alone] = np.where(
+        (best > SPLIT_STANDOUT * residual_around[alone]) & (best > least_energy), best, 0
+    )
+    return offsets, gained
 
 
 def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, refit_atoms
+from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
 from isacbench.dsp.floating_point import round_step
@@ -78,11 +78,10 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
     keep = significant_atoms(fit, atom_map, reach, RIDGES[0])
     if not keep.any():
         return None
-    fit = refit_atoms(atom_map, fit, keep, fit.places, RIDGES[0])
+    fit = fit_atoms(atom_map, fit.places[keep], RIDGES[0], fit)
     origins = fit.places
     for ridge in RIDGES:
-        every = np.ones(len(fit), dtype=np.bool_)
-        fit = refit_atoms(atom_map, fit, every, fit.places, ridge)
+        fit = fit_atoms(atom_map, fit.places, ridge, fit)
         step = damped_step(fit, damping)
         moved = np.clip(round_step(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
         tried = fit_atoms(atom_map, moved, ridge)
@@ -94,14 +93,14 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
         keep = significant_atoms(fit, atom_map, reach, ridge)
         if not keep.any():
             return None
-        fit, origins = refit_atoms(atom_map, fit, keep, fit.places, ridge), origins[keep]
+        fit, origins = fit_atoms(atom_map, fit.places[keep], ridge, fit), origins[keep]
     for _ in range(MOST_ROUNDS):
         keep = significant_atoms(fit, atom_map, reach, RIDGES[-1], LEAST_POWER * noise)
         if keep.all():
             break
         if not keep.any():
             return None
-        fit = refit_atoms(atom_map, fit, keep, fit.places, RIDGES[-1])
+        fit = fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit)
     return fit
 
 
@@ -131,7 +130,7 @@ def drop_model_error(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit |
     around = space.mean_around(space.beams, fit.places)
     misfit = far**FAR_SHARE * around ** (1 - FAR_SHARE)
     keep = power > misfit * 10 ** (ABOVE_MISFIT_DB / 10)
-    return refit_atoms(atom_map, fit, keep, fit.places, RIDGES[-1]) if keep.any() else None
+    return fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit) if keep.any() else None
 
 
 def _weighed(fit: AtomFit, ridge: float) -> Complex:
