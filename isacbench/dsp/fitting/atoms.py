@@ -221,6 +221,26 @@ class AtomMap:
         np.subtract(self._real_rows, rest, out=rest)
         return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
 
+    def ranges(self, factors: Floats) -> Floats:
+        """Products (n, n_doppler, n_u n_w 2) of factors (n, n_range) with the map, its parts side by side."""
+        return (factors @ self._real_rows).reshape(
+            len(factors), self.doppler_bins.size, 2 * self.cells[0, 0].size
+        )
+
+    def matched(self, factors: list[Floats]) -> Complex:
+        """Products (n,) of atoms with the map, from their factors (n, size) along the four coordinates."""
+        along_range, along_doppler, along_u, along_w = factors
+        seen = (along_doppler[:, None] @ self.ranges(along_range)).view(np.complex128)
+        beams = seen.reshape(len(seen), *self.cells.shape[2:]) @ along_w[:, :, None]
+        return np.asarray(along_u[:, None] @ beams, dtype=np.complex128)[:, 0, 0]
+
+    def matched_separably(self, factors: list[Floats]) -> Complex:
+        """Products (r, d, g, h) with atoms at all combinations of factors (r, n_range), (d, n_doppler) ..."""
+        along_range, along_doppler, along_u, along_w = factors
+        snapshots = (along_doppler @ self.ranges(along_range)).view(np.complex128)
+        shape = len(along_range), len(along_doppler), *self.cells.shape[2:]
+        return np.asarray(along_u @ (snapshots.reshape(shape) @ along_w.T), dtype=np.complex128)
+
     def correlate(self, lines: Lines) -> Correlations:
         """Products of atoms, and of their slopes, with the map.
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.angles.peaks import vertex
@@ -35,6 +34,12 @@ FLAT = 1e-6
 
 STEPS_BETWEEN = 2**12
 """Places between two samples of the finer grid."""
+
+NEIGHBOURS = np.array([-1, 0, 1])
+"""Steps to a sample and its two neighbours."""
+
+UNSEEN = 1e-24
+"""Energy of an atom's factor up to which the map does not see it: an exact null, but for rounding."""
 
 TINY = float(np.finfo(np.float64).tiny)
 """Level of an exact null."""
@@ -89,13 +94,13 @@ def pursue_on_grid(
     chosen. The pursuit ends where the best atom takes less than `least_energy` from the residual, is
     `dynamic_range_db` below the first one, which takes most, or is nearly a sum of those chosen before.
     """
-    search = _Search(atom_map, grid)
+    search = _Search(atom_map, grid, n_most)
     members = _Members(atom_map, n_most)
     while len(members) < n_most:
         best = search.best()
         if best is None:
             break
-        place = search.zoomed(best, members) if grid.zoom > 1 else best
+        place = search.zoomed(best, members.amplitude) if grid.zoom > 1 else search.place(best)
         if not members.take(place, least_energy):
             break
         if len(members) == 1:
@@ -105,29 +110,30 @@ def pursue_on_grid(
 
 
 class _Members:
-    """Atoms chosen so far, with the growing Cholesky factor of their Gram matrix.
+    """Atoms chosen so far, with the growing inverse of the Cholesky factor of their Gram matrix.
 
-    Attributes
-    ----------
-    places : ndarray of float64, shape (k, 4)
-    lines : list of four ndarray of float64, shape (k, size)
-        Factors along each coordinate.
+    Its rows are sums of atoms orthonormal to each other.
     """
 
     def __init__(self, atom_map: AtomMap, n_most: int) -> None:
-        self._atom_map = atom_map
-        self._cholesky = np.zeros((n_most, n_most))
-        self._coordinates = np.zeros(n_most, dtype=np.complex128)
-        self.places = np.empty((0, N_COORDINATES))
-        self.lines = [line.value for line in atom_map.lines(self.places)]
+        self._atom_map, self._n = atom_map, 0
+        self._inverse = np.zeros((n_most, n_most))
+        self._coordinates, self._amplitude = np.zeros((2, n_most), dtype=np.complex128)
+        self._places = np.empty((n_most, N_COORDINATES))
+        self._lines = [np.empty((n_most, line.value.shape[1])) for line in atom_map.lines(self._places[:0])]
 
     def __len__(self) -> int:
-        return len(self.places)
+        return self._n
+
+    @property
+    def places(self) -> Floats:
+        """Places (k, 4) of all atoms."""
+        return self._places[: self._n]
 
     @property
     def amplitude(self) -> Complex:
         """Least-squares amplitudes (k,) of all atoms."""
-        return self._solved(self._coordinates[: len(self)])
+        return self._amplitude[: self._n]
 
     @property
     def first_energy(self) -> float:
@@ -135,129 +141,149 @@ class _Members:
         return float(np.abs(self._coordinates[0]) ** 2)
 
     @property
-    def newest(self) -> tuple[complex, Floats]:
-        """Amplitude of the newest orthonormal direction, and that direction as a sum of atoms (k,)."""
-        k = len(self) - 1
-        unit = np.zeros(k + 1, dtype=np.complex128)
-        unit[k] = 1
-        return complex(self._coordinates[k]), np.real(self._solved(unit)).astype(np.float64)
+    def newest(self) -> tuple[complex, Floats, list[Floats]]:
+        """Amplitude of the newest orthonormal sum of atoms, that sum (k,), and the newest atom's factors."""
+        k = self._n - 1
+        return complex(self._coordinates[k]), self._inverse[k, : k + 1], [line[k] for line in self._lines]
 
     def take(self, place: Floats, least_energy: float) -> bool:
         """Add the atom at a place (4,), if it takes enough energy; tell whether it did."""
-        k, lines = len(self), self._atom_map.lines(place[None])
-        factors = [line.value for line in lines]
+        k, factors = self._n, [line.value for line in self._atom_map.lines(place[None])]
         row = np.ones(k)
-        for member, factor in zip(self.lines, factors, strict=True):
-            row *= member @ factor[0]
+        for members, factor in zip(self._lines, factors, strict=True):
+            row *= members[:k] @ factor[0]
         energy = float(np.prod([np.sum(factor**2) for factor in factors]))
-        new = solve_triangular(self._cholesky[:k, :k], row, lower=True)
-        rest = energy - new @ new
+        before = self._inverse[:k, :k]
+        shared = before @ row
+        rest = energy - shared @ shared
         if rest < LEAST_NEW * energy:
             return False
-        matched = self._atom_map.correlate(lines).value[0]
-        coordinate = (matched - new @ self._coordinates[:k]) / np.sqrt(rest)
+        matched = self._atom_map.matched(factors)[0]
+        coordinate = (matched - shared @ self._coordinates[:k]) / np.sqrt(rest)
         if not abs(coordinate) ** 2 > least_energy:
             return False
-        self._cholesky[k, :k], self._cholesky[k, k] = new, np.sqrt(rest)
-        self._coordinates[k] = coordinate
-        self.places = np.concatenate([self.places, place[None]])
-        self.lines = [np.concatenate(pair) for pair in zip(self.lines, factors, strict=True)]
+        self._inverse[k, :k], self._inverse[k, k] = -(shared @ before) / np.sqrt(rest), 1 / np.sqrt(rest)
+        self._coordinates[k], self._places[k], self._n = coordinate, place, k + 1
+        self._amplitude[: k + 1] += coordinate * self._inverse[k, : k + 1]
+        for members, factor in zip(self._lines, factors, strict=True):
+            members[k] = factor[0]
         return True
 
-    def _solved(self, right: Complex) -> Complex:
-        k = len(right)
-        return solve_triangular(self._cholesky[:k, :k], right, lower=True, trans="T")
+
+class _Axis:
+    """Samples of a grid along one coordinate, the finer samples around each, and members' factors there.
+
+    Attributes
+    ----------
+    places : ndarray of float64, shape (n, z)
+        The finer samples around each of n samples, which is in their middle.
+    factors : ndarray of float64, shape (n, z, size)
+        Of atoms there.
+    weight : ndarray of float64, shape (n, z)
+        Reciprocal energies of these factors; 0 of atoms that the map does not see.
+    shown : ndarray of float64, shape (n, z, n_most)
+        Products of these factors with those of the members.
+    """
+
+    def __init__(self, atom_map: AtomMap, axis: int, samples: Floats, grid: PlaceGrid, n_most: int) -> None:
+        offsets = np.arange(-grid.zoom, grid.zoom + 1) / grid.zoom
+        self.places = samples[:, None] + grid.steps[axis] * offsets
+        factors = atom_map.line(self.places.ravel(), axis).value
+        self.factors = factors.reshape(*self.places.shape, factors.shape[1])
+        energy = np.sum(self.factors**2, axis=2)
+        self.weight = np.divide(1, energy, out=np.zeros_like(energy), where=energy > UNSEEN)
+        self.shown = np.empty((*self.places.shape, n_most))
+        self.middle = grid.zoom
 
 
 class _Search:
-    """Products of the residual with all atoms of the coarse grid."""
+    """Products of the residual with all atoms of the coarse grid.
 
-    def __init__(self, atom_map: AtomMap, grid: PlaceGrid) -> None:
-        self._atom_map, self._grid = atom_map, grid
-        places = (grid.bins[:, 0], grid.bins[:, 1], grid.u, grid.w)
-        self._lines = [atom_map.line(places[axis], axis).value for axis in range(N_COORDINATES)]
-        energy = [np.sum(line**2, axis=1) for line in self._lines]
-        self._energy = (energy[0] * energy[1])[:, None], np.multiply.outer(energy[2], energy[3]).ravel()
-        self._residual = _matched(atom_map.cells, self._lines)
-        self._over_bins = np.empty((0, len(grid.bins)))
-        self._over_directions = np.empty((0, self._energy[1].size))
+    Indices of an atom are those of its samples along range, Doppler, u and w.
+    """
 
-    def best(self) -> Floats | None:
-        """Place (4,) of the atom that takes most energy from the residual; None if none takes any."""
+    def __init__(self, atom_map: AtomMap, grid: PlaceGrid, n_most: int) -> None:
+        self._atom_map = atom_map
+        range_bins, self._range_of = np.unique(grid.bins[:, 0], return_inverse=True)
+        doppler_bins, self._doppler_of = np.unique(grid.bins[:, 1], return_inverse=True)
+        samples = (range_bins, doppler_bins, grid.u, grid.w)
+        self._axes = [_Axis(atom_map, axis, line, grid, n_most) for axis, line in enumerate(samples)]
+        middle = grid.zoom
+        in_range, in_doppler, u, w = (along.weight[:, middle] for along in self._axes)
+        self._weights = in_range[self._range_of] * in_doppler[self._doppler_of], np.outer(u, w).ravel()
+        self._residual = self._matched()
+        self._over_bins = np.empty((n_most, len(grid.bins)))
+        self._over_directions = np.empty((n_most, grid.u.size * grid.w.size))
+
+    def best(self) -> tuple[int, ...] | None:
+        """Indices of the atom that takes most energy from the residual; None if none takes any."""
         if not self._residual.any():
             return None
         gain = self._residual.real**2 + self._residual.imag**2
-        for energy in self._energy:
-            gain /= energy
+        gain *= self._weights[0][:, None]
+        gain *= self._weights[1]
         bins, direction = _largest(gain)
-        u, w = np.divmod(direction, self._grid.w.size)
-        return np.array([*self._grid.bins[bins], self._grid.u[u], self._grid.w[w]])
+        u, w = divmod(direction, len(self._axes[3].places))
+        return int(self._range_of[bins]), int(self._doppler_of[bins]), u, w
 
-    def zoomed(self, place: Floats, members: _Members) -> Floats:
-        """Place (4,) of the best atom within a step of a place, between the samples of the finer grid."""
-        zoom = self._grid.zoom
-        offsets = np.arange(-zoom, zoom + 1) / zoom
-        around = place[:, None] + self._grid.steps[:, None] * offsets
-        lines = [self._atom_map.line(around[axis], axis).value for axis in range(N_COORDINATES)]
-        residual = _matched_separably(self._atom_map.cells, lines)
-        shown = [line @ member.T for line, member in zip(lines, members.lines, strict=True)]
-        over_bins = (shown[0] * members.amplitude)[:, None] * shown[1]
+    def place(self, atom: tuple[int, ...]) -> Floats:
+        """Place (4,) of an atom of the coarse grid."""
+        return np.array([along.places[at, along.middle] for along, at in zip(self._axes, atom, strict=True)])
+
+    def zoomed(self, atom: tuple[int, ...], amplitude: Complex) -> Floats:
+        """Place (4,) of the best atom within a step of an atom, between the samples of the finer grid."""
+        here = list(zip(self._axes, atom, strict=True))
+        residual = self._atom_map.matched_separably([along.factors[at] for along, at in here])
+        shown = [along.shown[at, :, : amplitude.size] for along, at in here]
+        over_bins = shown[0][:, None] * shown[1]
         over_directions = shown[2][:, None] * shown[3]
-        residual -= np.einsum("rdk,uwk->rduw", over_bins, over_directions, optimize=True)
-        energy = [np.sum(line**2, axis=1) for line in lines]
+        n_bins, n_directions = (len(over[0]) * len(over[1]) for over in (shown[:2], shown[2:]))
+        over_directions = over_directions.reshape(n_directions, amplitude.size).T
+        for part, of in ((residual.real, amplitude.real), (residual.imag, amplitude.imag)):
+            part -= ((over_bins * of).reshape(n_bins, of.size) @ over_directions).reshape(part.shape)
         gain = residual.real**2 + residual.imag**2
-        for axis, along in enumerate(energy):
-            gain /= along.reshape([-1 if axis == other else 1 for other in range(N_COORDINATES)])
-        best = _largest(gain)
-        return np.array([_between(gain, best, around[axis], axis) for axis in range(N_COORDINATES)])
+        for axis, (along, at) in enumerate(here):
+            gain *= along.weight[at].reshape([-1 if axis == other else 1 for other in range(N_COORDINATES)])
+        return _between(gain, _largest(gain), np.array([along.places[at] for along, at in here]))
 
     def subtract(self, members: _Members) -> None:
         """Subtract what the newest member explains, orthogonal to all others."""
-        products = [line @ member[-1] for line, member in zip(self._lines, members.lines, strict=True)]
-        over_directions = np.multiply.outer(products[2], products[3]).ravel()
-        self._over_bins = np.concatenate([self._over_bins, (products[0] * products[1])[None]])
-        self._over_directions = np.concatenate([self._over_directions, over_directions[None]])
-        amplitude, share = members.newest
-        shown = (self._over_bins * share[:, None]).T @ self._over_directions
+        k = len(members)
+        amplitude, share, factors = members.newest
+        for along, factor in zip(self._axes, factors, strict=True):
+            along.shown[:, :, k - 1] = along.factors @ factor
+        in_range, in_doppler, u, w = (along.shown[:, along.middle, k - 1] for along in self._axes)
+        self._over_bins[k - 1] = in_range[self._range_of] * in_doppler[self._doppler_of]
+        self._over_directions[k - 1] = np.outer(u, w).ravel()
+        shown = (self._over_bins[:k] * share[:, None]).T @ self._over_directions[:k]
         self._residual.real -= amplitude.real * shown
         self._residual.imag -= amplitude.imag * shown
 
+    def _matched(self) -> Complex:
+        """Products (m, g h) of the map with all atoms of the coarse grid."""
+        in_range, in_doppler, u, w = (along.factors[:, along.middle] for along in self._axes)
+        snapshots = np.empty((self._range_of.size, u.shape[1] * w.shape[1]), dtype=np.complex128)
+        for k, row in enumerate(self._atom_map.ranges(in_range)):
+            here = self._range_of == k
+            snapshots[here] = (in_doppler[self._doppler_of[here]] @ row).view(np.complex128)
+        beams = np.asarray(u @ (snapshots.reshape(-1, u.shape[1], w.shape[1]) @ w.T), dtype=np.complex128)
+        return beams.reshape(len(snapshots), len(u) * len(w))
 
-def _largest(gain: Floats) -> tuple[np.intp, ...]:
+
+def _largest(gain: Floats) -> tuple[int, ...]:
     """Index of the largest value, the first of those that are equal but for rounding."""
     first = int(np.argmax(gain >= gain.max() * (1 - EQUAL)))
-    return np.unravel_index(first, gain.shape)
+    return tuple(map(int, np.unravel_index(first, gain.shape)))
 
 
-def _between(gain: Floats, best: tuple[np.intp, ...], line: Floats, axis: int) -> float:
-    """Place of a maximum along one coordinate, by a parabola through the levels of three samples."""
-    at = int(best[axis])
-    line_gain = np.moveaxis(gain, axis, -1)[best[:axis] + best[axis + 1 :]]
+def _between(gain: Floats, best: tuple[int, ...], lines: Floats) -> Floats:
+    """Place (4,) of a maximum among lines (4, z) of places, by parabolas through three levels."""
+    at, axes, last = np.array(best), np.arange(N_COORDINATES), lines.shape[1] - 1
+    three = np.clip(at + np.eye(N_COORDINATES, dtype=np.int64)[:, None] * NEIGHBOURS[:, None], 0, last)
     # Of ratios, which no unit changes.
-    levels = np.log(np.maximum(line_gain / line_gain[at], TINY))
-    if at in (0, len(line) - 1) or levels[at - 1 : at + 2].min() > -FLAT:
-        return float(line[at])
-    offset = vertex(levels[at - 1 : at], levels[at : at + 1], levels[at + 1 : at + 2])[0]
+    levels = np.log(np.maximum(gain[tuple(np.moveaxis(three, -1, 0))] / gain[best], TINY))
     # To a few digits: later atoms would magnify what rounding makes of the others.
-    offset = np.rint(offset * STEPS_BETWEEN) / STEPS_BETWEEN
-    return float(line[at] + offset * (line[1] - line[0]))
-
-
-def _matched(cells: Complex, lines: list[Floats]) -> Complex:
-    """Products (m, g h) of a map with atoms at m places, each in g x h directions."""
-    n_range, n_doppler, n_u, n_w = cells.shape
-    ranges, range_of_place = np.unique(lines[0], axis=0, return_inverse=True)
-    snapshots = np.empty((len(lines[0]), n_u * n_w), dtype=np.complex128)
-    for k, row in enumerate((ranges @ cells.reshape(n_range, -1)).reshape(-1, n_doppler, n_u * n_w)):
-        here = range_of_place == k
-        snapshots[here] = lines[1][here] @ row
-    beams = np.asarray(lines[2] @ (snapshots.reshape(-1, n_u, n_w) @ lines[3].T), dtype=np.complex128)
-    return beams.reshape(len(snapshots), len(lines[2]) * len(lines[3]))
-
-
-def _matched_separably(cells: Complex, lines: list[Floats]) -> Complex:
-    """Products (r, d, g, h) of a map with atoms at all combinations of four coordinates."""
-    n_range, n_doppler, n_u, n_w = cells.shape
-    rows = (lines[0] @ cells.reshape(n_range, -1)).reshape(-1, n_doppler, n_u * n_w)
-    snapshots = (lines[1] @ rows).reshape(*(len(line) for line in lines[:2]), n_u, n_w)
-    return lines[2] @ (snapshots @ lines[3].T)
+    offset = np.rint(vertex(*levels.T) * STEPS_BETWEEN) / STEPS_BETWEEN
+    is_between = (at > 0) & (at < last) & (levels.min(axis=1) <= -FLAT)
+    place: Floats = lines[axes, at] + np.where(is_between, offset, 0) * (lines[:, 1] - lines[:, 0])
+    return place
