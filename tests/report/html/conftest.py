@@ -104,7 +104,10 @@ class Showing:
 '''
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-SOFTWARE_DRAWING = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+SOFTWARE_DRAWING = [
+    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"),
+    "--no-sandbox",
+]
 NO_BROWSER = (
     "no Chromium: install Debian's package chromium, or name one in the environment variable CHROMIUM"
 )

@@ -27,8 +27,8 @@ pytestmark = pytest.mark.first
 READY = "body[data-ready]"
 NO_AXE = "no axe: pip install axe-playwright-python"
 
-HARMLESS = "willReadFrequently"
-"""Part of the one message that is no fault: a hint of the browser on how plotly draws text."""
+HARMLESS = "willReadFrequently", "GPU stall due to ReadPixels"
+"""Parts of messages that are no faults: hints of the browser on how plotly draws text and on slow drawing."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,10 @@ def pages(runs, tmp_path_factory):
 @pytest.fixture(scope="module")
 def tabs():
     """Open pages by their names, and what was logged or requested in any, which the fixture `visit` reads."""
-    return {}, []
+    known_tabs = {}
+    yield known_tabs, []
+    for page in known_tabs.values():  # in which plotly would be busy for the rest of the session
+        page.context.close()
 
 
 @pytest.fixture
@@ -95,7 +98,7 @@ def visit(browser, pages, tabs):
 
     faults.clear()
     yield opened
-    assert [fault for fault in faults if HARMLESS not in fault] == []
+    assert [fault for fault in faults if not any(words in fault for words in HARMLESS)] == []
 
 
 def settle(page):
@@ -132,6 +135,31 @@ PAGES = {
     "detection": ["Overview", "Curves", "Images", "Detectors", "Rows"],
     "hostile": ["Overview", "Curves", "Images", "Maps", "Rows"],
 }
+
+
+def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_and_keeps_the_focus(visit):
+    page = visit("images", "#est=fft4d", anew=True)
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
+    for _ in range(3):
+        page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Images"
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    page.keyboard.press("Enter")
+    settle(page)
+    for _ in range(20):
+        if page.evaluate("document.activeElement.type") == "range":
+            break
+        page.keyboard.press("Tab")
+    page.keyboard.press("ArrowLeft")
+    assert "snr=-10" in page.evaluate("location.hash")
+    assert page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == "-10 dB"
+    go_to(page, "Overview")
+    page.locator("th button", has_text="F-score").first.focus()
+    page.keyboard.press("Enter")  # which draws the control anew
+    settle(page)
+    assert page.evaluate("document.activeElement.textContent") == "F-score"
+    assert page.locator("th[aria-sort]").first.inner_text().startswith("F-score")
 
 
 @pytest.mark.parametrize("name", slow_but(["images"], PAGES))
@@ -223,31 +251,6 @@ def test_a_key_turns_all_clouds_and_the_address_keeps_the_view(visit):
     settle(other)
     assert other.evaluate(EYES)[0] == pytest.approx(eyes[0], abs=2e-3)
     assert other.locator("fieldset input:checked").count() == 1
-
-
-def test_the_page_can_be_used_with_the_keyboard_alone_and_shows_and_keeps_the_focus(visit):
-    page = visit("images", "#est=fft4d", anew=True)
-    page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.textContent") == "Skip to the content"
-    for _ in range(3):
-        page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.textContent") == "Images"
-    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
-    page.keyboard.press("Enter")
-    settle(page)
-    for _ in range(20):
-        if page.evaluate("document.activeElement.type") == "range":
-            break
-        page.keyboard.press("Tab")
-    page.keyboard.press("ArrowLeft")
-    assert "snr=-10" in page.evaluate("location.hash")
-    assert page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == "-10 dB"
-    go_to(page, "Overview")
-    page.locator("th button", has_text="F-score").first.focus()
-    page.keyboard.press("Enter")  # which draws the control anew
-    settle(page)
-    assert page.evaluate("document.activeElement.textContent") == "F-score"
-    assert page.locator("th[aria-sort]").first.inner_text().startswith("F-score")
 
 
 def test_a_link_to_the_mean_over_scenes_opens_it_and_its_curves_take_the_scene_as_the_unit(visit, runs):
