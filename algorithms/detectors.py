@@ -48,9 +48,10 @@ from isacbench.dsp.cfar.training_cells import (
     checked_axis,
     checked_list,
     checked_power,
-    listed_windows,
     share_of,
     spread,
+    total_of,
+    training_sums,
     window_axes,
     windows_of,
 )
@@ -131,10 +132,19 @@ class _Cfar(ABC):
         noise, threshold = self._thresholds(power, axes, cells, looks)
         return Detection((power if cells is None else power[cells]) > threshold, threshold, noise)
 
+    @abstractmethod
     def _thresholds(
         self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int
     ) -> tuple[Floats, Floats]:
         """Noise and thresholds of a whole map, or of listed cells."""
+
+
+class _PlacewiseCfar(_Cfar):
+    """Base class: cells with the same place in their windows are tested together."""
+
+    def _thresholds(
+        self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int
+    ) -> tuple[Floats, Floats]:
         noise, threshold = np.empty((2, *(power.shape if cells is None else cells[0].shape)))
         for where, windows in windows_of(axes, cells):
             noise[where] = self._noise(power, windows)
@@ -210,30 +220,20 @@ class CaCfar(_WindowCfar):
     def _thresholds(
         self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int
     ) -> tuple[Floats, Floats]:
-        if cells is None:
-            return super()._thresholds(power, axes, cells, looks)
-        noise, factor = np.empty((2, cells[0].size))
-        for some, values, n_training in listed_windows(power, axes, cells):
-            # Zeros between the terms of a sum change no digit of it.
-            noise[some] = _total(values) / n_training
-            numbers, which = np.unique(n_training, return_inverse=True)
+        sums, n_training = training_sums(power, axes, cells)
+        noise = sums / n_training
+        threshold = np.empty_like(noise)
+        # The corner of a map has all numbers that there are.
+        corner = tuple(slice(axis.guard + 1) for axis in axes) if cells is None else slice(None)
+        for n in np.unique(n_training[corner]).tolist():
             exact = self.threshold == "exact"
-            factors = [
-                ca_factor(self.pfa, n, looks) if exact else paper_factor(self.pfa, n)
-                for n in numbers.tolist()
-            ]
-            factor[some] = np.array(factors)[which]
-        return noise, factor * noise
-
-    def _noise(self, power: Floats, windows: Windows) -> Floats:
-        return _mean(windows.training(power))
-
-    def _exact_factor(self, windows: Windows, looks: int) -> float:
-        return ca_factor(self.pfa, windows.n_training, looks)
+            factor = ca_factor(self.pfa, int(n), looks) if exact else paper_factor(self.pfa, int(n))
+            np.multiply(factor, noise, out=threshold, where=n_training == n)
+        return noise, threshold
 
 
 @dataclass(frozen=True)
-class _HalvedCfar(_WindowCfar):
+class _HalvedCfar(_WindowCfar, _PlacewiseCfar):
     """Base class: the noise is one of the means of the two halves of the window.
 
     The leading half holds the training cells before the cell under test along
@@ -327,7 +327,7 @@ class SocaCfar(_HalvedCfar):
 
 
 @dataclass(frozen=True)
-class TmCfar(_WindowCfar):
+class TmCfar(_WindowCfar, _PlacewiseCfar):
     """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
 
     It lies between `ca` (nothing trimmed) and `os` (all but one cell trimmed).
@@ -378,7 +378,7 @@ class TmCfar(_WindowCfar):
 
 
 @dataclass(frozen=True)
-class OsCfar(_WindowCfar):
+class OsCfar(_WindowCfar, _PlacewiseCfar):
     """Order statistic: the noise is the k-th smallest of n training cells, k = max(1, ⌊`rank_fraction` n⌋).
 
     Up to n - k echoes in the window do not mask another. At a clutter edge the
@@ -458,7 +458,7 @@ class _OrderDetection(Detection):
 
 
 @dataclass(frozen=True)
-class OscaCfar(_Cfar):
+class OscaCfar(_PlacewiseCfar):
     """Order statistic along range in each Doppler column, averaged across the columns.
 
     Each column of n training cells gives its γ-th smallest,
@@ -614,15 +614,7 @@ class FixedThreshold:
 
 def _mean(values: Floats) -> Floats:
     """Mean along the last axis."""
-    return _total(np.moveaxis(values, -1, 0)) / values.shape[-1]
-
-
-def _total(values: Floats) -> Floats:
-    """Sum along the first axis, added in sequence: one cell tested alone gives the same digits as many."""
-    terms = np.ascontiguousarray(values)
-    # NumPy adds a single column by pairs.
-    total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]
-    return total
+    return total_of(np.moveaxis(values, -1, 0)) / values.shape[-1]
 
 
 def _orders(columns: Floats) -> Floats:

@@ -6,7 +6,8 @@ the cell under test. Nothing is padded.
 
 Cells under test whose windows are shifted alike are tested together. Sums add training cells only.
 The whole window minus its guard cells, or a running sum, would lose the noise next to a strong echo to
-cancellation.
+cancellation. The lines of a window are added first, each in sequence: in a list a cell has the same digits as
+in the whole map.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from isacbench.checked_arrays import Floats, Mask, checked_array, parts_of
+from isacbench.checked_arrays import Floats, Integers, Mask, checked_array, parts_of
 from isacbench.dsp.cfar.factors import checked_count
 from isacbench.errors import InputError
 
@@ -326,23 +327,75 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
             yield (chosen,), Windows(axes, tuple(index[chosen] for index in cells), place)
 
 
-def listed_windows(
-    power: Floats, axes: tuple[Axis, ...], cells: Cells
-) -> Iterator[tuple[slice, Floats, NDArray[np.intp]]]:
-    """Windows of listed cells wherever they stand in them, in parts that stay in the cache.
+def training_sums(power: Floats, axes: tuple[Axis, ...], cells: Cells | None = None) -> tuple[Floats, Floats]:
+    """Sums of the training cells of every window, or of those of listed cells, and numbers of these cells."""
+    if cells is not None:
+        sums, counts = np.empty((2, cells[0].size))
+        for some, *found in _listed_sums(power, axes, cells):
+            sums[some], counts[some] = found
+        return sums, counts
+    lines, training, n_guarded = np.ascontiguousarray(power), np.zeros(power.shape), np.ones(())
+    for number, axis in reversed(list(enumerate(axes))):
+        training = _sums_along(number, axis, lines, training)
+        lines = _sums_along(number, axis, lines, lines) if number else lines
+        cell = np.arange(axis.length)
+        first, last = np.maximum(cell - axis.guard, 0), np.minimum(cell + axis.guard, axis.length - 1)
+        n_guarded = np.multiply.outer(last - first + 1.0, n_guarded)
+    return training, prod(axis.n_window for axis in axes) - n_guarded
 
-    Yielded are a part of the list, the values of its windows with 0 in place of all but training cells, shape
-    (window cells, n) in the order of the map, and the numbers of training cells, shape (n,).
-    """
-    views = sliding_window_view(power, tuple(axis.n_window for axis in axes))
+
+def _sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Floats:
+    """Sums of windows along an axis of C-contiguous `lines`; guard cells are taken from `guarded`."""
+    sums, step, n_window = np.zeros_like(lines), prod(lines.shape[number + 1 :]), axis.n_window
+    n_flat = lines.size - 2 * axis.reach * step
+    inner = sums.ravel()[axis.reach * step :][:n_flat]
+    for k in range(n_window):
+        source = guarded if abs(k - axis.reach) <= axis.guard else lines
+        inner += source.ravel()[k * step :][:n_flat]
+    # Near an edge, windows are shifted; above they go over it.
+    edges = np.moveaxis(sums, number, 0)
+    if guarded is lines:
+        edges[: axis.reach], edges[axis.length - axis.reach :] = edges[axis.reach], edges[-axis.reach - 1]
+        return sums
+    for start, first in ((0, 0), (axis.length - n_window, axis.length - axis.reach)):
+        window, guards = (
+            np.ascontiguousarray(np.moveaxis(each, number, 0)[start:][:n_window]).reshape(n_window, 1, -1)
+            for each in (lines, guarded)
+        )
+        for some in parts_of(axis.reach, _CACHED_VALUES // window.size):
+            places = first + np.arange(axis.reach)[some]
+            is_guarded = abs(start + np.arange(n_window)[:, None] - places) <= axis.guard
+            totals = total_of(np.where(is_guarded[:, :, None], guards, window))
+            edges[places] = totals.reshape(-1, *edges.shape[1:])
+    return sums
+
+
+def _listed_sums(
+    power: Floats, axes: tuple[Axis, ...], cells: Cells
+) -> Iterator[tuple[slice, Floats, Integers]]:
+    """The same of listed cells wherever they stand in their windows, in parts that stay in the cache."""
+    sizes = tuple(axis.n_window for axis in axes)
+    views = sliding_window_view(power, sizes)
     starts = tuple(axis.start(index) for axis, index in zip(axes, cells, strict=True))
-    for some in parts_of(cells[0].size, _CACHED_VALUES // prod(views.shape[len(axes) :])):
+    for some in parts_of(cells[0].size, _CACHED_VALUES // prod(sizes)):
         is_guarded: Mask = np.ones((1, 1), dtype=bool)
         for axis, index, start in zip(axes, cells, starts, strict=True):
             steps = np.abs(np.arange(axis.n_window)[:, None] - (index - start)[some])
             is_guarded = (is_guarded[:, None] & (steps <= axis.guard)).reshape(-1, steps.shape[1])
         values = views[tuple(start[some] for start in starts)].reshape(is_guarded.shape[1], -1)
-        yield some, np.where(is_guarded, 0, values.T), np.count_nonzero(~is_guarded, axis=0)
+        # Zeros between the terms of a sum change no digit of it.
+        terms = np.where(is_guarded, 0, values.T).reshape(*sizes, -1)
+        for _ in axes:
+            terms = total_of(np.moveaxis(terms, -2, 0))
+        yield some, terms, np.count_nonzero(~is_guarded, axis=0)
+
+
+def total_of(values: Floats) -> Floats:
+    """Sum along the first axis, added in sequence: one cell tested alone gives the same digits as many."""
+    terms = np.ascontiguousarray(values)
+    # NumPy adds a single column by pairs.
+    total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]
+    return total
 
 
 def _blocks(axes: tuple[Axis, ...]) -> Iterator[tuple[tuple[slice, ...], tuple[int, ...]]]:
