@@ -27,14 +27,17 @@ from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpect
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
 from isacbench.dsp.positive_matrices import inverse_of_lower
 
+LEAST_NOISE = 16 * float(np.finfo(np.float64).eps)
+"""Noise relative to the trace of a modelled covariance, below which it is lost in rounding."""
+
 LEAST_LOADING = 1e-12
 """Loading relative to the mean eigenvalue: without noise, covariances of few waves are singular."""
 
 NEGLIGIBLE = 1e-4
 """Singular value, relative to the largest, below which a dimension of steering vectors is left out."""
 
-CHUNK_VALUES = 2**18
-"""Entries of the covariances that are inverted at once: 2 MiB."""
+CHUNK_VALUES = 2**17
+"""Entries of the covariances that are inverted at once: 1 MiB."""
 
 
 def bartlett_spectrum(snapshots: Complex, u: Floats, w: Floats) -> BeamformerSpectrum:
@@ -113,17 +116,19 @@ def _adapted_power(power: Floats, columns: Floats, a: Floats, b: Floats, noise: 
     bb = (b[:, None] * b).reshape(n_w * n_w, n_h)
     model = (aa @ power @ bb.T).reshape(n, n_u, n_u, n_w, n_w).transpose(0, 1, 3, 2, 4)
     model = model.reshape(n, n_sensors, n_sensors)
-    np.einsum("nii->ni", model)[...] += noise
-    inverse = np.linalg.inv(model)
-    whitened = (inverse @ columns.reshape(n, n_sensors, -1)).reshape(columns.shape)
-    paired = inverse.reshape(n, n_u, n_w, n_u, n_w).transpose(0, 1, 3, 2, 4)
-    gain = aa.T @ paired.reshape(n, n_u * n_u, n_w * n_w) @ bb
-    return _matched_power(whitened, a, b) / gain**2
+    diagonal = np.einsum("nii->ni", model)
+    diagonal += np.maximum(noise, LEAST_NOISE * diagonal.sum(axis=1, keepdims=True))
+    # R^-1 = W^T W, and a^T R^-1 a = |W a|².
+    root = inverse_of_lower(np.linalg.cholesky(model))
+    whitened = root.transpose(0, 2, 1) @ (root @ columns.reshape(n, n_sensors, -1))
+    gain = _matched_power(root.reshape(n, n_sensors, n_u, n_w).transpose(0, 2, 3, 1), a, b)
+    return _matched_power(whitened.reshape(columns.shape), a, b) / gain**2
 
 
 def _matched_power(columns: Floats, a: Floats, b: Floats) -> Floats:
     """Squared projections (n, g, h) of columns (n, i, j, s) on steering vectors."""
-    return np.sum((a.T @ (columns.transpose(0, 3, 1, 2) @ b)) ** 2, axis=1)
+    projections = a.T @ (columns.transpose(0, 3, 1, 2) @ b)
+    return np.einsum("nsgh,nsgh->ngh", projections, projections)
 
 
 def _spanned(steering: Floats) -> tuple[Floats, Floats]:
