@@ -199,14 +199,16 @@ class JointSubspaceEstimator(CellwiseEstimator):
             Resolved are the cells that it explains down to the noise.
         """
         white, snapshots = cells.levels.white, cells.own
+        power = np.mean(np.abs(snapshots) ** 2, axis=(1, 2))
         waves = self.directions(observation, self.subspaces(cells, pairs, white))
+        # In as much noise, even if there were half of it, no cell is resolved.
+        waves = replace(waves, found=waves.found & (power > LEAST_EXPLAINED * white / 2)[:, None])
         if self.polish:
             with stage("refinement"):
                 data = snapshots[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
                 waves = resolve_directions(data, waves, white, self.angle_pfa, self.polish)
         unexplained = waves.unexplained(snapshots, self.aperture(observation))
-        resolved = unexplained < MOST_LEFT_OF_CELL * white
-        resolved &= np.mean(np.abs(snapshots) ** 2, axis=(1, 2)) > LEAST_EXPLAINED * unexplained
+        resolved = (unexplained < MOST_LEFT_OF_CELL * white) & (power > LEAST_EXPLAINED * unexplained)
         return replace(waves, resolved=resolved)
 
     def unresolved_waves(
