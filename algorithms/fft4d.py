@@ -31,7 +31,6 @@ from math import prod
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
@@ -205,7 +204,7 @@ class Fft4d(CellwiseEstimator):
     def _cosines(self, n_sensors: int, limits: Interval) -> tuple[Floats, Mask]:
         """Cosines of a transform's samples, ascending, and the mask of those in the region."""
         n_points = max(self.angle_points, 2 * n_sensors)
-        cosine = 2 * scipy.fft.fftshift(scipy.fft.fftfreq(n_points))
+        cosine = 2 * np.fft.fftshift(np.fft.fftfreq(n_points))
         # One sample beyond the limits, on the circle of cosines.
         inside = (cosine - limits[0] + 2 / n_points) % PERIOD <= limits[1] - limits[0] + 4 / n_points
         return cosine, inside
@@ -223,20 +222,19 @@ class Fft4d(CellwiseEstimator):
 
 
 def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> Floats:
-    """Angular power spectra (n, *samples) of snapshots (n, P, Q), cosines ascending."""
-    # Turned by half a period, transforms begin at cosine -1: nothing need be shifted.
-    turns = [
-        np.exp(-2j * np.pi * (n // 2) / n * np.arange(size))
-        for n, size in zip(samples, snapshots.shape[1:], strict=True)
-    ]
-    dtype = np.result_type(snapshots, np.complex64)
-    turned = snapshots * np.multiply.outer(*turns).astype(dtype)
-    power = np.empty((len(snapshots), *samples), dtype=turned.real.dtype)
+    """Angular power spectra (n, *samples) of snapshots (n, P, Q), cosines ascending.
+
+    The transforms are products with matrices: for so few elements an FFT takes longer, and shifts its result.
+    """
+    along_u, along_w = (
+        np.exp(2j * np.pi / n * np.outer(np.arange(n) - n // 2, np.arange(n_elements)))
+        for n, n_elements in zip(samples, snapshots.shape[1:], strict=True)
+    )
+    power = np.empty((len(snapshots), *samples))
     for some in parts_of(len(snapshots), CACHED_SAMPLES // prod(samples)):
-        rows = scipy.fft.ifft(turned[some], samples[1], axis=2, norm="forward")
-        spectra = scipy.fft.ifft(rows, samples[0], axis=1, norm="forward", overwrite_x=True)
-        power[some] = spectra.real**2
-        power[some] += spectra.imag**2
+        spectra = along_u @ (snapshots[some] @ along_w.T)
+        np.square(spectra.real, out=power[some])
+        power[some] += np.square(spectra.imag)
     return power
 
 

@@ -239,7 +239,9 @@ class TaperedMap:
         for some in parts_of(len(kept[0]), CACHED_SAMPLES // cells[0].size - n_more[0]):
             with stage("rdm"):
                 block = cells[some.start : some.stop + n_more[0]]
-                block = np.multiply(block, gain, dtype=self.dtype, casting="same_kind")
+                block = block.astype(self.dtype, order="C")
+                parts = block.view(block.real.dtype)
+                parts *= gain
                 block = relative_taper(block, self.windows[1], axis=1)
                 block = relative_taper(block, self.windows[0], axis=0)
             yield block

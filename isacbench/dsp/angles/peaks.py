@@ -153,8 +153,9 @@ def plane_maxima(power: Floats, allowed: Mask) -> Places:
 
     None of the eight neighbours exceeds them.
     """
-    spectrum, row, column = np.nonzero(allowed)
-    height, (_, n_rows, n_columns) = power[spectrum, row, column], power.shape
+    _, n_rows, n_columns = power.shape
+    spectrum, row, column = np.unravel_index(np.flatnonzero(allowed), power.shape)
+    height = power[spectrum, row, column]
     is_maximum = np.ones(height.size, dtype=np.bool_)
     for up, right in product((-1, 0, 1), repeat=2):
         is_maximum &= height >= power[spectrum, (row + up) % n_rows, (column + right) % n_columns]
