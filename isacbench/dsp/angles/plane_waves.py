@@ -254,32 +254,29 @@ def pair_directions(
     matched = responses.matched_intersections(snapshots).reshape(n, n_pairs).astype(np.complex128, copy=False)
     gram = responses.intersections_gram().reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
-    cell = np.arange(n)[:, None]
     chosen = np.zeros((n, min(n_most, n_pairs)), dtype=np.int64)
     found = np.zeros(chosen.shape, dtype=np.bool_)
-    residual = matched
+    residual, cell = matched, np.arange(n)
+    first_power = np.max(matched.real**2 + matched.imag**2, axis=1, where=eligible, initial=0)
     tie = max(TIE, TIE_UNITS * float(np.finfo(snapshots.dtype).eps))
     for k in range(chosen.shape[1]):
-        power = np.where(eligible, residual.real**2 + residual.imag**2, 0)
+        power = np.where(eligible[cell], residual.real**2 + residual.imag**2, 0)
         best_power = power.max(axis=1)
-        if k == 0:
-            strongest = best_power
+        strongest = first_power[cell]
         # The first of equals pairs the stronger peaks.
         least = best_power - tie * np.sqrt(best_power * strongest)
-        best = np.argmax(eligible & (power >= least[:, None]), axis=1)
-        growing = (best_power > min_power) & (best_power > strongest * 10 ** (-dynamic_range_db / 10))
-        growing &= found[:, k - 1] if k else True
-        if not growing.any():
-            break
-        chosen[:, k], found[:, k] = best, growing
-        eligible[cell[:, 0], best] = False
-        members, active = chosen[:, : k + 1], found[:, : k + 1]
-        rows = gram[cell, members]
-        square = _restricted(np.take_along_axis(rows, members[:, None, :], axis=2), active)
-        target = np.where(active, matched[cell, members], 0)
-        amplitude = np.linalg.solve(square, target[:, :, None])
-        residual = matched - (rows.conj().transpose(0, 2, 1) @ amplitude)[:, :, 0]
-    return PlaneWaves(u.place[cell, chosen // n_w], w.place[cell, chosen % n_w], found)
+        best = np.argmax(eligible[cell] & (power >= least[:, None]), axis=1)
+        grows = (best_power > min_power) & (best_power > strongest * 10 ** (-dynamic_range_db / 10))
+        cell, best = cell[grows], best[grows]
+        chosen[cell, k], found[cell, k] = best, True
+        eligible[cell, best] = False
+        members = chosen[cell, : k + 1]
+        rows = gram[cell[:, None], members]
+        square = np.take_along_axis(rows, members[:, None, :], axis=2) + DIAGONAL_LOADING * np.eye(k + 1)
+        amplitude = np.linalg.solve(square, matched[cell[:, None], members, None])
+        residual = matched[cell] - (rows.conj().transpose(0, 2, 1) @ amplitude)[:, :, 0]
+    each = np.arange(n)[:, None]
+    return PlaneWaves(u.place[each, chosen // n_w], w.place[each, chosen % n_w], found)
 
 
 def _restricted(gram: Complex, active: Mask) -> Complex:
