@@ -158,23 +158,28 @@ class CellSnapshots:
         Absolute range and Doppler bins.
     tapered : TaperedMap
         Map with the tapers of the rule.
-    snapshots : ndarray of complex, shape (n, s, *elements)
-        Samples of each cell and its neighbours in range, the cell in the middle.
+    around : ndarray of complex, shape (n, 5, *elements)
+        Samples of each cell, and of the next nearer, farther, slower and faster ones.
     """
 
     rule: SnapshotRule
     bins: Bins
     tapered: TaperedMap
-    snapshots: Complex
+    around: Complex
     levels: Levels
 
     def __len__(self) -> int:
-        return len(self.snapshots)
+        return len(self.around)
 
     @property
     def own(self) -> Complex:
         """Samples (n, *elements) of the cells themselves."""
-        return self.snapshots[:, self.snapshots.shape[1] // 2]
+        return self.around[:, 0]
+
+    @property
+    def snapshots(self) -> Complex:
+        """Samples (n, s, *elements) of each cell and its neighbours in range, the cell in the middle."""
+        return self.around[:, [1, 0, 2]] if self.rule.range_cells == 3 else self.around[:, :1]
 
 
 def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
@@ -242,10 +247,7 @@ def read_cells(rdm: ReadMap, detected: Detected, rule: SnapshotRule) -> CellSnap
         tapered = gated.tapered(rule.range_window, doppler_window, neighbours=1)
         inside = tapered.gate.surrounds(bins)
         bins = bins[0][inside], bins[1][inside]
-        rows, columns = tapered.gate.index(bins)
-        steps = np.arange(rule.range_cells) - rule.range_cells // 2
-        snapshots = tapered.at(*np.broadcast_arrays(rows[:, None] + steps, columns[:, None]))
-        return CellSnapshots(rule, bins, tapered, snapshots, detected.levels)
+        return CellSnapshots(rule, bins, tapered, tapered.around(bins), detected.levels)
 
 
 def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
@@ -306,6 +308,7 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
     with stage("peaks"):
         return locate_waves(
             waves,
+            cells.around,
             cells.tapered,
             cells.bins,
             estimator.local_dynamic_range_db,

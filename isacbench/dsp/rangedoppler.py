@@ -17,7 +17,7 @@ from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.dsp.windows import Window, reach, relative_taper, require_bins, taps
 from isacbench.instrument.stages import stage
-from isacbench.model.gate import Gate
+from isacbench.model.gate import Bins, Gate
 from isacbench.model.observation import Observation
 
 CACHED_SAMPLES = 2**16
@@ -245,6 +245,13 @@ class TaperedMap:
                 block = relative_taper(block, self.windows[1], axis=1)
                 block = relative_taper(block, self.windows[0], axis=0)
             yield block
+
+    def around(self, bins: Bins) -> Complex:
+        """Cells (n, 5, *elements) at absolute bins, and the next nearer, farther, slower and faster ones."""
+        rows, columns = self.gate.index(bins)
+        return self.at(
+            rows[:, None] + np.array([0, -1, 1, 0, 0]), columns[:, None] + np.array([0, 0, 0, -1, 1])
+        )
 
     def at(self, rows: Integers, columns: Integers) -> Complex:
         """Tapered cells at indices of the map, each computed once.

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.display import short_repr
+from isacbench.dsp.angles.aperture import Aperture
 from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
@@ -207,22 +208,20 @@ def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[.
     return taper(untapered, window, axis=0)
 
 
-def _amplitudes_around(waves: PlaneWaves, tapered: TaperedMap, bins: Bins) -> Complex:
-    """Amplitudes (5, n, k) of waves in cells (n,) and in the next nearer, farther, slower and faster ones."""
-    rows, columns = tapered.gate.index(bins)
-    rows, columns = rows + np.array([[0, -1, 1, 0, 0]]).T, columns + np.array([[0, 0, 0, -1, 1]]).T
+def _amplitudes_around(waves: PlaneWaves, around: Complex, aperture: Aperture) -> Complex:
+    """Amplitudes (5, n, k) of waves in their cells, and in the next ones; small systems at their own size."""
     amplitudes = np.zeros((5, *waves.found.shape), dtype=np.complex128)
     n_waves = waves.found.sum(axis=1)
     for count in range(1, int(n_waves.max(initial=0)) + 1):
         cells = np.flatnonzero(n_waves == count)
         some, entries = waves.select(cells).compact(count)
-        samples = tapered.at(rows[:, cells], columns[:, cells])
-        amplitudes[:, cells[:, None], entries] = some.amplitudes(samples, tapered.aperture)
+        amplitudes[:, cells[:, None], entries] = some.amplitudes(around[cells].swapaxes(0, 1), aperture)
     return amplitudes
 
 
 def locate_waves(
     waves: PlaneWaves,
+    around: Complex,
     tapered: TaperedMap,
     bins: Bins,
     dynamic_range_db: float,
@@ -239,6 +238,10 @@ def locate_waves(
     ----------
     waves : PlaneWaves
         Of the n cells of `bins`.
+    around : ndarray of complex, shape (n, 5, *elements)
+        Samples of each cell, and of the next nearer, farther, slower and faster ones.
+    tapered : TaperedMap
+        The map that holds them.
     bins : (ndarray of int64, ndarray of int64)
         Absolute range and Doppler bin of each cell, shape (n,), none at the
         map's edge.
@@ -251,7 +254,7 @@ def locate_waves(
     min_power : float, default 0
         Power per element that a plane wave must exceed.
     """
-    amplitudes = _amplitudes_around(waves, tapered, bins)
+    amplitudes = _amplitudes_around(waves, around, tapered.aperture)
     cell, entry = np.nonzero(waves.found)
     rows, columns = tapered.gate.index((bins[0][cell], bins[1][cell]))
     level = np.abs(amplitudes[0, cell, entry])

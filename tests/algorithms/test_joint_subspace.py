@@ -43,7 +43,8 @@ def everywhere(n_p=16, n_q=16):
 
 def waves_in(estimator, rule, snapshots, levels):
     """Waves found in snapshots (n, s, P, Q), as one rule takes them."""
-    cells = CellSnapshots(rule, None, None, snapshots, levels)
+    around = snapshots[:, [1, 0, 2]] if rule.range_cells == 3 else snapshots
+    cells = CellSnapshots(rule, None, None, around, levels)
     return estimator.plane_waves(everywhere(*snapshots.shape[2:]), cells)
 
 

@@ -30,7 +30,8 @@ def waves_in(cells, u, w):
 def placed(gated, plane_waves, cells, windows=("rect", "soft"), dynamic_range_db=60.0):
     """Places of waves of cells, by the map behind the windows."""
     bins = tuple(np.array(part) for part in cells)
-    return locate_waves(plane_waves, gated.tapered(*windows), bins, dynamic_range_db)
+    tapered = gated.tapered(*windows)
+    return locate_waves(plane_waves, tapered.around(bins), tapered, bins, dynamic_range_db)
 
 
 def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dynamic_range_db=16.5):
