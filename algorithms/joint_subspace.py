@@ -97,6 +97,13 @@ class Subspaces(NamedTuple):
     order: Integers
 
 
+@dataclass(frozen=True, eq=False)
+class DecomposedSnapshots(CellSnapshots):
+    """Snapshots of cells with the eigenpairs of their covariances."""
+
+    pairs: Eigenpairs
+
+
 @dataclass(frozen=True)
 class JointSubspaceEstimator(CellwiseEstimator):
     """Parameters and steps that the planar subspace methods share; subclasses find the directions.
@@ -144,38 +151,30 @@ class JointSubspaceEstimator(CellwiseEstimator):
         if not detected.cells.bins[0].size:
             return PointCloud.empty()
         by_rule = []
-        for cells, pairs in self.readings(rdm, detected):
-            waves = self.plane_waves(observation, cells, pairs)  # maximum likelihood in resolved cells
+        for cells in self.readings(rdm, detected):
+            waves = self.plane_waves(observation, cells)  # maximum likelihood in resolved cells
             waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
             by_rule.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
         found = self.explain(rdm, detected.levels, by_rule)  # least-squares fit, if that explains the map
         return self.to_cloud(rdm, found)
 
-    def readings(self, rdm: ReadMap, detected: Detected) -> tuple[tuple[CellSnapshots, Eigenpairs], ...]:
-        """Read the cells by each snapshot rule, and decompose what is read; single cells are read once."""
+    def readings(self, rdm: ReadMap, detected: Detected) -> tuple[CellSnapshots, ...]:
+        """Read the cells by each snapshot rule; single cells are read and decomposed once."""
         resolved, crowds, single = self.snapshot_rules()
-        alone, together = (read_cells(rdm, detected, rule) for rule in (resolved, crowds))
-        pairs = self.eigenpairs(alone)
-        return (alone, pairs), (together, self.eigenpairs(together)), (replace(alone, rule=single), pairs)
+        alone = read_cells(rdm, detected, resolved)
+        decomposed = DecomposedSnapshots(**vars(alone), pairs=self.eigenpairs(alone))
+        return decomposed, read_cells(rdm, detected, crowds), replace(decomposed, rule=single)
 
-    def plane_waves(
-        self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs | None = None
-    ) -> PlaneWaves:
+    def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find directions down to the noise in snapshots of resolved cells, and those of crowds in others.
-
-        Parameters
-        ----------
-        pairs : Eigenpairs, optional
-            From `eigenpairs`, if the cells are decomposed already.
 
         Returns
         -------
         PlaneWaves
             One row a cell.
         """
-        if pairs is None:
-            pairs = self.eigenpairs(cells)
+        pairs = cells.pairs if isinstance(cells, DecomposedSnapshots) else self.eigenpairs(cells)
         with stage("peaks"):
             if cells.rule.resolved_only:
                 waves = self.resolved_waves(observation, cells, pairs)
