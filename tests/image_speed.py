@@ -61,7 +61,7 @@ def image_y(image):
     rounds, start_s = [], process_time()
     while len(rounds) < LEAST_ROUNDS or (process_time() - start_s < ENOUGH_S and len(rounds) < MOST_ROUNDS):
         units_s, marks_s = [unit_s()], [process_time()]
-        observation = observe(scenario, SNR_DB)
+        observation = observe(scenario, SNR_DB, trial=len(rounds))  # new noise each time
         marks_s.append(process_time())
         cloud = imager.estimate(observation)
         marks_s.append(process_time())
