@@ -41,6 +41,7 @@ PAGES = (
     "docs/errata.md",
     "docs/pareto.md",
     "docs/rank.md",
+    "docs/performance.md",
 )
 MARKED = re.compile(r"<!-- table ([\w-]+) -->[^<]*<!-- end -->")
 
@@ -519,6 +520,15 @@ def pareto() -> str:
     return markdown(header, rows)
 
 
+def peers() -> str:
+    """Times beside those of other libraries (peers.py)."""
+    table = pd.read_csv(ROOT / "results" / "reference" / "peers.csv", dtype=str)
+    header = ["", "instead", "isacbench [s]", "instead [s]", "ratio"]
+    instead = table["other"] + " (" + table["version"] + ")"
+    rows = zip(table["work"], instead, table["own_s"], table["other_s"], table["ratio"], strict=True)
+    return markdown(header, rows, left=2)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "chosen": chosen,
     "over-snr": over_snr,
@@ -540,6 +550,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "pairs": pairs,
     "ranks": rank_example,
     "looks": looks,
+    "peers": peers,
 }
 
 
