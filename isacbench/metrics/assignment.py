@@ -28,6 +28,10 @@ MOST_PAIRS = 2**22
 """Pairs nearer than the radius that are compared: 0.5 GB; of some thousand points, seconds."""
 
 
+MANY_PAIRS = 2**15
+"""Pairs of which SciPy's search for a largest matching can take minutes, where nearly all points have one."""
+
+
 class Pairs(NamedTuple):
     """Pairs of points of two clouds.
 
@@ -119,6 +123,8 @@ def most_pairs(pairs: Pairs) -> int:
     """
     if not pairs.i.size:
         return 0
+    if pairs.i.size > MANY_PAIRS:
+        return cheapest(pairs, np.ones(pairs.i.size), math.inf).size
     n_rows = int(pairs.i[-1]) + 1
     starts = np.searchsorted(pairs.i, np.arange(n_rows + 1)).astype(np.int32)
     edges = np.ones(pairs.i.size, dtype=np.int8)

@@ -266,10 +266,11 @@ def group_points(scenario: Scenario, cloud: PointCloud, voxel: float = 1.0) -> N
         Group of each point, from 1.
     """
     places = radio_places(scenario, cloud) / (voxel * VOXEL_CELLS * rayleigh_cells(scenario))
-    group = np.zeros(len(cloud), dtype=np.intp)
+    group, n_groups = np.zeros(len(cloud), dtype=np.intp), 0
     for members in connected_pieces(places / REACH_VOXELS):
         voxels = np.floor(places[members] - places[members].min(axis=0))
-        group[members] = group.max(initial=0) + _parts(voxels)
+        group[members] = n_groups + _parts(voxels)
+        n_groups = int(group[members].max())
     return group
 
 

@@ -126,9 +126,13 @@ def score_curve(pair: CloudPair) -> Curve:
     truth, _, near = pair.remembered(_near_merged)
     if near is None:
         return Curve(RADII_M, *np.full((3, RADII_M.size), math.nan))
-    within = [near.take(near.squared_m2 <= radius_m**2) for radius_m in RADII_M.tolist()]
-    n_matched = np.array([most_pairs(pairs) for pairs in within])
     n_true, n_estimated = len(truth), len(pair.estimate)
+    # Once all are matched, further pairs change nothing, and to match them takes longest.
+    n_matched = np.full(RADII_M.size, min(n_true, n_estimated))
+    for place, radius_m in enumerate(RADII_M.tolist()):
+        n_matched[place] = n = most_pairs(near.take(near.squared_m2 <= radius_m**2))
+        if n == n_matched[-1]:
+            break
     shares = n_matched / max(n_estimated, 1), n_matched / n_true, 2 * n_matched / (n_true + n_estimated)
     return Curve(RADII_M, *shares)
 
@@ -155,18 +159,18 @@ def merged_truth(scenario: Scenario) -> PointCloud:
     """
     truth = scenario.truth
     places = radio_places(scenario, truth) / (MERGED_CELLS * rayleigh_cells(scenario))
-    group = np.zeros(len(truth), dtype=np.intp)
+    group, first = np.zeros(len(truth), dtype=np.intp), 1
     for members in connected_pieces(places):
         if members.size > MOST_MERGED:
             raise InputError(
                 f"scenario {scenario.name}: {members.size} scatterers hang together; allowed are at most "
                 f"{MOST_MERGED} to be merged"
             )
-        first = group.max() + 1
         group[members] = first
         if members.size > 1:
             tree = linkage(places[members], "complete", metric="chebyshev")
             group[members] += fcluster(tree, 1.0, "distance") - 1
+        first = int(group[members].max()) + 1
     n_points = np.bincount(group)[1:]
     x, y, z, v, power = (np.bincount(group, column)[1:] for column in truth.to_array().T)
     return PointCloud(np.column_stack([x, y, z]) / n_points[:, None], v / n_points, power)

@@ -147,6 +147,15 @@ def test_the_largest_matching_is_found_where_the_nearest_first_would_miss_it():
     assert cheapest(pairs, pairs.squared_m2, 1.0).tolist() == [0]
 
 
+def test_many_pairs_have_a_largest_matching_of_the_same_size(monkeypatch):
+    random = np.random.default_rng(0)
+    trees = [cKDTree(random.uniform(0, 3, (60, 3))) for _ in range(2)]
+    pairs = [near_pairs(*trees, radius_m, "matching") for radius_m in (0.3, 0.6, 1.0)]
+    few = [most_pairs(one) for one in pairs]
+    monkeypatch.setattr("isacbench.metrics.assignment.MANY_PAIRS", 0)
+    assert [most_pairs(one) for one in pairs] == few
+
+
 def test_too_dense_clouds_are_left_out_in_words(monkeypatch):
     monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 3)
     pair = CloudPair(*(cloud_of(np.random.default_rng(seed), 5) for seed in (0, 1)), radius_m=3.9)

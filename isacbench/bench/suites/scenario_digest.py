@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,6 +54,7 @@ def digest(content: Any) -> str:
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()[:DIGITS]
 
 
+@lru_cache(maxsize=64)
 def scenario_digest(scenario: Scenario) -> str:
     """Digest of everything that determines the observations of a scenario; its name seeds the noise.
 
