@@ -36,7 +36,7 @@ from isacbench.dsp.angles.line_subspaces import Eigenpairs
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.planar_subspaces import most_sources, planar_eigenpairs, subarray_shape
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.fitting.joint_selection import explain_map, select_jointly
+from isacbench.dsp.fitting.joint_selection import MatchedFilters, explain_map, select_among
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require, require_least, require_option
@@ -240,22 +240,17 @@ class JointSubspaceEstimator(CellwiseEstimator):
             Where they do not explain the map, those selected and those of the last rule.
         """
         with stage("refinement"):
-            gated, system, chosen = rdm.gated, rdm.observation.system, LocatedScatterers.empty()
+            selected = MatchedFilters(LocatedScatterers.empty(), rdm.gated, rdm.observation.system)
             for candidates in by_rule:
-                chosen = select_jointly(
-                    chosen.join(merge_scatterers(candidates)),
-                    gated,
-                    system,
-                    levels.min_power,
-                    self.local_dynamic_range_db,
-                    len(chosen),
-                )
-            rounding = FIT_ROUNDING * float(chosen.power.max(initial=0.0))
+                filters = selected.join(merge_scatterers(candidates))
+                limit_db = self.local_dynamic_range_db
+                selected = select_among(filters, levels.min_power, limit_db, len(selected))
+            rounding = FIT_ROUNDING * float(selected.scatterers.power.max(initial=0.0))
             noise = max(levels.white, LEAST_NOISE * levels.floor, rounding)
-            explained = explain_map(chosen, gated, system, noise)
+            explained = explain_map(selected, noise)
         if explained is not None:
             return explained
-        return merge_scatterers(chosen.join(by_rule[-1]))
+        return merge_scatterers(selected.scatterers.join(by_rule[-1]))
 
     @abstractmethod
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:

@@ -14,9 +14,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import prod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.model.kernels import steering
@@ -99,17 +100,10 @@ class Responses(ABC):
         """The same, shape (n, i, j), of all pairs of one of the i cosines u and one of the j cosines w."""
 
     @abstractmethod
-    def beams(self, snapshots: Complex) -> Complex:
-        """Outputs of filters matched to one direction each, for many snapshots.
+    def about_middle(self) -> tuple[Complex, NDArray[np.inexact[Any]]]:
+        """Responses (n, elements) to n directions, and their Gram matrix (n, n).
 
-        Parameters
-        ----------
-        snapshots : ndarray of complex, shape (n, s, *elements)
-            n the number of directions, which have no other axis.
-
-        Returns
-        -------
-        ndarray of complex, shape (n, s)
+        Those of a plane are referred to its middle, and so their products are real.
         """
 
     @abstractmethod
@@ -140,12 +134,12 @@ class _PlaneResponses(Responses):
         a, b = self._filters(snapshots)
         return a @ snapshots @ b.transpose(0, 2, 1) / self.n_elements
 
-    def beams(self, snapshots: Complex) -> Complex:
-        n, n_snapshots, n_p, n_q = snapshots.shape
-        # Two products of large matrices with vectors, and none of as many small ones.
-        a, b = self._filters(snapshots)
-        columns = snapshots.reshape(n, n_snapshots * n_p, n_q) @ b[:, :, None]
-        return (columns.reshape(n, n_snapshots, n_p) @ a[:, :, None])[:, :, 0] / self.n_elements
+    def about_middle(self) -> tuple[Complex, Floats]:
+        a, b = (line * np.sqrt(line[:, -1:].conj()) for line in (self.along_u, self.along_w))
+        parts = (line.view(np.float64) for line in (a, b))
+        along_u, along_w = (part @ part.T for part in parts)
+        directions = (a[:, :, None] * b[:, None, :]).reshape(-1, self.n_elements)
+        return directions, along_u * along_w / self.n_elements
 
     def synthesis(self, amplitude: Complex) -> Complex:
         return (self.along_u * amplitude[:, :, None]).transpose(0, 2, 1) @ self.along_w
@@ -172,9 +166,8 @@ class _CrossResponses(Responses):
         along_u, along_w = a @ snapshots[:, :n_p, None], b @ snapshots[:, n_p:, None]
         return self._joined(along_u, along_w.transpose(0, 2, 1)) / self.n_elements
 
-    def beams(self, snapshots: Complex) -> Complex:
-        both: Complex = np.concatenate(self._filters(snapshots), axis=-1)
-        return (snapshots @ both[:, :, None])[:, :, 0] / self.n_elements
+    def about_middle(self) -> tuple[Complex, Complex]:
+        return np.concatenate([self.along_u, self.along_w], axis=-1), self.gram()
 
     def synthesis(self, amplitude: Complex) -> Complex:
         both = np.concatenate([self.along_u, self.along_w], axis=-1)

@@ -16,20 +16,20 @@ resolved, because the echoes of all others are subtracted for each.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
-from isacbench.dsp.bursts import SymbolBursts
+from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit, polish_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.pursuit import redundant_pairs
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.gate import Gate
-from isacbench.model.kernels import dirichlet
 from isacbench.model.numerology import System
 
 PATCH = (3, 1)
@@ -83,8 +83,20 @@ LOBE_ROUNDS = 16
 """Rounds of changes of lobes; two to four are usual."""
 
 
-class _MatchedFilters:
+class MatchedFilters:
     """Matched filters of n scatterers, each on a patch of r x d cells around it.
+
+    Kernels, and on a plane products of directions, are real but for phases: those of bins are taken from the
+    beams, those of places and of the array's middle belong to the amplitudes.
+
+    Parameters
+    ----------
+    scatterers : LocatedScatterers
+    gated : GatedMap
+        Without tapers.
+    system : System
+    beam : ndarray of complex128, shape (m, r, d), optional
+        That of the first m scatterers, if it is known.
 
     Attributes
     ----------
@@ -92,48 +104,88 @@ class _MatchedFilters:
         Range and Doppler indices of each patch.
     beam : ndarray of complex128, shape (n, r, d)
         Array output per element on the patch, steered to the scatterer.
-    direction_response : ndarray of complex128, shape (n, n)
-        Response of beam i to a unit echo from the direction of scatterer j.
-    along_range, along_doppler : ndarray of complex128, shapes (n_range, n) and (n_doppler, n)
-        Unit echoes of all scatterers in the gate.
-    matched : ndarray of complex128, shape (n,)
-        Outputs of the filters, per element.
-    response : ndarray of complex128, shape (n, n)
-        Output of filter i for a unit echo of scatterer j, 1 for its own.
     """
 
-    def __init__(self, scatterers: LocatedScatterers, gated: GatedMap, system: System) -> None:
-        gate, aperture = gated.gate, gated.aperture
-        n, n_c, n_s = len(scatterers), system.n_subcarriers, system.n_symbols
-        self.doppler, self.n_elements = gated.doppler_kernel(n_s), gated.n_elements
-        self.range_bin, self.doppler_bin = scatterers.range_bin, scatterers.doppler_bin
-        self.rows = _around(self.range_bin, gate.range_bins, PATCH[0])
-        self.columns = _around(self.doppler_bin, gate.doppler_bins, PATCH[1])
-        patch = gated.cells[self.rows[:, :, None], self.columns[:, None, :]]
-        responses = aperture.towards(scatterers.u, scatterers.w)
-        self.beam = responses.beams(patch.reshape(n, -1, *aperture.shape)).reshape(patch.shape[:3])
-        self.direction_response = responses.gram()
-        self.along_range = dirichlet(gate.range_bins, self.range_bin, n_c) / np.sqrt(n_c)
-        self.along_doppler = self.doppler.response(gate.doppler_bins, self.doppler_bin) / np.sqrt(n_s)
-        in_range, range_filter = _filters(self.along_range, self.rows)
-        in_doppler, doppler_filter = _filters(self.along_doppler, self.columns)
-        response = (in_range @ self.along_range) * (in_doppler @ self.along_doppler) * self.direction_response
+    def __init__(
+        self, scatterers: LocatedScatterers, gated: GatedMap, system: System, beam: Complex | None = None
+    ) -> None:
+        self.scatterers, self.gated, self.system = scatterers, gated, system
+        self.doppler = gated.doppler_kernel(system.n_symbols)
+        self.rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
+        self.columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
+        n_known = 0 if beam is None else len(beam)
+        fresh = self._read(np.arange(n_known, len(scatterers)))
+        self.beam = fresh if beam is None else np.concatenate([beam, fresh])
+
+    def __len__(self) -> int:
+        return len(self.scatterers)
+
+    def select(self, keep: Mask) -> MatchedFilters:
+        """Select scatterers."""
+        return MatchedFilters(self.scatterers.select(keep), self.gated, self.system, self.beam[keep])
+
+    def join(self, others: LocatedScatterers) -> MatchedFilters:
+        """Append scatterers."""
+        return MatchedFilters(self.scatterers.join(others), self.gated, self.system, self.beam)
+
+    def _read(self, which: Integers) -> Complex:
+        """Beams (m, r, d) of some scatterers."""
+        gate, found = self.gated.gate, self.scatterers
+        rows, columns = self.rows[which], self.columns[which]
+        directions, _ = self.gated.aperture.towards(found.u[which], found.w[which]).about_middle()
+        filters, cells = directions.conj() / self.gated.n_elements, self.gated.cells.reshape(*gate.shape, -1)
+        beam = np.empty((len(which), rows.shape[1], columns.shape[1]), dtype=np.complex128)
+        # One by one: all patches together are many times the map.
+        for row, column, direction, output in zip(rows, columns, filters, beam, strict=True):
+            np.matmul(cells[row[0] : row[-1] + 1, column[0] : column[-1] + 1], direction, out=output)
+        turn = np.exp(-1j * np.pi * (1 - 1 / self.system.n_subcarriers) * gate.range_bins)
+        turn_back = np.exp(1j * np.pi * (1 - 1 / self.system.n_symbols) * gate.doppler_bins)
+        return beam * turn[rows][:, :, None] * turn_back[columns][:, None, :]
+
+    @cached_property
+    def direction_response(self) -> NDArray[np.inexact[Any]]:
+        """Responses (n, n) of beam i to a unit echo from the direction of scatterer j."""
+        return self.gated.aperture.towards(self.scatterers.u, self.scatterers.w).about_middle()[1]
+
+    @cached_property
+    def kernels(self) -> tuple[Floats, Floats]:
+        """Unit echoes (n_range, n) and (n_doppler, n) of all scatterers in the gate."""
+        gate, found = self.gated.gate, self.scatterers
+        range_bins, doppler_bins = gate.range_bins.astype(np.float64), gate.doppler_bins.astype(np.float64)
+        along_range = whole_frame(self.system.n_subcarriers).slopes_of_bins(range_bins, found.range_bin)[0]
+        along_doppler = self.doppler.slopes_of_bins(doppler_bins, found.doppler_bin)[0]
+        return np.ascontiguousarray(along_range.T), np.ascontiguousarray(along_doppler.T)
+
+    @cached_property
+    def outputs(self) -> tuple[Complex, NDArray[np.inexact[Any]]]:
+        """Outputs (n,) of the filters, per element, and responses (n, n) of each to unit echoes of all.
+
+        A filter has 1 of its own.
+        """
+        along_range, along_doppler = self.kernels
+        in_range, range_filter = _filters(along_range, self.rows)
+        in_doppler, doppler_filter = _filters(along_doppler, self.columns)
+        response = (in_range @ along_range) * (in_doppler @ along_doppler) * self.direction_response
         gain = response.diagonal().real.copy()
         output = (range_filter[:, None, :] @ self.beam @ doppler_filter[:, :, None])[:, 0, 0]
-        self.matched, self.response = output / gain, response / gain[:, None]
+        return output / gain, response / gain[:, None]
 
-    def echoes(self, shares: Complex) -> Complex:
-        """Sums (n, r, d) of echoes on all patches, each with its share (n, n) of the patch's beam."""
-        along_doppler = self.along_doppler[self.columns].transpose(0, 2, 1)
-        return (self.along_range[self.rows] * shares[:, None, :]) @ along_doppler
+    def echoes(self, amplitude: Complex) -> Complex:
+        """Sums (n, r, d) of the echoes of all scatterers in each beam."""
+        along_range, along_doppler = self.kernels
+        weighted = along_range[self.rows] * self.direction_response[:, None, :]
+        along = (along_doppler[self.columns] * amplitude).transpose(0, 2, 1)
+        echoes: Complex = weighted @ along.real + 1j * (weighted @ along.imag)
+        return echoes
 
     def amplitudes(self, member: Mask | None = None, loading: float = LOADING) -> Complex:
         """Amplitudes (n,) that explain the outputs of all members' filters together, 0 for the others."""
-        if member is None:
-            member = np.ones(len(self.matched), dtype=np.bool_)
-        amplitude = np.zeros_like(self.matched)
-        square = self.response[np.ix_(member, member)] + loading * np.eye(int(member.sum()))
-        amplitude[member] = np.linalg.solve(square, self.matched[member])
+        matched, response = self.outputs
+        members = np.arange(len(self)) if member is None else np.flatnonzero(member)
+        square = response[np.ix_(members, members)] + loading * np.eye(members.size)
+        target = np.stack([matched[members].real, matched[members].imag], axis=1)
+        amplitude = np.zeros_like(matched)
+        amplitude[members] = np.linalg.solve(square, target) @ np.array([1, 1j])
         return amplitude
 
 
@@ -143,7 +195,6 @@ def select_jointly(
     system: System,
     min_power: float,
     dynamic_range_db: float,
-    n_members: int = 0,
 ) -> LocatedScatterers:
     """Select the scatterers that explain the map together.
 
@@ -166,29 +217,36 @@ def select_jointly(
     dynamic_range_db : float
         Scatterers further below the strongest one of their neighbourhood are
         left out.
-    n_members : int, default 0
-        How many of the first candidates are members from the start.
 
     Returns
     -------
     LocatedScatterers
         With the powers of the joint fit.
     """
-    if not len(scatterers):
-        return scatterers
-    filters = _MatchedFilters(scatterers, gated, system)
-    likeness = np.where(_known_apart(scatterers), 0, np.abs(filters.response))
+    filters = MatchedFilters(scatterers, gated, system)
+    return select_among(filters, min_power, dynamic_range_db).scatterers
+
+
+def select_among(
+    filters: MatchedFilters, min_power: float, dynamic_range_db: float, n_members: int = 0
+) -> MatchedFilters:
+    """Select among candidates as `select_jointly` does, the first `n_members` members from the start."""
+    if not len(filters):
+        return filters
+    matched, response = filters.outputs
+    likeness = np.where(_known_apart(filters.scatterers), 0, np.abs(response))
+    competes, repeats = likeness > COMPETING_RESPONSE, likeness > REPEATING_RESPONSE
     nearby = _nearby(filters)
     weakest = 10 ** (-dynamic_range_db / 20)
-    member = np.arange(len(scatterers)) < n_members
+    member = np.arange(len(filters)) < n_members
     amplitude = filters.amplitudes(member)
     for _ in range(MAX_ROUNDS):
-        residual = np.abs(filters.matched - filters.response @ amplitude)
+        residual = np.abs(matched - response @ amplitude)
         candidate = np.where(member, 0, residual)
         strongest = np.where(nearby, np.maximum(np.abs(amplitude), candidate), 0).max(axis=1)
         joins = (candidate > weakest * strongest) & (candidate**2 > min_power)
-        joins &= _wins(candidate, likeness > COMPETING_RESPONSE)
-        joins &= ~(likeness[:, member] > REPEATING_RESPONSE).any(axis=1)
+        joins &= _wins(candidate, competes)
+        joins &= ~repeats[:, member].any(axis=1)
         if not joins.any():
             break
         member |= joins
@@ -199,47 +257,47 @@ def select_jointly(
         if leaves.any():
             member &= ~leaves
             amplitude = filters.amplitudes(member)
-    chosen = replace(scatterers, power=np.abs(amplitude) ** 2).select(member)
-    return _at_best_lobes(chosen, gated, system) if gated.sees_lobes else chosen
+    chosen = replace(filters.scatterers, power=np.abs(amplitude) ** 2).select(member)
+    selected = MatchedFilters(chosen, filters.gated, filters.system, filters.beam[member])
+    return _at_best_lobes(selected) if filters.gated.sees_lobes else selected
 
 
-def _at_best_lobes(scatterers: LocatedScatterers, gated: GatedMap, system: System) -> LocatedScatterers:
+def _at_best_lobes(selected: MatchedFilters) -> MatchedFilters:
     """Move each scatterer to the grating lobe that fits the map best once all other echoes are subtracted."""
-    if not len(scatterers):
-        return scatterers
-    bursts = gated.doppler_kernel(system.n_symbols)
-    owner, doppler_bin = lobes_within(scatterers.doppler_bin, bursts, gated.gate)
+    if not len(selected):
+        return selected
+    gated, system, scatterers = selected.gated, selected.system, selected.scatterers
+    owner, doppler_bin = lobes_within(scatterers.doppler_bin, selected.doppler, gated.gate)
     lobes = replace(scatterers.select(owner), doppler_bin=doppler_bin)
-    filters = _MatchedFilters(lobes, gated, system)
-    chosen = best_lobes(filters.matched, filters.response, owner)
+    filters = MatchedFilters(lobes, gated, system)
+    chosen = best_lobes(*filters.outputs, owner)
     member = np.isin(np.arange(owner.size), chosen)
-    return replace(lobes, power=np.abs(filters.amplitudes(member)) ** 2).select(chosen)
+    at_lobes = replace(lobes, power=np.abs(filters.amplitudes(member)) ** 2).select(chosen)
+    return MatchedFilters(at_lobes, gated, system, filters.beam[chosen])
 
 
-def explain_map(
-    scatterers: LocatedScatterers, gated: GatedMap, system: System, noise: float
-) -> LocatedScatterers | None:
+def explain_map(filters: MatchedFilters, noise: float) -> LocatedScatterers | None:
     """Move scatterers in all four coordinates to the least-squares fit, if that explains the map.
 
-    The map is without tapers, and `noise` is the power of white noise per element. Echoes that are not
+    `noise` is the power of white noise per element. Echoes that are not
     modelled bias the fit. In a crowd this error is larger than the one that the fit removes: None is returned
     where the map is crowded, or where the scatterers leave too much of it unexplained, many of them already
     before the fit. Scatterers that noise makes indistinguishable from another are left out.
     """
+    scatterers, gated, system = filters.scatterers, filters.gated, filters.system
     if not len(scatterers):
         return scatterers
     most_left = MOST_UNEXPLAINED_POWER * noise
     if len(scatterers) > FEW:
         if np.mean(scatterers.family >= 0) < LEAST_RESOLVED:
             return None
-        filters = _MatchedFilters(scatterers, gated, system)
-        misplaced = MOST_MISPLACED * gated.n_elements * float(np.abs(filters.matched).max()) ** 2
+        misplaced = MOST_MISPLACED * gated.n_elements * float(np.abs(filters.outputs[0]).max()) ** 2
         if _most_unexplained(filters) > most_left + misplaced:
             return None
     atom_map = AtomMap.from_map(gated, system)
     start = np.stack([scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w], axis=1)
     fit = refine_atoms(atom_map, start / atom_map.cell_size, EXPLAINING_STEPS)
-    if _most_unexplained(_MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)) > most_left:
+    if _most_unexplained(MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)) > most_left:
         return None
     while True:
         drop, places = redundant_pairs(fit, noise)
@@ -249,7 +307,7 @@ def explain_map(
         fit = refine_atoms(atom_map, places[~drop], EXPLAINING_STEPS)
         if not drop.any():
             break
-    filters = _MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)
+    filters = MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)
     if _most_unexplained(filters) > MOST_UNEXPLAINED * noise:
         return None
     return _placed(scatterers, polish_atoms(atom_map, fit, POLISHING_STEPS), atom_map)
@@ -262,20 +320,20 @@ def _placed(scatterers: LocatedScatterers, fit: AtomFit, atom_map: AtomMap) -> L
     return LocatedScatterers(range_bin, doppler_bin, u, w, power, scatterers.family)
 
 
-def _most_unexplained(filters: _MatchedFilters) -> float:
+def _most_unexplained(filters: MatchedFilters) -> float:
     """Largest mean power per element around any scatterer after the echoes of all are subtracted."""
     # The usual loading leaves a rest of each echo: 76 dB above the noise it would count as unexplained.
     amplitude = filters.amplitudes(loading=LEAST_LOADING)
-    misfit = filters.beam - filters.echoes(filters.direction_response * amplitude)
-    power = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * filters.n_elements
+    misfit = filters.beam - filters.echoes(amplitude)
+    power = np.mean(misfit.real**2 + misfit.imag**2, axis=(1, 2)) * filters.gated.n_elements
     return float(power.max())
 
 
-def _filters(echoes: Complex, cells: Integers) -> tuple[Complex, Complex]:
+def _filters(echoes: Floats, cells: Integers) -> tuple[Floats, Floats]:
     """Filters (n, b) matched to echoes (b, n) in k cells of each, and what they have there (n, k)."""
     scatterer = np.arange(len(cells))[:, None]
     filters = np.zeros_like(echoes.T, order="C")
-    filters[scatterer, cells] = echoes[cells, scatterer].conj()
+    filters[scatterer, cells] = echoes[cells, scatterer]
     return filters, filters[scatterer, cells]
 
 
@@ -286,10 +344,11 @@ def _around(places: Floats, bins: Integers, n_side: int) -> Integers:
     return first[:, None] + np.arange(width)
 
 
-def _nearby(filters: _MatchedFilters) -> Mask:
+def _nearby(filters: MatchedFilters) -> Mask:
     """Pairs (n, n) close enough in range and Doppler to be compared with each other."""
-    in_range = np.abs(filters.range_bin[:, None] - filters.range_bin)
-    in_doppler = filters.doppler.to_lobe(np.abs(filters.doppler_bin[:, None] - filters.doppler_bin))
+    range_bin, doppler_bin = filters.scatterers.range_bin, filters.scatterers.doppler_bin
+    in_range = np.abs(range_bin[:, None] - range_bin)
+    in_doppler = filters.doppler.to_lobe(np.abs(doppler_bin[:, None] - doppler_bin))
     return (in_range < NEIGHBOURHOOD_BINS) & (in_doppler < NEIGHBOURHOOD_BINS)
 
 

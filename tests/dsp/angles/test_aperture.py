@@ -87,11 +87,13 @@ def test_matched_filters_are_the_products_of_responses_with_snapshots(kind, shap
 
 
 @any_aperture
-def test_beams_are_matched_filters_of_one_direction_for_many_snapshots(kind, shape, seed):
-    aperture, rng, (u, w) = drawn(kind, shape, seed, (3,))
-    snapshots = snapshots_of(aperture, rng, 3, 4)
-    expected = aperture.towards(u[:, None], w[:, None]).matched(snapshots.swapaxes(0, 1))[:, :, 0].T
-    np.testing.assert_allclose(aperture.towards(u, w).beams(snapshots), expected, atol=1e-12)
+def test_responses_about_the_middle_have_the_products_of_their_gram_matrix(kind, shape, seed):
+    aperture, _, (u, w) = drawn(kind, shape, seed, (3,))
+    responses, gram = aperture.towards(u, w).about_middle()
+    np.testing.assert_allclose(responses.conj() @ responses.T / aperture.n_elements, gram, atol=1e-12)
+    # The same as at their corner but for a phase each.
+    at_corner = np.array([response(aperture, *one) for one in zip(u, w, strict=True)])
+    np.testing.assert_allclose(np.abs(np.vecdot(at_corner, responses)), aperture.n_elements)
 
 
 @any_aperture
@@ -109,15 +111,14 @@ def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_doubl
     data = snapshots_of(aperture, rng, 2, 2)
     for dtype, tolerance in ((np.complex64, 1e-5), (np.complex128, 0)):
         cells = data.astype(dtype)
-        cosines = aperture.towards(u, w), aperture.towards(u[:, 0], w[:, 0])
+        cosines = aperture.towards(u, w)
         for single, double in (
-            (cosines[0].matched(cells), cosines[0].matched(data)),
-            (cosines[0].matched_intersections(cells[0]), cosines[0].matched_intersections(data[0])),
-            (cosines[1].beams(cells), cosines[1].beams(data)),
+            (cosines.matched(cells), cosines.matched(data)),
+            (cosines.matched_intersections(cells[0]), cosines.matched_intersections(data[0])),
         ):
             assert single.dtype == dtype
             np.testing.assert_allclose(single, double, atol=tolerance)
-        assert cosines[0].gram().dtype == np.complex128
+        assert cosines.gram().dtype == np.complex128
 
 
 @any_aperture

@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.bounds import joint_bound
 from isacbench.dsp.fitting import joint_selection
-from isacbench.dsp.fitting.joint_selection import FEW, LOADING, explain_map, select_jointly
+from isacbench.dsp.fitting.joint_selection import (
+    FEW,
+    LOADING,
+    MatchedFilters,
+    explain_map,
+    select_among,
+    select_jointly,
+)
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.kernels import steering
@@ -138,7 +145,9 @@ def test_members_from_the_start_stay_and_a_candidate_that_repeats_one_does_not_j
     start = scatterers(moved(TRUE[:1], 0.0, 0.2))
     candidates = start.join(scatterers(TRUE[:1])).join(scatterers(TRUE[1:]))
     gated = gated_map(TRUE)
-    later = select_jointly(candidates, gated, SYSTEM, MIN_POWER, 16.5, n_members=1)
+    # Their beams are known already.
+    filters = MatchedFilters(start, gated, SYSTEM).join(scatterers(TRUE))
+    later = select_among(filters, MIN_POWER, 16.5, n_members=1).scatterers
     np.testing.assert_allclose(places(later)[0], places(start)[0])
     assert len(later) == len(TRUE)
     # Without members the better of the two explains the map.
@@ -149,8 +158,9 @@ def test_members_from_the_start_stay_and_a_candidate_that_repeats_one_does_not_j
 def test_members_from_the_start_that_are_weak_beside_what_joins_leave():
     nothing_there = moved(TRUE[1:2], 1.2, 1.2, -0.25)
     candidates = scatterers(np.concatenate([nothing_there, TRUE]))
-    found = select_jointly(candidates, gated_map(TRUE), SYSTEM, MIN_POWER, 16.5, n_members=1)
-    np.testing.assert_allclose(places(found), TRUE[:, :4])
+    filters = MatchedFilters(candidates, gated_map(TRUE), SYSTEM)
+    found = select_among(filters, MIN_POWER, 16.5, n_members=1)
+    np.testing.assert_allclose(places(found.scatterers), TRUE[:, :4])
 
 
 @pytest.mark.parametrize(("dynamic_range_db", "n_kept"), [(19.0, 1), (21.0, 2)])
@@ -173,7 +183,7 @@ def test_what_is_weaker_than_noise_may_be_is_not_selected():
 
 def explained(rows, gated, noise_power, family=0):
     """Map explained from candidates at rows."""
-    return explain_map(scatterers(rows, family), gated, SYSTEM, noise_power)
+    return explain_map(MatchedFilters(scatterers(rows, family), gated, SYSTEM), noise_power)
 
 
 def off(rows, seed):
@@ -246,4 +256,4 @@ def test_without_scatterers_there_is_nothing_to_select_or_fit():
     nothing = scatterers(np.empty((0, 5)))
     gated = gated_map(TRUE)
     assert len(select_jointly(nothing, gated, SYSTEM, MIN_POWER, 16.5)) == 0
-    assert len(explain_map(nothing, gated, SYSTEM, 1.0)) == 0
+    assert len(explain_map(MatchedFilters(nothing, gated, SYSTEM), 1.0)) == 0
