@@ -192,9 +192,7 @@ def rank_table(run: Run, metric: str | None = None, estimators: Sequence[str] | 
         raise InputError(f"{run.label}: in no scene do all estimators have a {metric}{left_out}")
     # Failed cells have none of these scores: they are means over the images that there are.
     beside = {
-        name: pd.DataFrame(
-            {one: scenes.average_alone(records, name, one, scored.cells) for one in (*ranked, *references)}
-        ).rename_axis(columns=VARIANT)
+        name: scenes.average_alone(records, name, [*ranked, *references], scored.cells)
         for name in (metric, *BESIDE)
         if name in records
     }

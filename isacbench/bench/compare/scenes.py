@@ -154,12 +154,15 @@ def average_scenes(records: pd.DataFrame, metric: str, better: str, ranked: Sequ
 
 
 def average_alone(
-    records: pd.DataFrame, metric: str, variant: Variant, cells: pd.DataFrame
-) -> pd.Series[float]:
-    """Average a score of one estimator within every scene, as far as it has one at the compared cells."""
-    columns = records[[*SCENE_CELL, *VARIANT, "status", metric]]
-    own = rows_of(columns, variant).astype({"scenario": object}).set_index(SCENE_CELL)
-    return _scores(own, metric).reindex(cells.index).groupby("scenario").mean().dropna()
+    records: pd.DataFrame, metric: str, variants: Sequence[Variant], cells: pd.DataFrame
+) -> pd.DataFrame:
+    """Average a score of each estimator within every scene, as far as it has one at the compared cells."""
+    rows = records[[*SCENE_CELL, *VARIANT]].astype(dict.fromkeys(CURVE, object))
+    scores = rows.assign(score=_scores(records, metric)).pivot(
+        index=SCENE_CELL, columns=VARIANT, values="score"
+    )
+    columns = pd.MultiIndex.from_tuples(variants, names=VARIANT)
+    return scores.reindex(index=cells.index, columns=columns).groupby("scenario").mean()
 
 
 def _scores(records: pd.DataFrame, metric: str) -> pd.Series[float]:
