@@ -16,7 +16,9 @@ def lines(monkeypatch):
     def lines(*estimates_y, algebra_y=0.5):
         times = iter(estimates_y)
         monkeypatch.setattr(image_speed, "algebra_y", lambda: algebra_y)
-        monkeypatch.setattr(image_speed, "image_y", lambda image: [10.0, next(times)])
+        monkeypatch.setattr(
+            image_speed, "times_y", lambda images: {image: [10.0, next(times)] for image in images}
+        )
         return image_speed.too_slow(COMMITTED)
 
     return lines
