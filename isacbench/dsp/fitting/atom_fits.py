@@ -26,19 +26,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atoms import (
     N_COORDINATES,
+    AtomFactors,
     AtomMap,
     Correlations,
     LineProducts,
     Lines,
     product_matrix,
-    select_atoms,
 )
 from isacbench.dsp.floating_point import round_step
 from isacbench.dsp.positive_matrices import inverse_of_positive, solve_positive
@@ -204,33 +203,15 @@ class AtomFit:
     @cached_property
     def _mixed(self) -> Floats:
         """Products (n, 4 n) of the atoms with all slopes."""
-        mixed = np.empty((len(self), N_COORDINATES, len(self)))
-        for axis in range(N_COORDINATES):
-            mixed[:, axis] = self._product(None, axis)
-        return mixed.reshape(len(self), -1)
+        return np.concatenate(
+            [product_matrix(self.products, None, axis) for axis in range(N_COORDINATES)], axis=1
+        )
 
     @cached_property
     def _slopes(self) -> Floats:
         """Products (4 n, 4 n) of all slopes."""
-        n = len(self)
-        slopes = np.empty((N_COORDINATES, n, N_COORDINATES, n))
-        for left, right in product(range(N_COORDINATES), repeat=2):
-            slopes[left, :, right] = self._product(left, right)
-        return slopes.reshape(N_COORDINATES * n, -1)
-
-    def _product(self, left: int | None, right: int | None) -> Floats:
-        """Product (n, n) of those over range and Doppler and of those over u and w."""
-        bins, directions = self._plane_products
-        return bins[_axis_in(0, left), _axis_in(0, right)] * directions[_axis_in(2, left), _axis_in(2, right)]
-
-    @cached_property
-    def _plane_products(self) -> tuple[dict[tuple[int | None, int | None], Floats], ...]:
-        """Products (n, n) over range and Doppler, and over u and w, of atoms or their slopes along either."""
-        axes = None, 0, 1
-        return tuple(
-            {(left, right): product_matrix(lines, left, right) for left in axes for right in axes}
-            for lines in (self.products[:2], self.products[2:])
-        )
+        axes = range(N_COORDINATES)
+        return np.block([[product_matrix(self.products, left, right) for right in axes] for left in axes])
 
     @cached_property
     def _eliminated(self) -> Floats:
@@ -245,11 +226,6 @@ class AtomFit:
         loaded = self.information * scale[:, None] * scale
         loaded[np.diag_indices(size)] += self.rounding * scale**2
         return inverse_of_positive(loaded) * scale[:, None] * scale
-
-
-def _axis_in(first: int, axis: int | None) -> int | None:
-    """The coordinate among two, the first of which is given; None if it is neither."""
-    return None if axis is None or axis not in (first, first + 1) else axis - first
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: AtomFit | None = None) -> AtomFit:
@@ -278,7 +254,9 @@ def _correlations(atom_map: AtomMap, places: Floats, lines: Lines, known: AtomFi
     fresh, index = ~same.any(axis=1), same.argmax(axis=1)
     value, slope = (values[index] for values in known.correlations)
     if fresh.any():
-        value[fresh], slope[fresh] = atom_map.correlate(select_atoms(lines, fresh))
+        value[fresh], slope[fresh] = atom_map.correlate(
+            tuple(AtomFactors(*(factor[fresh] for factor in line)) for line in lines)
+        )
     return Correlations(value, slope)
 
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.model.kernels import dirichlet_slopes_of_bins
@@ -52,11 +52,6 @@ class AtomFactors(NamedTuple):
 
 Lines = tuple[AtomFactors, ...]
 """Factors of atoms along range, Doppler, u and w."""
-
-
-def select_atoms(lines: Lines, which: Mask | Integers) -> Lines:
-    """Factors of some of the atoms."""
-    return tuple(AtomFactors(*(factor[which] for factor in line)) for line in lines)
 
 
 class Correlations(NamedTuple):
@@ -272,15 +267,12 @@ class AtomMap:
             LineProducts(value @ value.T, value @ slope.T, slope @ slope.T) for value, slope, _ in lines
         )
 
-    def curvature_products(self, lines: Lines, others: Lines) -> tuple[tuple[Floats, Floats], ...]:
+    def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
         """Products of the second derivatives of atoms along each coordinate: range, Doppler, u and w.
 
-        For each, products (n, m) with other atoms along that coordinate, and energies (n,).
+        For each, products (n, n) with the atoms themselves along that coordinate, and energies (n,).
         """
-        return tuple(
-            (line.curvature @ other.value.T, np.sum(line.curvature**2, axis=1))
-            for line, other in zip(lines, others, strict=True)
-        )
+        return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
 
     def _contract(self, lines: Lines, order: int) -> tuple[Complex, Complex]:
         """Products of atoms (n,) and of their derivatives of an order (n, 4) with the map."""

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
-from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, select_atoms
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
 from isacbench.dsp.floating_point import round_mantissa
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
@@ -323,7 +323,9 @@ def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPP
         parts = np.split(places, range(most, len(places), most))
         return np.concatenate([strongest_around(part, fit, bursts) for part in parts])
     distance = _distances(places, fit.places)
-    distance -= fit.periods * np.rint(distance / fit.periods)
+    span = np.ptp(np.concatenate([places, fit.places]), axis=0)
+    for axis in np.flatnonzero(span > fit.periods / 2):
+        distance[..., axis] -= fit.periods[axis] * np.rint(distance[..., axis] / fit.periods[axis])
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
     share = np.where(near, 1.0, sidelobe_envelope(distance, bursts) ** 2)
@@ -345,34 +347,26 @@ def split_gains(
     Returned are the distances (n, 4) of the two atoms from the one, along the coordinate that gains most, and
     the energies gained (n,), 0 of atoms that are not to be split.
     """
-    offsets, gained = np.zeros((len(fit), N_COORDINATES)), np.zeros(len(fit))
-    alone = np.flatnonzero(residual_around < SPLIT_RESIDUAL * fit.power)
-    if not alone.size:
-        return offsets, gained
-    lines, amplitude, atom = select_atoms(fit.lines, alone), fit.amplitude[alone], np.arange(alone.size)
-    products = [[each[alone] for each in along] for along in fit.products]
+    n = len(fit)
+    lines, products, axes = fit.lines, fit.products, range(N_COORDINATES)
     curvature_outputs = atom_map.correlate_curvatures(lines)
-    gain, separation = np.zeros((2, alone.size, N_COORDINATES))
-    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines, fit.lines)):
-        others = np.prod([products[k][0] for k in range(N_COORDINATES) if k != axis], axis=0)
-        # Of the slopes of these atoms with all atoms.
-        slope_products = others * fit.products[axis].slope[:, alone].T
-        slope = fit.correlations.slope[alone, axis] - slope_products @ fit.amplitude
+    gain, separation = np.zeros((2, n, N_COORDINATES))
+    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines)):
+        others = np.prod([products[k].value for k in axes if k != axis], axis=0)
+        slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
         curvature = curvature_outputs[:, axis] - (others * curved) @ fit.amplitude
         # An atom's second derivative without the part that is the atom itself.
-        free = energy - curved[atom, alone] ** 2
+        free = energy - curved.diagonal() ** 2
         if np.any(free <= LEAST_FREE * energy):
             continue  # two elements always see one wave
-        slope_energy = products[axis][2][atom, alone]
-        gain[:, axis] = np.abs(slope) ** 2 / slope_energy + np.abs(curvature) ** 2 / free
-        separation[:, axis] = np.sqrt(2 * np.abs((curvature / amplitude).real) / free)
-    axis = gain.argmax(axis=1)
+        gain[:, axis] = np.abs(slope) ** 2 / products[axis].slopes.diagonal() + np.abs(curvature) ** 2 / free
+        separation[:, axis] = np.sqrt(2 * np.abs((curvature / fit.amplitude).real) / free)
+    axis, atom = gain.argmax(axis=1), np.arange(n)
     best = gain[atom, axis]
-    offsets[alone, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
-    gained[alone] = np.where(
-        (best > SPLIT_STANDOUT * residual_around[alone]) & (best > least_energy), best, 0
-    )
-    return offsets, gained
+    stands_out = (best > SPLIT_STANDOUT * residual_around) & (residual_around < SPLIT_RESIDUAL * fit.power)
+    offsets = np.zeros((n, N_COORDINATES))
+    offsets[atom, axis] = np.clip(separation[atom, axis], *SPLIT_OFFSETS_CELLS)
+    return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
 def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:

@@ -89,7 +89,7 @@ def test_products_of_atoms_and_slopes_are_plain_inner_products_and_real(atom_map
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
 def test_products_of_curvatures_are_plain_inner_products(atom_map, axis):
     lines = atom_map.lines(PLACES)
-    curved, energy = atom_map.curvature_products(lines, lines)[axis]
+    curved, energy = atom_map.curvature_products(lines)[axis]
     others = np.prod([line.value for k, line in enumerate(atom_map.products(lines)) if k != axis], axis=0)
     atoms = np.array([atom(place).ravel() for place in PLACES])
     curvatures = dense(2)[axis]
