@@ -10,6 +10,10 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+# Compiling the tests, and what pytest rewrites of hypothesis, is half of their collection: they are kept
+# compiled whatever Python was told.
+sys.dont_write_bytecode = False
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -63,9 +67,6 @@ MOST_WORKERS = 8
 
 # Tables keep to the width that COLUMNS names; processes of pytest-xdist are told one.
 os.environ.pop("COLUMNS", None)
-
-# Compiling the tests is half of their collection, so they are kept compiled whatever Python was told.
-sys.dont_write_bytecode = False
 
 
 def pytest_xdist_auto_num_workers(config):
