@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -59,26 +59,36 @@ class ImagingKind(Kind):
         is_detail = n_scenarios > MANY_SCENARIOS
         if is_detail:
             title = f"mean over {statistics.trials_and_band(n_scenarios, 'scenario')}; {words}"
-            tables += self._estimators_over_snr(average_scenarios(rows), title, labels, rows)
+            tables += self._estimators_over_snr(average_scenarios(rows), title, labels, _times_s(rows))
+        times_s = _times_s(rows, "scenario")
         for scenario, part in summarise_scores(rows).groupby("scenario", sort=False):
             title = f"{scenario}: mean of {statistics.trials_and_band(part['n_cells'].max())}; {words}"
-            own = rows[rows["scenario"] == scenario]
-            own_tables = self._estimators_over_snr(part, title, labels, own)
+            own_tables = self._estimators_over_snr(part, title, labels, times_s, scenario)
             tables += [replace(table, is_detail=is_detail) for table in own_tables]
         return [*tables, *scores.object_tables(rows, scores.with_references(labels, references_in(rows)))]
 
     def _estimators_over_snr(
-        self, summary: pd.DataFrame, title: str, labels: Mapping[Variant, str], rows: pd.DataFrame
+        self,
+        summary: pd.DataFrame,
+        title: str,
+        labels: Mapping[Variant, str],
+        times_s: Mapping[Hashable, float],
+        *group: Hashable,
     ) -> list[Table]:
-        """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with times."""
+        """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with their times."""
         further = [name for name in (*IN_TABLES, *self.columns) if f"{name}_mean" in summary]
-        texts = summary.assign(deviation=[deviation_text(row) for row in summary.to_dict("records")])
-        by_snr = texts.pivot(index="snr_db", columns=charts.VARIANT).to_dict("index")
-        lines: list[dict[Any, Any]] = [{"snr_db": f"{snr_db:g}", **row} for snr_db, row in by_snr.items()]
-        times_s = statistics.median_times(rows, charts.VARIANT)[f"{statistics.TIME}_median"]
+        by_snr: dict[float, dict[Any, Any]] = {}
+        for row in summary.to_dict("records"):
+            variant = row["estimator"], row["params"]
+            line = by_snr.setdefault(row["snr_db"], {"snr_db": f"{row['snr_db']:g}"})
+            line["deviation", *variant] = deviation_text(row)
+            line |= {(name, *variant): row[name] for name in (f"{one}_mean" for one in further)}
+        lines = [by_snr[snr_db] for snr_db in sorted(by_snr)]
         variants, tables = charts.variants_in(summary), []
-        timed = [variant for variant in variants if variant in times_s]
-        times = {("deviation", *variant): f"{1e3 * times_s[variant]:.1f}" for variant in timed}
+        timed = {variant: times_s.get((*group, *variant)) for variant in variants}
+        times = {
+            ("deviation", *one): f"{1e3 * time_s:.1f}" for one, time_s in timed.items() if time_s is not None
+        }
         lines.append({"snr_db": "time [ms]"} | times)
         for batch in charts.batched(variants, ESTIMATORS_A_TABLE):
             columns = [Column("SNR [dB]", "snr_db", part=0)]
@@ -109,6 +119,12 @@ class ImagingKind(Kind):
             names = [score for score in SCORES if f"{score}_mean" in part]
             groups.append(score_charts(part, names, f"curves-{stem}", lines, scenarios.get(name)))
         return [*groups, *time_charts(rows, lines)]
+
+
+def _times_s(rows: pd.DataFrame, *by: str) -> dict[Hashable, float]:
+    """Median times of an image, by columns, name and parameters of the estimator."""
+    medians = statistics.median_times(rows, [*by, *charts.VARIANT])
+    return dict(medians[f"{statistics.TIME}_median"].to_dict())
 
 
 def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note: str) -> ChartGroup:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -201,11 +202,12 @@ def scenario_variants(name_or_path: str) -> list[str]:
 
 def spelled_scenarios(listed: Iterable[str]) -> list[str]:
     """Spell every scenario of a list by itself; files need not be there."""
-    return [
-        text
-        for entry in listed
-        for text in ([spec.name for spec in family_specs(entry)] if is_family_spec(entry) else [entry])
-    ]
+    return [text for entry in listed for text in _spelled(entry)]
+
+
+@lru_cache(maxsize=64)
+def _spelled(entry: str) -> tuple[str, ...]:
+    return tuple(spec.name for spec in family_specs(entry)) if is_family_spec(entry) else (entry,)
 
 
 def family_specs(text: str) -> list[FamilySpec]:
