@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from isacbench.dsp.positive_matrices import inverse_of_lower, inverse_of_positive, solve_positive
+from isacbench.dsp.positive_matrices import inverse_of_lower, inverse_of_positive, is_positive, solve_positive
 
 
 @pytest.mark.parametrize("size", [1, 2, 15, 16, 17, 50, 99])
@@ -22,3 +22,13 @@ def test_indefinite_matrices_are_solved_all_the_same():
     matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
     np.testing.assert_allclose(inverse_of_positive(matrix) @ matrix, np.eye(2), atol=1e-15)
     np.testing.assert_allclose(matrix @ solve_positive(matrix, np.array([3.0, 0.0])), [3, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("size", [1, 2, 12])
+def test_positive_definite_matrices_are_those_of_positive_eigenvalues(size):
+    rng = np.random.default_rng(size)
+    data = rng.standard_normal((50, size, size))
+    matrices = data @ data.transpose(0, 2, 1) - rng.uniform(0, 0.3, (50, 1, 1)) * np.eye(size)
+    expected = np.linalg.eigvalsh(matrices)[:, 0] > 0
+    assert 0 < expected.sum() < 50
+    np.testing.assert_array_equal(is_positive(matrices), expected)

@@ -177,16 +177,29 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
     return np.concatenate([np.sqrt(2) * np.cos(phase), middle, np.sqrt(2) * np.sin(phase)])
 
 
-def real_steering_slopes(n_subarray: int, cosine: Floats) -> tuple[Floats, Floats, Floats]:
-    """Real steering vectors (..., n_subarray) of cosines (...), and their first and second derivatives."""
-    steered = real_steering(n_subarray, cosine.ravel()).T.reshape(*cosine.shape, n_subarray)
+def real_steering_slopes(n_subarray: int, cosine: Floats, axis: int = -2) -> Floats:
+    """Real steering vectors (..., 3, n_subarray) of cosines (...), with their first and second derivatives.
+
+    These are stacked along an axis.
+    """
     half = n_subarray // 2
     rate = np.pi * ((n_subarray - 1) / 2 - np.arange(half))
+    phase = np.multiply.outer(cosine, rate)
+    steered = np.ones((*cosine.shape, n_subarray))
     cosines, sines = steered[..., :half], steered[..., n_subarray - half :]
-    middle = np.zeros_like(steered[..., half : n_subarray - half])
-    first = np.concatenate([-rate * sines, middle, rate * cosines], axis=-1)
-    second = np.concatenate([-(rate**2) * cosines, middle, -(rate**2) * sines], axis=-1)
-    return steered, first, second
+    np.multiply(np.cos(phase), np.sqrt(2), out=cosines)
+    np.multiply(np.sin(phase), np.sqrt(2), out=sines)
+    shape = list(steered.shape)
+    shape.insert(axis % (len(shape) + 1), 3)
+    slopes = np.empty(shape)
+    value, first, second = np.moveaxis(slopes, axis, 0)
+    middle = np.zeros(n_subarray - 2 * half)
+    value[...] = steered
+    np.multiply(sines, -rate, out=first[..., :half])
+    first[..., half : n_subarray - half] = middle
+    np.multiply(cosines, rate, out=first[..., n_subarray - half :])
+    np.multiply(steered, np.concatenate([-(rate**2), middle, -(rate**2)]), out=second)
+    return slopes
 
 
 def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats) -> Floats:
@@ -235,7 +248,7 @@ def music_null_minima(
     start = place[cell, entry]
     moved = start
     for _ in range(NEWTON_STEPS):
-        slopes = np.stack(real_steering_slopes(eigenvectors.shape[1], moved), axis=1)
+        slopes = real_steering_slopes(eigenvectors.shape[1], moved)
         level, first, second = np.moveaxis(slopes @ basis, 1, 0)
         # Half the derivatives of |E_s^T a|², which has a maximum where the null spectrum has a minimum.
         slope = np.sum(level * first, axis=1)

@@ -170,9 +170,7 @@ def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
 def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
     """Squared projections (n, m) at u and w, their first (n, m, 2) and second derivatives (n, m, 2, 2)."""
     (n, m), (_, n_u, n_w, k) = u.shape, columns.shape
-    a, b = (
-        np.stack(slopes, axis=2) for slopes in (real_steering_slopes(n_u, u), real_steering_slopes(n_w, w))
-    )
+    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
     along = a.reshape(n, 3 * m, n_u) @ columns.reshape(n, n_u, n_w * k)
     # Derivatives of the projections, their orders along u and w in front.
     projections = b[:, :, None] @ along.reshape(n, m, 3, n_w, k)

@@ -40,6 +40,7 @@ from isacbench.dsp.angles.line_subspaces import real_steering_slopes, unitary_tr
 from isacbench.dsp.angles.peaks import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.floating_point import round_step
+from isacbench.dsp.positive_matrices import is_positive
 
 GRAM_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""
@@ -139,13 +140,14 @@ class WaveFit(NamedTuple):
 
 
 def real_snapshots(snapshots: Complex) -> Floats:
-    """Real and imaginary parts (n, 2 s, P, Q) of snapshots (n, s, P, Q) after the unitary transform.
+    """Real and imaginary parts (n, P, 2 s, Q) of snapshots (n, s, P, Q) after the unitary transform.
 
     Responses referred to the middle of the array are then real, and so is all that follows.
     """
     into_u, into_w = (unitary_transform(n).conj() for n in snapshots.shape[2:])
     turned = into_u.T @ snapshots @ into_w
-    return np.concatenate([turned.real, turned.imag], axis=1)
+    # Lines along u in front: all of them are one factor of a product.
+    return np.concatenate([turned.real, turned.imag], axis=1).transpose(0, 2, 1, 3).copy()
 
 
 def fit_waves(snapshots: Floats, u: Floats, w: Floats, found: Mask) -> WaveFit:
@@ -155,9 +157,10 @@ def fit_waves(snapshots: Floats, u: Floats, w: Floats, found: Mask) -> WaveFit:
     `found` (n, k) only fill the row.
     """
     n, k = found.shape
-    along_u, along_w = _line(snapshots.shape[2], u, found), _line(snapshots.shape[3], w, found)
-    # Of derivatives of any two orders with each other along one line.
-    in_u, in_w = ((line @ line.transpose(0, 2, 1)).reshape(n, 3, k, 3, k) for line in (along_u, along_w))
+    along_u, along_w = _line(snapshots.shape[1], u, found), _line(snapshots.shape[3], w, found)
+    # Of waves and their first derivatives with each other along one line.
+    first = along_u[:, : 2 * k], along_w[:, : 2 * k]
+    in_u, in_w = ((line @ line.transpose(0, 2, 1)).reshape(n, 2, k, 2, k) for line in first)
     gram = in_u[:, 0, :, 0] * in_w[:, 0, :, 0] + (GRAM_LOADING + ~found)[:, None, :] * np.eye(k)
     mixed = in_u[:, 1, :, 0] * in_w[:, 0, :, 1]
     slopes = np.empty((n, 2, k, 2, k))
@@ -171,8 +174,9 @@ def fit_waves(snapshots: Floats, u: Floats, w: Floats, found: Mask) -> WaveFit:
     inverse, amplitude, leaning = np.split(solved, [k, k + matched.shape[2]], axis=2)
 
     # Differences are taken before products: those of the rest keep the digits that products lose.
-    echoes = amplitude.transpose(0, 2, 1)[:, :, None, :] * along_u[:, None, :k].transpose(0, 1, 3, 2)
-    rest = snapshots - echoes @ along_w[:, None, :k]
+    echoes = along_u[:, :k].transpose(0, 2, 1)[:, :, None] * amplitude.transpose(0, 2, 1)[:, None]
+    rows = snapshots.shape[1] * snapshots.shape[2]
+    rest = snapshots - (echoes.reshape(n, rows, k) @ along_w[:, :k]).reshape(snapshots.shape)
     outputs = _outputs(rest, along_u, along_w, k)
     missed = inverse @ outputs[:, 0, 0]
     amplitude = amplitude + missed
@@ -183,7 +187,7 @@ def fit_waves(snapshots: Floats, u: Floats, w: Floats, found: Mask) -> WaveFit:
     moved = np.tile(leaning, (1, 2, 1)) * (misfit @ both.transpose(0, 2, 1))
     taken = np.tile(inverse, (1, 2, 2)) * (misfit @ misfit.transpose(0, 2, 1))
     hessian = curvature + moved + moved.transpose(0, 2, 1) - taken
-    bent = np.sum(outputs * amplitude[:, None, None], axis=4)
+    bent = np.vecdot(outputs, amplitude[:, None, None])
     wave = np.arange(k)
     for (i, j), row, column in (((2, 0), 0, 0), ((1, 1), 0, k), ((1, 1), k, 0), ((0, 2), k, k)):
         hessian[:, wave + row, wave + column] -= bent[:, i, j]
@@ -203,22 +207,21 @@ def fit_waves(snapshots: Floats, u: Floats, w: Floats, found: Mask) -> WaveFit:
 
 def _energy(snapshots: Floats) -> Floats:
     """Sums of squares (n,)."""
-    return np.einsum("nspq,nspq->n", snapshots, snapshots)
+    return np.einsum("npsq,npsq->n", snapshots, snapshots)
 
 
 def _outputs(snapshots: Floats, along_u: Floats, along_w: Floats, k: int) -> Floats:
     """Outputs (n, i, j, k, s) of filters matched to derivatives of the orders i along u and j along w."""
-    beams = along_u[:, None] @ (snapshots @ along_w.transpose(0, 2, 1)[:, None])
-    n, n_snapshots, n_filters, _ = beams.shape
-    n_orders = n_filters // k
-    return np.ascontiguousarray(
-        np.einsum("nsikjk->nijks", beams.reshape(n, n_snapshots, n_orders, k, n_orders, k))
-    )
+    n, n_p, n_snapshots, n_q = snapshots.shape
+    along_lines = snapshots.reshape(n, n_p * n_snapshots, n_q) @ along_w.transpose(0, 2, 1)
+    beams = along_u @ along_lines.reshape(n, n_p, n_snapshots * along_w.shape[1])
+    n_orders = along_u.shape[1] // k
+    return np.einsum("niksjk->nijks", beams.reshape(n, n_orders, k, n_snapshots, n_orders, k)).copy()
 
 
 def _line(n_elements: int, cosine: Floats, found: Mask) -> Floats:
     """Real responses of unit norm, their first and second derivatives (n, 3 k, elements); 0 for fillers."""
-    slopes = np.stack(real_steering_slopes(n_elements, cosine), axis=1)
+    slopes = real_steering_slopes(n_elements, cosine, axis=1)
     slopes *= (found / np.sqrt(n_elements))[:, None, :, None]
     return slopes.reshape(len(found), 3 * found.shape[1], n_elements)
 
@@ -315,7 +318,7 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
 
 def refined(snapshots: Floats, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
     """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more."""
-    half_cells = np.repeat(snapshots.shape[2:], found.shape[1]) / 2
+    half_cells = np.repeat(snapshots.shape[1::2], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
     near = np.zeros(len(snapshots), dtype=np.bool_)
     power = _energy(snapshots)
@@ -353,7 +356,7 @@ def _damped_step(fit: WaveFit, damping: Floats, near: Mask) -> Floats:
         hessian += DIAGONAL_LOADING * np.eye(scale.shape[1])
         idle = fit.curvature[exact].diagonal(axis1=1, axis2=2) <= 0
         hessian += idle[:, :, None] * np.eye(scale.shape[1])
-        convex = np.linalg.eigvalsh(hessian)[:, 0] > 0
+        convex = is_positive(hessian)
         relative[exact[convex]] = hessian[convex]
     relative += damping[:, None, None] * np.eye(scale.shape[1])
     return np.linalg.solve(relative, (fit.gradient / scale)[:, :, None])[:, :, 0] / scale

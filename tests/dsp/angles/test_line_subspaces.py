@@ -78,7 +78,7 @@ def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cel
 def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray, cosine):
     arm = np.pi * ((n_subarray - 1) / 2 - np.arange(n_subarray))
     turn = unitary_transform(n_subarray).conj().T
-    found = real_steering_slopes(n_subarray, np.array(cosine))
+    found = real_steering_slopes(n_subarray, np.array(cosine), axis=0)
     for order in range(3):
         for row, place in zip(found[order], cosine, strict=True):
             expected = turn @ ((1j * arm) ** order * np.exp(1j * arm * place))
