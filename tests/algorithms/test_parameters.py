@@ -103,7 +103,7 @@ def test_a_fixed_threshold_is_one_for_the_whole_map_whatever_it_lists():
 @pytest.mark.parametrize(("shape", "looks"), [((2, 1), 1), ((3, 3), 1), ((3, 3), 4), ((31, 20), 16)])
 def test_a_fixed_threshold_keeps_its_rate_in_noise_on_maps_of_any_size(pfa, shape, looks):
     rng = np.random.default_rng(1)
-    n_maps = min(100_000, 200_000 // (shape[0] * shape[1]))
+    n_maps = int(min(3000 / pfa, 200_000 / (shape[0] * shape[1])))
     maps = (rng.standard_gamma(looks, shape) for _ in range(n_maps))
     alarms = [FixedThreshold(pfa).detect(power, looks).mask.sum() for power in maps]
     # Cells of a map share a threshold; the spread over maps counts.

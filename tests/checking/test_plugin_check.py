@@ -63,7 +63,7 @@ def small_maps_and_few_images(monkeypatch):
     What asks for an answer of the plugin, in order to compare two, gets an image of its own.
     """
     monkeypatch.setattr(map_checks, "LARGE", (128, 128))
-    monkeypatch.setattr(map_checks, "BORDER_MAPS", (64, 32, 32))
+    monkeypatch.setattr(map_checks, "BORDER_MAPS", (32, 32, 32))
     monkeypatch.setattr(map_checks, "LOOKS", (1, 4))
     monkeypatch.setattr(references, "N_REALISATIONS", 8)
     image, images = image_checks.EstimatorSubject.of, {}
