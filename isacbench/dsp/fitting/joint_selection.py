@@ -236,23 +236,25 @@ def select_among(
     matched, response = filters.outputs
     likeness = np.where(_known_apart(filters.scatterers), 0, np.abs(response))
     competes, repeats = likeness > COMPETING_RESPONSE, likeness > REPEATING_RESPONSE
-    nearby = _nearby(filters)
+    first, second = np.nonzero(_nearby(filters))
+    starts = np.searchsorted(first, np.arange(len(filters)))
     weakest = 10 ** (-dynamic_range_db / 20)
     member = np.arange(len(filters)) < n_members
     amplitude = filters.amplitudes(member)
     for _ in range(MAX_ROUNDS):
-        residual = np.abs(matched - response @ amplitude)
+        explained = response @ np.stack([amplitude.real, amplitude.imag], axis=1) @ np.array([1, 1j])
+        residual = np.abs(matched - explained)
         candidate = np.where(member, 0, residual)
-        strongest = np.where(nearby, np.maximum(np.abs(amplitude), candidate), 0).max(axis=1)
+        strongest = np.maximum.reduceat(np.maximum(np.abs(amplitude), candidate)[second], starts)
         joins = (candidate > weakest * strongest) & (candidate**2 > min_power)
-        joins &= _wins(candidate, competes)
-        joins &= ~repeats[:, member].any(axis=1)
+        some = np.flatnonzero(joins)
+        joins[some] = _wins(candidate, some, competes[some]) & ~(repeats[some] & member).any(axis=1)
         if not joins.any():
             break
         member |= joins
         amplitude = filters.amplitudes(member)
         level = np.abs(amplitude)
-        strongest = np.where(nearby, level, 0).max(axis=1)
+        strongest = np.maximum.reduceat(level[second], starts)
         leaves = member & ((level < weakest * strongest) | (level**2 < min_power))
         if leaves.any():
             member &= ~leaves
@@ -352,12 +354,12 @@ def _nearby(filters: MatchedFilters) -> Mask:
     return (in_range < NEIGHBOURHOOD_BINS) & (in_doppler < NEIGHBOURHOOD_BINS)
 
 
-def _wins(candidate: Floats, competes: Mask) -> Mask:
-    """Candidates (n,) that compete with no stronger one, and with no earlier one of the same strength."""
-    rivals = np.where(competes, candidate, 0)
-    stronger = rivals > (1 + TIE) * candidate[:, None]
-    first_as_strong = np.argmax(rivals >= (1 - TIE) * candidate[:, None], axis=1)
-    return ~stronger.any(axis=1) & (first_as_strong >= np.arange(candidate.size))
+def _wins(candidate: Floats, which: Integers, competes: Mask) -> Mask:
+    """Those (m,) of candidates (n,) that compete with no stronger one, and with no earlier one as strong."""
+    rivals, own = np.where(competes, candidate, 0), candidate[which, None]
+    stronger = rivals > (1 + TIE) * own
+    first_as_strong = np.argmax(rivals >= (1 - TIE) * own, axis=1)
+    return ~stronger.any(axis=1) & (first_as_strong >= which)
 
 
 def _known_apart(scatterers: LocatedScatterers) -> Mask:
