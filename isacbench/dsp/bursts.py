@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.choices import Sensing
 from isacbench.errors import InputError
-from isacbench.model.kernels import dirichlet, dirichlet_slopes, dirichlet_slopes_of_bins
+from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.numerology import System, resource_elements
 
 PLACE_ERROR_BINS = 0.5
@@ -149,12 +149,6 @@ class SymbolBursts:
             return one
         (f, f1, f2), (g, g1, g2) = one, self._stretched(distance, self.n_bursts * self.spacing, self.n_bursts)
         return f * g, f * g1 + f1 * g, f * g2 + 2 * f1 * g1 + f2 * g
-
-    def slopes_of_bins(self, bins: Floats, places: Floats) -> tuple[Floats, Floats, Floats]:
-        """The same of whole bins (b,), ascending, at their distances from places (k,): each (k, b)."""
-        if self.is_whole_frame:
-            return dirichlet_slopes_of_bins(bins, places, self.n_symbols)
-        return self.slopes(bins - places[:, None])
 
     def sidelobe_drop(self, distance: Floats) -> Floats:
         """Least ratio, 1 and more, of a kernel's peak to its amplitude at a distance in bins.

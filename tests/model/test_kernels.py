@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.model.kernels import dirichlet, dirichlet_slopes, dirichlet_slopes_of_bins, steering
+from isacbench.model.kernels import dirichlet, dirichlet_slopes, steering
 
 LENGTHS = st.integers(1, 40)
 PLACES = st.floats(-100, 100)
@@ -65,14 +65,3 @@ def test_slopes_keep_their_digits_near_every_peak(n, distance, turns):
     assert sign * value == pytest.approx(1 - second * offset**2 / 2, abs=fourth * offset**4)
     assert sign * slope == pytest.approx(-second * offset, rel=1e-5, abs=fourth * offset**3)
     assert sign * curvature == pytest.approx(-second, abs=fourth * offset**2 + 1e-5)
-
-
-@given(LENGTHS, st.integers(-40, 40), st.floats(-60, 60))
-def test_slopes_of_whole_bins_are_those_of_their_distances(n, first, place):
-    bins, places = (
-        np.arange(first, first + 9.0),
-        np.array([place, round(place), round(place) + 0.5, first + n]),
-    )
-    expected = dirichlet_slopes(bins - places[:, None], n)
-    for actual, of_distance in zip(dirichlet_slopes_of_bins(bins, places, n), expected, strict=True):
-        np.testing.assert_allclose(actual, of_distance, rtol=0, atol=1e-5)

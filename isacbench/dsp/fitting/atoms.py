@@ -25,7 +25,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.model.kernels import dirichlet_slopes_of_bins
+from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
@@ -178,9 +178,9 @@ class AtomMap:
             basis = self.bases[axis - 2]
             return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
         if axis == 0:
-            value, slope, curvature = dirichlet_slopes_of_bins(self.range_bins, places, self.n_subcarriers)
+            value, slope, curvature = dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers)
             return AtomFactors(value, -slope, curvature)
-        value, slope, curvature = self.bursts.slopes_of_bins(self.doppler_bins, places)
+        value, slope, curvature = self.bursts.slopes(self.doppler_bins - places[:, None])
         scale = 1 / self.bin_gain
         return AtomFactors(scale * value, -scale * slope, scale * curvature)
 

@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
-from isacbench.dsp.bursts import SymbolBursts, whole_frame
+from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.fitting.atom_fits import AtomFit, polish_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.pursuit import redundant_pairs
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.gate import Gate
+from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System
 
 PATCH = (3, 1)
@@ -151,10 +152,8 @@ class MatchedFilters:
     def kernels(self) -> tuple[Floats, Floats]:
         """Unit echoes (n_range, n) and (n_doppler, n) of all scatterers in the gate."""
         gate, found = self.gated.gate, self.scatterers
-        range_bins, doppler_bins = gate.range_bins.astype(np.float64), gate.doppler_bins.astype(np.float64)
-        along_range = whole_frame(self.system.n_subcarriers).slopes_of_bins(range_bins, found.range_bin)[0]
-        along_doppler = self.doppler.slopes_of_bins(doppler_bins, found.doppler_bin)[0]
-        return np.ascontiguousarray(along_range.T), np.ascontiguousarray(along_doppler.T)
+        along_range = dirichlet_slopes(gate.range_bins[:, None] - found.range_bin, self.system.n_subcarriers)
+        return along_range[0], self.doppler.slopes(gate.doppler_bins[:, None] - found.doppler_bin)[0]
 
     @cached_property
     def outputs(self) -> tuple[Complex, NDArray[np.inexact[Any]]]:
