@@ -36,6 +36,9 @@ VALLEY = 1.1
 MOST_VOXELS = 2**24
 """Of a piece that is split: 0.5 GB."""
 
+LATTICE_MARGIN = 1e-6
+"""Voxels by which distances differ at least: points in the middle of bins are whole voxels apart."""
+
 ROUNDING = 1e-9
 ERRORS = ("horizontal", "m"), ("vertical", "m"), ("velocity", "mps"), ("extent", "m")
 UNITS = {"m": "m", "mps": "m/s"}
@@ -267,8 +270,8 @@ def group_points(scenario: Scenario, cloud: PointCloud, voxel: float = 1.0) -> N
     """
     places = radio_places(scenario, cloud) / (voxel * VOXEL_CELLS * rayleigh_cells(scenario))
     group, n_groups = np.zeros(len(cloud), dtype=np.intp), 0
-    for members in connected_pieces(places / REACH_VOXELS):
-        voxels = np.floor(places[members] - places[members].min(axis=0))
+    for members in connected_pieces(places / (REACH_VOXELS + LATTICE_MARGIN)):
+        voxels = np.floor(places[members] - places[members].min(axis=0) + LATTICE_MARGIN)
         group[members] = n_groups + _parts(voxels)
         n_groups = int(group[members].max())
     return group

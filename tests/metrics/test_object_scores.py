@@ -101,6 +101,20 @@ def test_groups_do_not_depend_on_the_order_of_points_or_on_copies(seed):
     assert scores(TOWN, doubled) == pytest.approx(scores(TOWN, image), nan_ok=True)
 
 
+@few
+@given(seed=st.integers(0, 1000))
+def test_last_digits_of_points_in_the_middle_of_their_bins_decide_no_group(seed):
+    rng = np.random.default_rng(seed)
+    cells = np.column_stack(
+        [rng.integers(260, 290, 80), rng.integers(-4, 5, 80), rng.uniform(-0.1, 0.1, 80), np.full(80, 0.2)]
+    )
+    system = TOWN.system
+    xyz, velocity = space_places(TOWN, cells * [system.range_bin_m, system.velocity_bin_mps, 1, 1])
+    group = group_points(TOWN, PointCloud(xyz, velocity))
+    moved = xyz + 1e-9 * rng.uniform(-1, 1, xyz.shape)
+    np.testing.assert_array_equal(group, group_points(TOWN, PointCloud(moved, velocity)))
+
+
 def test_objects_far_from_each_other_are_groups_of_their_own_and_a_chain_is_one():
     cells = np.array([[260, 0, 0, 0.2], [263, 0, 0, 0.2], [400, 0, 0, 0.2], [400, 9, 0, 0.2]])
     system = STREET.system
