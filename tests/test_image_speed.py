@@ -1,4 +1,4 @@
-"""What the check of image times says, and what it forgives."""
+"""Lines and limits of the check of image times."""
 
 import json
 

@@ -204,7 +204,7 @@ class _Image:
 
     @cached_property
     def is_at(self) -> NDArray[np.bool_]:
-        """Which places much of the power is at."""
+        """Mask of the places that hold much of the power."""
         return self._powers >= MOST * min(self._sum, self._most)
 
     @property

@@ -44,6 +44,7 @@ class Responses(ABC):
     other_line = 1.0
 
     def __init__(self, aperture: Aperture, u: Floats, w: Floats) -> None:
+        self.u, self.w = u, w
         self.along_u = steering(aperture.n_p, u)
         self.along_w = steering(aperture.n_q, w)[..., self.first_of_row :]
         self.n_elements = aperture.n_elements
@@ -135,7 +136,10 @@ class _PlaneResponses(Responses):
         return a @ snapshots @ b.transpose(0, 2, 1) / self.n_elements
 
     def about_middle(self) -> tuple[Complex, Floats]:
-        a, b = (line * np.sqrt(line[:, -1:].conj()) for line in (self.along_u, self.along_w))
+        a, b = (
+            line * np.exp(0.5j * np.pi * (line.shape[1] - 1) * cosine)[:, None]
+            for line, cosine in ((self.along_u, self.u), (self.along_w, self.w))
+        )
         parts = (line.view(np.float64) for line in (a, b))
         along_u, along_w = (part @ part.T for part in parts)
         directions = (a[:, :, None] * b[:, None, :]).reshape(-1, self.n_elements)

@@ -352,7 +352,7 @@ def _sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Floa
     for k in range(n_window):
         source = guarded if abs(k - axis.reach) <= axis.guard else lines
         inner += source.ravel()[k * step :][:n_flat]
-    # Near an edge, windows are shifted; above they go over it.
+    # Windows near an edge are shifted to stay inside: their sums above are wrong, and are made anew.
     edges = np.moveaxis(sums, number, 0)
     if guarded is lines:
         edges[: axis.reach], edges[axis.length - axis.reach :] = edges[axis.reach], edges[-axis.reach - 1]

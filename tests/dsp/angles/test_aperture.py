@@ -96,6 +96,13 @@ def test_responses_about_the_middle_have_the_products_of_their_gram_matrix(kind,
     np.testing.assert_allclose(np.abs(np.vecdot(at_corner, responses)), aperture.n_elements)
 
 
+def test_responses_about_the_middle_keep_their_sign_where_last_digits_of_a_cosine_differ():
+    # The phase of the last element is then half a turn, whose root has either sign.
+    u = np.array([0.2]) + np.array([-1e-12, 0, 1e-12])
+    responses, _ = Plane(16, 16).towards(u, u[::-1]).about_middle()
+    np.testing.assert_allclose(responses, responses[[1, 1, 1]], atol=1e-9)
+
+
 @any_aperture
 def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape, seed):
     aperture, rng, (u, _), (_, w) = drawn(kind, shape, seed, (2, 3), (2, 2))

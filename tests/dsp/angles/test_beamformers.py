@@ -80,6 +80,14 @@ def test_the_iterative_adaptive_approach_is_that_of_full_matrices(shape, n_itera
     np.testing.assert_allclose(found, plain_iaa(x[0], 0.1, n_iterations, u, w), rtol=1e-8, atol=1e-12)
 
 
+def test_the_iterative_adaptive_approach_takes_cells_with_hardly_any_noise_and_empty_ones():
+    cells = np.concatenate([waves((16, 16), (0.1, 0.2, 1.0)), np.zeros((1, 16, 16))])
+    u = np.linspace(-0.3, 0.5, 17)
+    power = iaa_spectrum(cells, 1e-20, 15, u, u).power
+    assert np.isfinite(power).all()
+    assert power[0].max() == pytest.approx(1, abs=0.1)
+
+
 def test_dimensions_that_no_direction_of_the_grid_reaches_hardly_matter():
     x = waves((12, 12), (0.1, 0.2, 2.0), (-0.1, 0.05, 1j), level=0.1)
     u, w = np.linspace(-0.2, 0.3, 9), np.linspace(-0.1, 0.3, 8)
