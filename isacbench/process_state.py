@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import io
 import os
@@ -16,19 +15,8 @@ from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-"""Options of glibc's mallopt: the sizes in bytes from which memory goes back to the system."""
-
 _alone = threading.RLock()
 """Held by the thread whose changes are to be undone: those of another one could not be told from them."""
-
-
-def keep_freed_memory() -> None:
-    """Let the C library keep memory that arrays have freed for later ones, where it can: pages cost time."""
-    with suppress(AttributeError, OSError, TypeError):  # only glibc has it
-        set_option = ctypes.CDLL(None).mallopt
-        for option in (M_MMAP_THRESHOLD, M_TRIM_THRESHOLD):
-            set_option(option, 2**30)
 
 
 class _StandardOutput(io.FileIO):

@@ -30,7 +30,6 @@ from isacbench.charts import Variant
 from isacbench.cores import one_blas_thread
 from isacbench.errors import InputError, InputWarning
 from isacbench.plugins.code_digests import foreign_classes
-from isacbench.process_state import keep_freed_memory
 
 CHANGED = "ValueError: it changed the observation, which is read-only and which others meet as well"
 
@@ -288,8 +287,6 @@ def _start(job: Job, limits: Limits, repeats: int | None) -> None:
     # The process that plans the run draws the same scenes, and warns of them.
     warnings.simplefilter("ignore", InputWarning)
     _job, _messages = job, work(job, iter(_blocks.popleft, None), limits, repeats)
-    if limits.memory_mib is None:  # what is kept would not count for the next cell
-        keep_freed_memory()
     gc.freeze()  # permanent objects need not be searched at every garbage collection
 
 
