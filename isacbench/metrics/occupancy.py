@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
-from skimage.metrics import normalized_root_mse, structural_similarity
+from skimage.metrics import structural_similarity
 
 from isacbench.checked_arrays import Floats
 from isacbench.metrics.descriptions import ScoreColumn
@@ -40,9 +40,11 @@ class Occupancy:
         """Score a pair."""
         pictures = [occupancy_pictures(pair, axes) for axes in PROJECTIONS]
         true, estimated = (np.concatenate([each[side].ravel() for each in pictures]) for side in (0, 1))
+        # As scikit-image's `normalized_root_mse`, whose import takes 0.3 s of every process.
+        error = np.sqrt(np.mean((true - estimated) ** 2)) / np.sqrt(np.mean(true**2))
         return {
             "ssim": float(np.mean([_similarity(*both) for both in pictures])),
-            "occupancy_nrmse": float(normalized_root_mse(true, estimated, normalization="euclidean")),
+            "occupancy_nrmse": float(error),
         }
 
 

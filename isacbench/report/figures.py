@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib.axis
-import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -53,7 +52,9 @@ RC = {
 
 def styled() -> AbstractContextManager[None]:
     """Return a context with the fonts and sizes of this module; it restores the user's own settings."""
-    return matplotlib.style.context(["default", RC])
+    style: dict[Any, Any] = {**matplotlib.rcParamsDefault, **RC}
+    del style["backend"]  # which is the caller's
+    return matplotlib.rc_context(style)  # `matplotlib.style` reads all styles that there are
 
 
 def new_figure(

@@ -81,7 +81,7 @@ def _preloaded() -> list[str]:
     """Modules that the server imports: what workers need."""
     built_in = {
         point.module
-        for group in ("isacbench.estimators", "isacbench.detectors")
+        for group in ("isacbench.estimators", "isacbench.detectors", "isacbench.metrics")
         for point in entry_points(group=group)
         if point.dist is not None and point.dist.name == "isacbench"
     }
