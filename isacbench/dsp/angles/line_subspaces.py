@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.dsp.angles.peaks import Peaks
+from isacbench.model.kernels import sine_cosine
 from isacbench.model.region import Interval
 
 MOST_ROTATION = 1e-3
@@ -174,7 +175,8 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
     arm = (n_subarray - 1) / 2 - np.arange(half)
     phase = np.pi * np.multiply.outer(arm, np.asarray(cosine, dtype=np.float64))
     middle = np.ones((n_subarray - 2 * half, phase.shape[1]))
-    return np.concatenate([np.sqrt(2) * np.cos(phase), middle, np.sqrt(2) * np.sin(phase)])
+    sine, cosine = sine_cosine(phase)
+    return np.concatenate([np.sqrt(2) * cosine, middle, np.sqrt(2) * sine])
 
 
 def real_steering_slopes(n_subarray: int, cosine: Floats, axis: int = -2) -> Floats:
@@ -187,8 +189,8 @@ def real_steering_slopes(n_subarray: int, cosine: Floats, axis: int = -2) -> Flo
     phase = np.multiply.outer(cosine, rate)
     steered = np.ones((*cosine.shape, n_subarray))
     cosines, sines = steered[..., :half], steered[..., n_subarray - half :]
-    np.multiply(np.cos(phase), np.sqrt(2), out=cosines)
-    np.multiply(np.sin(phase), np.sqrt(2), out=sines)
+    for part, out in zip(sine_cosine(phase), (sines, cosines), strict=True):
+        np.multiply(part, np.sqrt(2), out=out)
     shape = list(steered.shape)
     shape.insert(axis % (len(shape) + 1), 3)
     slopes = np.empty(shape)

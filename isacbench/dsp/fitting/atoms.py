@@ -25,7 +25,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.model.kernels import dirichlet_slopes
+from isacbench.model.kernels import dirichlet_slopes, sine_cosine
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
@@ -308,8 +308,9 @@ def _real_steering(n: int, places: Floats) -> AtomFactors:
     """Unit-energy steering vectors (k, n) behind `_mirror_transform`, and their derivatives per cell."""
     rate = -2 * np.pi / n * (np.arange(n) - (n - 1) / 2)
     phase = np.multiply.outer(places, rate)
-    cosine, sine = np.cos(phase) / np.sqrt(n), np.sin(phase) / np.sqrt(n)
-    return AtomFactors(cosine + sine, rate * (cosine - sine), -(rate**2) * (cosine + sine))
+    sine, cosine = sine_cosine(phase)
+    value = (cosine + sine) / np.sqrt(n)
+    return AtomFactors(value, rate / np.sqrt(n) * (cosine - sine), -(rate**2) * value)
 
 
 def _steering_basis(n: int, limits: Interval | None) -> Floats:
