@@ -51,8 +51,11 @@ SMALLEST_NULL = 1e-15
 LEAST_RADIUS = 0.5
 """Distance from 0 above which a root is a source: the spectrum of one farther in is flat."""
 
-NEWTON_STEPS = 3
-"""From a parabola through samples: the flattest nulls, of two sources about to merge, need them all."""
+MOST_STEPS = 30
+"""Of Newton's method. Three do but for the flattest nulls, of two sources about to merge."""
+
+CONVERGED = 1e-5
+"""Step, as a share of the reach, beyond which only rounding changes: digits double with every step."""
 
 
 class Eigenpairs(NamedTuple):
@@ -242,25 +245,29 @@ def music_null_minima(
     """Local minima of null spectra, by Newton's method from places (n, m) near them.
 
     Eigenvectors (n, L, L) are columns by descending eigenvalue, `order` (n,) the dimensions of signal
-    subspaces. Places outside of the mask `found` stay. A minimum is at most `reach` from its place; half of
-    it bounds a step.
+    subspaces. Places outside of the mask `found` stay. A minimum is at most `reach` from its place.
     """
     cell, entry = np.nonzero(found)
     basis = _signal_basis(eigenvectors, order)[cell]
-    start = place[cell, entry]
-    moved = start
-    for _ in range(NEWTON_STEPS):
+    minima, moved = place.copy(), place[cell, entry]
+    low, high = moved - reach, moved + reach
+    for _ in range(MOST_STEPS):
         slopes = real_steering_slopes(eigenvectors.shape[1], moved)
         level, first, second = np.moveaxis(slopes @ basis, 1, 0)
         # Half the derivatives of |E_s^T a|², which has a maximum where the null spectrum has a minimum.
         slope = np.sum(level * first, axis=1)
         bend = -np.sum(first**2 + level * second, axis=1)
-        limit = reach / 2
-        # Where the spectrum is not convex, the steepest way down is the only hint.
+        low, high = np.where(slope > 0, moved, low), np.where(slope < 0, moved, high)
+        # Half of what is left always leads on. Where the spectrum is not convex, nothing else is known.
+        limit = (high - low) / 2
         step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1), np.sign(slope) * limit)
-        moved = np.clip(moved + np.clip(step, -limit, limit), start - reach, start + reach)
-    minima = place.copy()
-    minima[cell, entry] = moved
+        step = np.clip(step, -limit, limit)
+        moved = moved + step
+        minima[cell, entry] = moved
+        left = np.abs(step) > CONVERGED * reach
+        if not left.any():
+            break
+        cell, entry, basis, moved, low, high = (of[left] for of in (cell, entry, basis, moved, low, high))
     return minima
 
 

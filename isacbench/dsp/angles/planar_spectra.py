@@ -23,7 +23,7 @@ from isacbench.dsp.angles.plane_waves import PlaneWaves
 CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
 
-COLUMN_VALUES = 2**18
+COLUMN_VALUES = 2**20
 """Entries of the matrices whose minima are sought at once: 2 MiB, read in every step of Newton's method."""
 
 CANDIDATES = 2
@@ -32,8 +32,14 @@ CANDIDATES = 2
 FLAT = 1e-6
 """Relative height of the peaks of a spectrum up to which it has none."""
 
-NEWTON_STEPS = 3
-"""From a sample next to an extremum: digits double with every step."""
+MOST_STEPS = 30
+"""Of Newton's method; most minima need four."""
+
+CONVERGED = 1e-5
+"""Step, in samples, beyond which another one would change only rounding: digits double with every step."""
+
+ROUNDING = 1e-13
+"""Relative rise of a level that is no rise."""
 
 
 def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
@@ -116,28 +122,44 @@ def planar_minima(
     """
     level, (u, w) = with_neighbours(level, grid)
     row, column, found = _lowest_samples(level, highest, n_minima)
-    step_limit = np.array([line[1] - line[0] for line in grid])
-    place_u, place_w = u[row], w[column]
-    curvature, lowest = np.empty((*found.shape, 2, 2)), np.empty(found.shape)
-    for some in parts_of(len(columns), COLUMN_VALUES // max(columns[:1].size, 1)):
-        some_u, some_w, matrices = place_u[some], place_w[some], columns[some]
-        # A minimum lies within a sample of its start.
-        limits_u, limits_w = (
-            (place - limit, place + limit) for place, limit in zip((some_u, some_w), step_limit, strict=True)
+    reach = np.array([line[1] - line[0] for line in grid])
+    place = np.stack([u[row], w[column]], axis=-1)
+    lowest, curvature = np.full(found.shape, np.inf), np.zeros((*found.shape, 2, 2))
+    cell, entry = np.nonzero(found)
+    for some in parts_of(len(cell), COLUMN_VALUES // max(columns[:1].size, 1)):
+        these = cell[some], entry[some]
+        place[these], lowest[these], curvature[these] = _descended(
+            columns[cell[some]], place[these], reach, sign
         )
-        for _ in range(NEWTON_STEPS):
-            _, gradient, bend = _slopes(matrices, some_u, some_w)
-            step = _newton_step(sign * gradient, sign * bend, step_limit)
-            some_u = np.clip(some_u + step[:, :, 0], *limits_u)
-            some_w = np.clip(some_w + step[:, :, 1], *limits_w)
-        value, _, bend = _slopes(matrices, some_u, some_w)
-        place_u[some], place_w[some], lowest[some], curvature[some] = (
-            some_u,
-            some_w,
-            sign * value,
-            sign * bend,
-        )
-    return Minima(place_u, place_w, found, curvature, lowest)
+    return Minima(place[:, :, 0], place[:, :, 1], found, curvature, lowest)
+
+
+def _descended(
+    columns: Floats, start: Floats, reach: Floats, sign: Literal[-1, 1]
+) -> tuple[Floats, Floats, Floats]:
+    """Minima (n, 2) at most a reach (2,) from their starts, with level and curvature, by Newton's method.
+
+    A step that leads upwards is not taken, and the next one from there is shorter.
+    """
+    place, radius = start.copy(), np.full(len(start), 0.5)
+    level, gradient, curvature = _slopes(columns, place, sign)
+    left = np.arange(len(start))
+    for _ in range(MOST_STEPS):
+        limits = ((start[left] + side * reach - place[left]) / reach for side in (-1, 1))
+        bend = curvature[left] * np.multiply.outer(reach, reach)
+        step = _newton_step(gradient[left] * reach, bend, radius[left], *limits)
+        length, moved = np.abs(step).max(axis=1), place[left] + step * reach
+        going = length > CONVERGED
+        place[left[~going]] = moved[~going]
+        left, length, moved, columns = left[going], length[going], moved[going], columns[going]
+        if not left.size:
+            break
+        reached = _slopes(columns, moved, sign)
+        lower = reached[0] <= level[left] + ROUNDING * np.abs(level[left])
+        radius[left] = np.where(lower, radius[left], length / 4)
+        for values, new in zip((place, level, gradient, curvature), (moved, *reached), strict=True):
+            values[left[lower]] = new[lower]
+    return place, level, curvature
 
 
 def _lowest_samples(
@@ -157,30 +179,34 @@ def _lowest_samples(
     return row + 1, column + 1, found[:, :most]
 
 
-def _newton_step(gradient: Floats, curvature: Floats, limit: Floats) -> Floats:
-    """Steps (n, m, 2) towards a minimum; where the spectrum is not convex, downhill."""
-    values, axes = np.linalg.eigh(curvature * np.multiply.outer(limit, limit))
-    along = np.einsum("nmij,nmi->nmj", axes, gradient * limit)
+def _newton_step(gradient: Floats, curvature: Floats, radius: Floats, low: Floats, high: Floats) -> Floats:
+    """Steps (n, 2) towards a minimum between limits; where the spectrum is not convex, downhill."""
+    # At a limit, only along it.
+    held = ((gradient > 0) & (low >= 0)) | ((gradient < 0) & (high <= 0))
+    gradient = np.where(held, 0, gradient)
+    curvature = np.where(held[:, None] | held[:, :, None], np.eye(2), curvature)
+    values, axes = np.linalg.eigh(curvature)
+    along = np.einsum("nij,ni->nj", axes, gradient)
     size = np.abs(values)
     step = -np.divide(along, size, out=np.zeros_like(along), where=size > 0)
-    clipped = np.clip(step, -0.5, 0.5)
-    return np.einsum("nmij,nmj->nmi", axes, clipped) * limit
+    step = np.clip(step, -radius[:, None], radius[:, None])
+    return np.clip(np.einsum("nij,nj->ni", axes, step), low, high)
 
 
-def _slopes(columns: Floats, u: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Squared projections (n, m) at u and w, their first (n, m, 2) and second derivatives (n, m, 2, 2)."""
-    (n, m), (_, n_u, n_w, k) = u.shape, columns.shape
-    a, b = real_steering_slopes(n_u, u), real_steering_slopes(n_w, w)
-    along = a.reshape(n, 3 * m, n_u) @ columns.reshape(n, n_u, n_w * k)
+def _slopes(columns: Floats, place: Floats, sign: Literal[-1, 1]) -> tuple[Floats, Floats, Floats]:
+    """Levels (n,) at places (n, 2), their first (n, 2) and second derivatives (n, 2, 2)."""
+    n, n_u, n_w, k = columns.shape
+    a, b = (real_steering_slopes(*line) for line in ((n_u, place[:, 0]), (n_w, place[:, 1])))
+    along = a @ columns.reshape(n, n_u, n_w * k)
     # Derivatives of the projections, their orders along u and w in front.
-    projections = b[:, :, None] @ along.reshape(n, m, 3, n_w, k)
-    (level, along_w, ww), (along_u, uw, _), (uu, _, _) = np.moveaxis(projections, (2, 3), (0, 1))
-    gradient = 2 * np.stack([np.sum(level * along, axis=2) for along in (along_u, along_w)], axis=-1)
-    uu = np.sum(along_u**2 + level * uu, axis=2)
-    uw = np.sum(along_u * along_w + level * uw, axis=2)
-    ww = np.sum(along_w**2 + level * ww, axis=2)
-    curvature = 2 * np.stack([uu, uw, uw, ww], axis=-1).reshape(*u.shape, 2, 2)
-    return np.sum(level**2, axis=2), gradient, curvature
+    projections = b[:, None] @ along.reshape(n, 3, n_w, k)
+    (level, along_w, ww), (along_u, uw, _), (uu, _, _) = projections.transpose(1, 2, 0, 3)
+    gradient = 2 * sign * np.stack([np.sum(level * along, axis=1) for along in (along_u, along_w)], axis=-1)
+    uu = np.sum(along_u**2 + level * uu, axis=1)
+    uw = np.sum(along_u * along_w + level * uw, axis=1)
+    ww = np.sum(along_w**2 + level * ww, axis=1)
+    curvature = 2 * sign * np.stack([uu, uw, uw, ww], axis=-1).reshape(n, 2, 2)
+    return sign * np.sum(level**2, axis=1), gradient, curvature
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,6 +112,19 @@ def test_minima_from_a_grid_are_flat_and_entries_that_are_not_found_stay(seed, o
         assert middle <= max(left, right)
 
 
+def test_another_step_would_lead_nowhere_from_the_flattest_minimum():
+    vectors, orders, coarse = eigenvectors(noise(300, SENSORS, 6)), np.full(300, 4), GRID[::50]
+    peaks = line_peaks(-music_null_spectrum(vectors, orders, real_steering(SUBARRAY, coarse)), coarse, orders)
+    reach = coarse[1] - coarse[0]
+    minima = music_null_minima(vectors, orders, peaks.place, peaks.found, reach)
+    level, first, second = np.moveaxis(real_steering_slopes(SUBARRAY, minima) @ vectors[:, None, :, :4], 2, 0)
+    slope, bend = np.sum(level * first, axis=2), -np.sum(first**2 + level * second, axis=2)
+    inside = peaks.found & (abs(minima - peaks.place) < 0.999 * reach)
+    assert inside.sum() > 300
+    assert np.all(bend[inside] > 0)
+    assert np.all(abs(slope / bend)[inside] < 1e-8)
+
+
 def test_where_there_are_no_places_there_are_no_minima():
     vectors, none = np.stack([np.eye(SUBARRAY)] * 3), np.zeros((3, 0))
     assert music_null_minima(vectors, np.ones(3, dtype=int), none, none > 0, 0.1).shape == (3, 0)

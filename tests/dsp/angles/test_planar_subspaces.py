@@ -94,6 +94,23 @@ def test_the_curvature_of_a_null_is_that_of_the_spectrum():
         np.testing.assert_allclose(curvature, [[along_u, mixed], [mixed, along_w]], rtol=1e-3, atol=1)
 
 
+def test_another_step_would_lead_nowhere_from_the_flattest_null():
+    basis, step = signal_basis(noise(40, 9, 9), (6, 6), 5), 1e-4
+    coarse = np.linspace(-0.9, 0.9, 19)
+    nulls = null_minima(basis, coarse, coarse, np.full(40, 5))
+    away = np.array([-1, 1])
+    steps = []
+    for cell, entry in zip(*np.nonzero(nulls.found), strict=True):
+        u, w = nulls.u[cell, entry], nulls.w[cell, entry]
+        along_u = planar_null_spectrum(basis[[cell]], u + step * away, [w])[0, :, 0]
+        along_w = planar_null_spectrum(basis[[cell]], [u], w + step * away)[0, 0]
+        gradient = np.array([np.diff(along_u)[0], np.diff(along_w)[0]]) / (2 * step)
+        steps.append(np.abs(np.linalg.solve(nulls.curvature[cell, entry], gradient)).max())
+    assert len(steps) > 100
+    # But for those that lie outside of what a start reaches.
+    assert np.quantile(steps, 0.9) < 1e-7
+
+
 def test_shallow_minima_are_no_sources_but_the_deepest_always_counts():
     basis = signal_basis(snapshot([0.1], [0.2], [1]), (8, 8), 1)
     assert null_minima(basis, GRID, GRID, np.array([5])).found.sum() == 1
