@@ -35,23 +35,14 @@ for take in (
 """
 
 
-def said_without_extras(folder, code, *arguments):
-    """Lines that code prints in a process that finds no extra."""
-    command = [sys.executable, "-c", WITHOUT_EXTRAS + code, *arguments]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    return done.stdout.splitlines()
-
-
-def test_all_scenes_of_the_small_suites_are_made_and_imaged(tmp_path):
+def test_scenes_of_the_small_suites_are_imaged_and_a_file_that_takes_an_extra_names_it(tmp_path):
     names = [name for suite in ("population-quick", "quick") for name in load_suite(suite).scenarios]
-    assert said_without_extras(tmp_path, IMAGE, *names) == [f"{len(names)} True"]
-
-
-def test_a_file_that_takes_an_extra_names_it(tmp_path):
     (tmp_path / "cube.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     (tmp_path / "cube.zarr").mkdir()
-    lines = said_without_extras(tmp_path, REFUSED)
+    command = [sys.executable, "-c", WITHOUT_EXTRAS + IMAGE + REFUSED, *names]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    imaged, *refused = done.stdout.splitlines()
+    assert imaged == f"{len(names)} True"
     libraries = (("h5py", "cubes"), ("zarr", "cubes"), ("zarr", "cubes"), ("trimesh", "meshes"))
-    assert len(lines) == len(libraries)
-    for line, (library, extra) in zip(lines, libraries, strict=True):
+    for line, (library, extra) in zip(refused, libraries, strict=True):
         assert line.endswith(f"needs {library}: pip install 'isacbench[{extra}]'")

@@ -178,7 +178,7 @@ def runs(yard, tmp_path_factory):
     return make
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
     """Chromium without a window, driven by playwright."""
     playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: pip install playwright")

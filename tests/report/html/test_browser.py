@@ -56,15 +56,20 @@ def tabs():
     """Open pages by their names, and what was logged or requested in any, which the fixture `visit` reads."""
     known_tabs = {}
     yield known_tabs, []
-    for page in known_tabs.values():  # in which plotly would be busy for the rest of the session
-        page.context.close()
+    close(known_tabs)
+
+
+def close(known_tabs):
+    """Close all pages: in those that nobody looks at, plotly is busy all the same."""
+    while known_tabs:
+        known_tabs.popitem()[1].context.close()
 
 
 @pytest.fixture
 def visit(browser, pages, tabs):
     """Open pages at an address; at the end no fault may have been logged, and nothing requested.
 
-    A page that is open is led to the address, unless `anew` asks for another tab.
+    The page that is open is led to the address, unless it is another or `anew` asks for a new tab.
     """
     known_tabs, faults = tabs
 
@@ -77,6 +82,7 @@ def visit(browser, pages, tabs):
                 page.evaluate("one => (location.hash = one)", one)
                 page.wait_for_timeout(20)
             return page
+        close(known_tabs)
         context = browser.new_context(
             viewport={"width": width, "height": 600}, color_scheme=scheme, accept_downloads=True
         )
@@ -253,20 +259,6 @@ def test_a_key_turns_all_clouds_and_the_address_keeps_the_view(visit):
     assert other.locator("fieldset input:checked").count() == 1
 
 
-def test_a_link_to_the_mean_over_scenes_opens_it_and_its_curves_take_the_scene_as_the_unit(visit, runs):
-    page = visit("scenes", "#view=curves")
-    page.get_by_label("Scene").select_option("*")
-    other = visit("scenes", page.evaluate("location.hash"))
-    assert other.get_by_label("Scene").input_value() == "*"
-    assert "means over scenes" in other.locator("main").inner_text()
-    wanted = average_scenarios(load_run(runs("scenes")).rows)
-    for number, name in enumerate(["fft4d", "music2d"]):
-        got = other.evaluate(f"curveOf('', {number}, metricOf('deviation'))")
-        row = wanted[wanted["estimator"] == name].iloc[0]
-        assert got["y"] == pytest.approx([row["deviation_mean"]], rel=1e-4)
-        assert got["high"][0] - got["y"][0] == pytest.approx(row["deviation_band"], rel=1e-3)
-
-
 def test_a_point_of_a_curve_opens_its_trials_and_a_trial_its_image(visit):
     page = visit("images", "#view=curves")
     settle(page)
@@ -325,6 +317,20 @@ def test_filtered_rows_are_saved_as_csv_without_formulas_and_figures_as_svg_and_
         with page.expect_download() as saved:
             page.locator("button", has_text=f"Save {form}").first.click()
         assert saved.value.path().read_bytes().startswith(start)
+
+
+def test_a_link_to_the_mean_over_scenes_opens_it_and_its_curves_take_the_scene_as_the_unit(visit, runs):
+    page = visit("scenes", "#view=curves")
+    page.get_by_label("Scene").select_option("*")
+    other = visit("scenes", page.evaluate("location.hash"))
+    assert other.get_by_label("Scene").input_value() == "*"
+    assert "means over scenes" in other.locator("main").inner_text()
+    wanted = average_scenarios(load_run(runs("scenes")).rows)
+    for number, name in enumerate(["fft4d", "music2d"]):
+        got = other.evaluate(f"curveOf('', {number}, metricOf('deviation'))")
+        row = wanted[wanted["estimator"] == name].iloc[0]
+        assert got["y"] == pytest.approx([row["deviation_mean"]], rel=1e-4)
+        assert got["high"][0] - got["y"][0] == pytest.approx(row["deviation_band"], rel=1e-3)
 
 
 def test_hostile_names_and_reasons_of_failures_are_text_and_nothing_else(visit):
