@@ -93,7 +93,7 @@ DRAW_NOTHING = """
 if "isacbench.cli.app" in sys.modules and "run" in sys.argv:  # the process of a run, and no worker
     import isacbench.report.run_report
     assert isacbench.report.run_report.draw_with_page
-    isacbench.report.run_report.draw_with_page = lambda run, with_page=True: []
+    isacbench.report.run_report.draw_with_page = lambda *_: []
 """
 """Part of a plugin file by which runs in processes of their own draw neither figures nor a page."""
 

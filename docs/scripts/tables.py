@@ -29,7 +29,7 @@ from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run
 from isacbench.charts import rows_of as own_rows
 from isacbench.charts import variants_in
-from isacbench.report.figures import drawn_charts, save_figures
+from isacbench.report.figures import drawings_of, save_figures
 from isacbench.report.ranking import ranking_charts, ranking_tables
 from isacbench.report.tables import markdown as grid_markdown
 
@@ -570,7 +570,7 @@ def draw() -> None:
         replace(ranking_charts(ranking(TOP_DB)), stem="population-ranks"),
         *(replace(group, stem="population-ratios") for group in ratio_charts(with_ratios(run.rows), lines)),
     ]
-    save_figures(drawn_charts(groups), ROOT / "docs" / "images")
+    save_figures(drawings_of(groups), ROOT / "docs" / "images")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from isacbench.process_state import own_output
 if TYPE_CHECKING:
     from isacbench.bench.store.run import Run
     from isacbench.charts import Table
+    from isacbench.report.drawing import DrawingProcess
 
 PLAIN_WIDTH = 100
 
@@ -149,11 +150,11 @@ def print_tables(*tables: Table) -> None:
         console.print(laid_out)
 
 
-def report_run(run: Run, with_page: bool = True) -> None:
+def report_run(run: Run, with_page: bool = True, helper: DrawingProcess | None = None) -> None:
     """Write the tables of a run, draw its figures and its page, and print all tables but details."""
     from isacbench.report.run_report import write_report
 
-    written, tables = write_report(run, with_page)
+    written, tables = write_report(run, with_page, helper)
     print_tables(*(table for table in tables if not table.is_detail))
     has_score = run.rows.reindex(columns=["deviation", "gospa_m"]).notna()
     if n_dense := int((has_score["deviation"] & ~has_score["gospa_m"]).sum()):

@@ -6,6 +6,7 @@ import math
 import os
 import signal
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, NoReturn, Self
@@ -84,6 +85,7 @@ def run_command(
     from isacbench.bench.run.runner import RunOptions, run_suite
     from isacbench.bench.store.manifest import command_to_show
     from isacbench.bench.store.run_folder import MANIFEST, default_folder
+    from isacbench.report.drawing import DrawingProcess
 
     options = RunOptions(
         jobs=jobs or (1 if dask is None else None),
@@ -97,14 +99,16 @@ def run_command(
         repeats=repeats,
     )
     folder = default_folder(wanted.name) if out is None else out
-    with Termination() as termination:
+    # Nothing else works beside cells that are timed.
+    drawing = nullcontext() if options.timing or dask is not None else DrawingProcess()
+    with Termination() as termination, drawing as helper:
         try:
             if (log := record_look(wanted)) is not None:
                 say(f"{log}: this look at reporting scenes is recorded; commit it")
             with progress_shown(wanted.name, is_idle=options.timing) as show:
                 run = run_suite(wanted, folder, termination.interrupting(show), options)
             if not run.rows.empty:
-                report_run(run, html)
+                report_run(run, html, helper)
         except KeyboardInterrupt:
             left = f"what is done so far is in {folder}; isacbench report {folder} tabulates it"
             termination.fail(left if (folder / MANIFEST).exists() else "nothing is done yet")

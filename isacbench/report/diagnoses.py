@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from functools import cache
+from functools import cache, partial
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Diagnoser, Diagnosis, Estimator, Spectrum
 from isacbench.plugins.registry import build_variants, canonical_params
 from isacbench.report.clouds import best_variants, shown_snr_db
-from isacbench.report.figures import THRESHOLD, draw_charts, drawable, new_figure
+from isacbench.report.figures import THRESHOLD, Drawing, draw_charts, drawable, new_figure
 
 LOWEST_RATIO = 0.01
 """Lowest shown ratio of power to noise: one look at noise can be arbitrarily weak."""
@@ -202,15 +202,15 @@ def _rounded(values: Any, digits: int) -> list[Any]:
     return listed
 
 
-def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[tuple[str, Figure]]:
+def diagnosis_figures(run: Run, scenario: str, snr_db: float, trial: int) -> Iterator[Drawing]:
     """Draw map and spectra of every estimator that shows its work, by the stems of their files."""
     diagnoses, _ = find_diagnoses(run, [scenario], snr_db, trial)
     stems = file_stems([f"{scenario} {one.label} {snr_db:g}dB trial{trial}" for one in diagnoses])
     for one, stem in zip(diagnoses, stems.values(), strict=True):
         title = f"{scenario}, {one.label}, {snr_db:g} dB, trial {trial}"
-        yield f"rdm-{stem}", draw_map(drawable(title), one)
+        yield f"rdm-{stem}", partial(draw_map, drawable(title), one)
         if one.spectra:
-            yield f"spectrum-{stem}", draw_charts(spectrum_charts(title, one))
+            yield f"spectrum-{stem}", partial(draw_charts, spectrum_charts(title, one))
 
 
 def draw_map(title: str, one: Diagnosed) -> Figure:

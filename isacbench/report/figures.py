@@ -2,8 +2,9 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,8 +24,12 @@ from isacbench.bench.store.run_folder import atomic_write
 from isacbench.charts import NO_SCORE, Axis, Chart, ChartGroup, LineStyle, Series
 from isacbench.files.checked_files import make_own_folder, require_picture
 from isacbench.files.escaping import shortened
+from isacbench.report.drawing import DrawingProcess
 
 Floats = NDArray[np.float64]
+
+Drawing = tuple[str, Callable[[], Figure]]
+"""Stem of the file of a figure, and what draws it, here or in another process."""
 
 FOLDER = "figures"
 """Folder of the figures in that of a run."""
@@ -135,17 +140,29 @@ LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.25, 0.14, 0.27, 0.1
 LONGEST_LEGEND = 80
 
 
-def save_figures(figures: Iterable[tuple[str, Figure]], folder: Path, extension: str = "png") -> list[Path]:
-    """Save figures by the stems of their files into a folder, which is made; they are drawn meanwhile."""
+def save_figures(
+    drawings: Iterable[Drawing], folder: Path, extension: str = "png", helper: DrawingProcess | None = None
+) -> list[Path]:
+    """Draw figures and save them into a folder, which is made; a process that helps draws some of them."""
     require_picture(Path(f"figure.{extension}"))
     make_own_folder(folder)
+    calls = [(draw, folder / f"{stem}.{extension}") for stem, draw in drawings]
+    if helper is None:
+        for draw, path in calls:
+            _draw_and_save(draw, path)
+    else:
+        helper.share(_draw_and_save, calls)
+    return [path for _, path in calls]
+
+
+def _draw_and_save(draw: Callable[[], Figure], path: Path) -> None:
     with styled():
-        return [save(figure, folder / f"{stem}.{extension}") for stem, figure in figures]
+        save(draw(), path)
 
 
-def drawn_charts(groups: Iterable[ChartGroup]) -> Iterator[tuple[str, Figure]]:
-    """Draw groups of charts one after the other, each by the stem of its file."""
-    return ((group.stem, draw_charts(group)) for group in groups)
+def drawings_of(groups: Iterable[ChartGroup]) -> Iterator[Drawing]:
+    """Drawings of groups of charts."""
+    return ((group.stem, partial(draw_charts, group)) for group in groups)
 
 
 def draw_charts(group: ChartGroup) -> Figure:

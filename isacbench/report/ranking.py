@@ -23,7 +23,7 @@ from isacbench.charts import (
     variants_in,
 )
 from isacbench.files.escaping import file_stems, plural
-from isacbench.report.figures import FOLDER, drawn_charts, save_figures
+from isacbench.report.figures import FOLDER, drawings_of, save_figures
 from isacbench.report.tables import json_rows, signed
 
 HEADINGS = {
@@ -131,7 +131,7 @@ def _worst_image(row: Mapping[str, Any]) -> str:
 
 def draw_ranking_file(ranking: Ranking, folder: Path) -> Path:
     """Draw a ranking into ``figures/ranks-<metric>.png`` of a run."""
-    (path,) = save_figures(drawn_charts([ranking_charts(ranking)]), folder / FOLDER)
+    (path,) = save_figures(drawings_of([ranking_charts(ranking)]), folder / FOLDER)
     return path
 
 

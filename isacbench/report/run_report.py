@@ -3,12 +3,12 @@
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from isacbench import charts
 from isacbench.bench.cells.rows import CLOUD_KEYS, failed
@@ -38,11 +38,10 @@ from isacbench.report.clouds import (
     shown_snr_db,
 )
 from isacbench.report.diagnoses import diagnosis_figures
-from isacbench.report.figures import FOLDER, drawable, drawn_charts, save_figures
+from isacbench.report.drawing import DrawingProcess
+from isacbench.report.figures import FOLDER, Drawing, drawable, drawings_of, save_figures
 from isacbench.report.html.written_pages import write_run_page
 from isacbench.report.tables import markdown
-
-NamedFigure = tuple[str, Figure]
 
 MOST_FAILURES = 20
 CLOUD_SNRS_DB = -20.0, -5.0, 10.0
@@ -73,15 +72,17 @@ EVERYTHING = FigureChoice()
 RUN_REPORTS = "summary.csv", "summary.md", "stages.csv", "stages.md", "pareto.csv"
 
 
-def write_report(run: Run, with_page: bool = True) -> tuple[list[Path], list[Table]]:
+def write_report(
+    run: Run, with_page: bool = True, helper: DrawingProcess | None = None
+) -> tuple[list[Path], list[Table]]:
     """Write tables, figures and page of a run into its folder; return the files and the tables."""
     written, tables = write_run_tables(run)
-    return [*written, *draw_with_page(run, with_page)], tables
+    return [*written, *draw_with_page(run, with_page, helper)], tables
 
 
-def draw_with_page(run: Run, with_page: bool = True) -> list[Path]:
+def draw_with_page(run: Run, with_page: bool = True, helper: DrawingProcess | None = None) -> list[Path]:
     """Draw a run and write its page; warn where there can be none, for the figures are there all the same."""
-    written = draw_run(run)
+    written = draw_run(run, helper=helper)
     if with_page and not run.rows.empty:
         try:
             written.append(write_run_page(run))
@@ -163,7 +164,12 @@ def failure_tables(rows: pd.DataFrame, manifest: Mapping[str, Any] | None = None
     return [Table(f"{len(broken)} of {len(rows)} cells failed", columns, listed)]
 
 
-def draw_run(run: Run, choice: FigureChoice = EVERYTHING, extension: str = "png") -> list[Path]:
+def draw_run(
+    run: Run,
+    choice: FigureChoice = EVERYTHING,
+    extension: str = "png",
+    helper: DrawingProcess | None = None,
+) -> list[Path]:
     """Draw a run, or chosen figures of it, into ``figures`` of its folder.
 
     All figures are the charts of its kind, and of images ``radii.png``, and for each scenario
@@ -175,17 +181,17 @@ def draw_run(run: Run, choice: FigureChoice = EVERYTHING, extension: str = "png"
     rows = run.rows if choice == EVERYTHING else _chosen_rows(run, choice)
     if rows.empty:
         return []
-    figures = _all_figures(run) if choice == EVERYTHING else _chosen_figures(run, rows, choice)
-    return save_figures(figures, run.folder / FOLDER, extension)
+    drawings = _all_figures(run) if choice == EVERYTHING else _chosen_figures(run, rows, choice)
+    return save_figures(drawings, run.folder / FOLDER, extension, helper)
 
 
-def _all_figures(run: Run) -> Iterator[NamedFigure]:
+def _all_figures(run: Run) -> Iterator[Drawing]:
     """All figures of a run by the stems of their files."""
     rows, kind, lines = run.rows, KINDS[run.kind], lines_of(run.rows)
-    yield from drawn_charts(kind.charts(rows, run.scenarios))
+    yield from drawings_of(kind.charts(rows, run.scenarios))
     if not kind.has_images:
         return
-    yield from drawn_charts(radius_charts(run, lines))
+    yield from drawings_of(radius_charts(run, lines))
     if kind.name == "population":
         yield from _worst_images(run, lines)
     elif rows["scenario"].nunique() > MANY_SCENARIOS:
@@ -199,7 +205,7 @@ def _all_figures(run: Run) -> Iterator[NamedFigure]:
             yield from cloud_figures(run, lines, scenario, f"clouds-{stem}", snrs_db, trial)
 
 
-def _chosen_figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[NamedFigure]:
+def _chosen_figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Iterator[Drawing]:
     """Chosen figures of a run by the stems of their files."""
     lines, summary = lines_of(rows), summarise_scores(rows)
     is_of_images = choice.snr_db is not None or choice.trial is not None
@@ -207,7 +213,7 @@ def _chosen_figures(run: Run, rows: pd.DataFrame, choice: FigureChoice) -> Itera
         if choice.metric is not None or not is_of_images:
             part, curves = summary[summary["scenario"] == scenario], f"{choice.metric or 'curves'}-{stem}"
             scores = [choice.metric] if choice.metric else [name for name in SCORES if f"{name}_mean" in part]
-            yield from drawn_charts([score_charts(part, scores, curves, lines, run.scenarios[scenario])])
+            yield from drawings_of([score_charts(part, scores, curves, lines, run.scenarios[scenario])])
         if choice.metric is not None and not is_of_images:
             continue
         trial = int(own["trial"].min()) if choice.trial is None else choice.trial
@@ -274,7 +280,7 @@ def radius_charts(run: Run, lines: Mapping[Variant, Line]) -> list[ChartGroup]:
 
 def cloud_figures(
     run: Run, lines: Mapping[Variant, Line], scenario: str, stem: str, snrs_db: Sequence[float], trial: int
-) -> Iterator[NamedFigure]:
+) -> Iterator[Drawing]:
     """Draw clouds of one scenario and trial beside the truth, a row an SNR, a few estimators a figure."""
     # A run of references alone still has clouds to show.
     candidates = [variant for variant, line in lines.items() if not line.is_reference] or list(lines)
@@ -290,8 +296,8 @@ def cloud_figures(
             panels.append((f"SNR {snr_db:g} dB: truth", image_of_truth(scene.truth)))
             panels += [(lines[one].label, images.get((*one, snr_db), NOT_RUN)) for one in page]
         heading, suffix = f"{title}, trial {trial}", f"-{number}" if len(pages) > 1 else ""
-        figure = draw_clouds(heading, scene.truth, scene.region, scene.radius_m, panels, 1 + len(page))
-        yield f"{stem}{suffix}", figure
+        seen = scene.truth, scene.region, scene.radius_m
+        yield f"{stem}{suffix}", partial(draw_clouds, heading, *seen, panels, 1 + len(page))
 
 
 def _images(run: Run, scenario: str, trial: int) -> dict[tuple[str, str, float], Image]:
@@ -307,7 +313,7 @@ def _images(run: Run, scenario: str, trial: int) -> dict[tuple[str, str, float],
     return images
 
 
-def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigure]:
+def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[Drawing]:
     """Draw the scene in which each estimator has its largest ratio, beside the truth."""
     cells, snr_db = with_ratios(run.rows), shown_snr_db(run.rows)
     rated = cells[cells["snr_db"] == snr_db].dropna(subset="ratio")
@@ -323,4 +329,5 @@ def _worst_images(run: Run, lines: Mapping[Variant, Line]) -> Iterator[NamedFigu
         title = f"{drawable(scene.name)} at {snr_db:g} dB: the worst ratio of {plural(len(scenes), 'scene')}"
         note = f"{plural(len(cloud), 'point')}, {worst['ratio']:.1f} times the Hausdorff sum of the oracle"
         image = lines[variant].label, Image(cloud, note)
-        yield f"worst-{stem}", draw_comparison(title, scene.truth, *image, scene.region, scene.radius_m)
+        seen = scene.region, scene.radius_m
+        yield f"worst-{stem}", partial(draw_comparison, title, scene.truth, *image, *seen)

@@ -9,7 +9,7 @@ from isacbench.errors import InputError
 from isacbench.report.figures import (
     draw_charts,
     drawable,
-    drawn_charts,
+    drawings_of,
     save_figures,
     styled,
 )
@@ -203,11 +203,11 @@ def test_figures_are_written_by_stem_and_extension_each_in_its_format(tmp_path):
         for n, stem in enumerate("ab")
     ]
     for extension, magic in (("png", b"\x89PNG"), ("svg", b"<?xml")):
-        paths = save_figures(drawn_charts(groups), tmp_path / "figures", extension)
+        paths = save_figures(drawings_of(groups), tmp_path / "figures", extension)
         assert [path.name for path in paths] == [f"a.{extension}", f"b.{extension}"]
         assert all(path.read_bytes().startswith(magic) for path in paths)
     with pytest.raises(InputError, match=r"\.png, \.pdf or \.svg"):
-        save_figures(drawn_charts(groups), tmp_path, "gif")
+        save_figures(drawings_of(groups), tmp_path, "gif")
 
 
 def test_names_are_drawn_without_missing_glyphs():
