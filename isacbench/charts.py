@@ -387,11 +387,13 @@ def line_series(
     """
     series = []
     is_single = x in SNR_COLUMNS and table[x].nunique() == 1
+    used = {*VARIANT, x, y, *(f"{stem or y}_{end}" for end in ("band", "low", "high"))}
+    table = table[[name for name in table if name in used]].sort_values(x, kind="stable")
     own = [variant for variant, line in lines.items() if not line.is_reference]
     half = 0.05 * max(len(own), 2)
     tick = float(table[x].iloc[0]) if is_single else None
     for variant, line in lines.items():
-        rows = rows_of(table, variant).sort_values(x, kind="stable")
+        rows = rows_of(table, variant)
         if rows.empty:
             continue
         at = rows[x]

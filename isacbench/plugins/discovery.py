@@ -11,8 +11,8 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
-from importlib.metadata import entry_points
+from functools import cache, lru_cache
+from importlib.metadata import Distribution, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args
@@ -193,10 +193,16 @@ def error_place(error: BaseException, module: str = "") -> str:
 def _installed(kind: PluginKind, _path: tuple[str, ...]) -> tuple[RegisteredPlugin, ...]:
     """Entries of the packages on the import path; looked up once, because a run asks often."""
     return tuple(
-        RegisteredPlugin(kind, one.name, one.value, one.dist.name, one.dist.version, one.load)
+        RegisteredPlugin(kind, one.name, one.value, *_name_and_version(one.dist), one.load)
         for one in entry_points(group=GROUPS[kind])
         if one.dist
     )
+
+
+@cache
+def _name_and_version(package: Distribution) -> tuple[str, str]:
+    """Name and version of a package, which reads its metadata each time that it is asked."""
+    return package.name, package.version
 
 
 def _defined(file: PluginFile, module: ModuleType) -> tuple[RegisteredPlugin, ...]:

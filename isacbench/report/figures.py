@@ -92,7 +92,7 @@ def save(figure: Figure, path: Path) -> Path:
     with atomic_write(path, afterwards="") as temporary:
         if path.suffix.lower() == ".png":
             canvas: Any = FigureCanvasAgg(figure)
-            canvas.print_png(temporary)  # `savefig` draws twice
+            canvas.print_png(temporary, pil_kwargs={"compress_level": 3})  # `savefig` draws twice
         else:
             figure.savefig(temporary, format=path.suffix.removeprefix(".").lower())
     return path
@@ -136,6 +136,9 @@ LINE_IN, LETTER_IN = 0.16, 0.068
 
 LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.25, 0.14, 0.27, 0.1
 """Room around a panel, without the letters of its ticks and the lines of its titles."""
+
+MARGIN_IN = 0.1
+"""Of `LEFT_IN`, what is left of the title of the axis."""
 
 LONGEST_LEGEND = 80
 
@@ -211,6 +214,10 @@ def _lay_out(
         y_in = size_in[1] - top_in - above_in[: row + 1].sum() - below_in[:row].sum() - (row + 1) * height_in
         place = np.array([x_in, y_in, width_in, height_in]) / [*size_in, *size_in]
         panel.set_position(place.tolist())
+        # Labels without a place of their own have all ticks measured.
+        panel.xaxis.set_label_coords(0.5, -BELOW_IN / height_in)
+        label_in = left_in[column] - LINE_IN * _n_lines(panel.get_ylabel())
+        panel.yaxis.set_label_coords((MARGIN_IN - label_in) / width_in, 0.5)
 
 
 def _n_lines(text: str) -> int:
@@ -302,6 +309,7 @@ def _scale(axes: Axes, name: str, axis: Axis) -> None:
         if high < 300 * low:
             own.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         own.set_major_formatter("{x:g}")  # faster than mathematical text
+        own.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         own.set_minor_formatter(NullFormatter())
     if axis.categories:
         own.set_ticks(range(len(axis.categories)), [drawable(text) for text in axis.categories])
