@@ -99,8 +99,8 @@ def run_command(
         repeats=repeats,
     )
     folder = default_folder(wanted.name) if out is None else out
-    # Nothing else works beside cells that are timed.
-    drawing = nullcontext() if options.timing or dask is not None else DrawingProcess()
+    is_alone = options.timing or dask is not None  # nothing else works beside cells that are timed
+    drawing = nullcontext() if is_alone else DrawingProcess("isacbench.report.run_report")
     with Termination() as termination, drawing as helper:
         try:
             if (log := record_look(wanted)) is not None:

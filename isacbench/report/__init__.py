@@ -1,3 +1,3 @@
 """Reports: tables, figures and texts of runs, comparisons and images."""
 
-__all__ = ["clouds", "comparison", "figures", "findings", "ranking", "run_report", "tables"]
+__all__ = ["clouds", "comparison", "drawing", "figures", "findings", "ranking", "run_report", "tables"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
+from importlib import import_module
 from threading import Timer
 from typing import Self
 
@@ -15,10 +16,17 @@ START_S = 1.5
 
 
 class DrawingProcess(GuardedProcess):
-    """Process that draws beside this one; a context manager around the run and its report."""
+    """Process that draws beside this one; a context manager around the run and its report.
 
-    def __init__(self) -> None:
-        super().__init__(_import_figures)
+    Parameters
+    ----------
+    module : str
+        Imported meanwhile, here and there.
+    """
+
+    def __init__(self, module: str) -> None:
+        super().__init__(_import, module)
+        self._module = module
         self._start = Timer(START_S, self._prepare)
 
     def __enter__(self) -> Self:
@@ -57,10 +65,10 @@ class DrawingProcess(GuardedProcess):
             function(*arguments)
 
     def _prepare(self) -> None:
-        _import_figures()
+        _import(self._module)
         with suppress(CancelledError, ProcessLostError):  # nobody needs it
-            self.call(_import_figures)
+            self.call(_import, self._module)
 
 
-def _import_figures() -> None:
-    import isacbench.report.run_report  # noqa: F401
+def _import(module: str) -> None:
+    import_module(module)

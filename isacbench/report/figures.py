@@ -152,13 +152,14 @@ def save_figures(
     calls = [(draw, folder / f"{stem}.{extension}") for stem, draw in drawings]
     if helper is None:
         for draw, path in calls:
-            _draw_and_save(draw, path)
+            draw_and_save(draw, path)
     else:
-        helper.share(_draw_and_save, calls)
+        helper.share(draw_and_save, calls)
     return [path for _, path in calls]
 
 
-def _draw_and_save(draw: Callable[[], Figure], path: Path) -> None:
+def draw_and_save(draw: Callable[[], Figure], path: Path) -> None:
+    """Draw a figure in the style of this module, and save it."""
     with styled():
         save(draw(), path)
 

@@ -9,7 +9,7 @@ import pytest
 from isacbench.charts import Axis, Chart, ChartGroup, Series
 from isacbench.report import drawing
 from isacbench.report.drawing import DrawingProcess
-from isacbench.report.figures import _draw_and_save, drawings_of, save_figures
+from isacbench.report.figures import draw_and_save, drawings_of, save_figures
 
 GROUPS = [
     ChartGroup(stem, "both", [Chart("one", Axis("x"), Axis("y", log=True), [Series("a", [1, 2], [3, 400])])])
@@ -21,7 +21,7 @@ GROUPS = [
 def ready():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawing, "START_S", 0.0)
-        process = DrawingProcess()
+        process = DrawingProcess("isacbench.report.figures")
     with process:
         wait_for(lambda: process.has_begun)
         yield process
@@ -76,15 +76,15 @@ def test_what_a_process_was_lost_with_is_called_here(ready, tmp_path):
 
 def test_the_process_draws_the_same_picture(ready, tmp_path):
     ((_, draw),) = drawings_of(GROUPS[:1])
-    ready.call(_draw_and_save, draw, tmp_path / "there.png")
-    _draw_and_save(draw, tmp_path / "here.png")
+    ready.call(draw_and_save, draw, tmp_path / "there.png")
+    draw_and_save(draw, tmp_path / "here.png")
     assert (tmp_path / "there.png").read_bytes() == (tmp_path / "here.png").read_bytes()
     paths = save_figures(drawings_of(GROUPS), tmp_path, helper=ready)
     assert [path.name for path in paths if path.exists()] == ["first.png", "second.png"]
 
 
 def test_an_error_here_ends_the_process_at_once(tmp_path):
-    with DrawingProcess() as process:
+    with DrawingProcess("isacbench.report.figures") as process:
         process.call(str)
         start_s = time.monotonic()
         with pytest.raises(ZeroDivisionError):
@@ -95,7 +95,7 @@ def test_an_error_here_ends_the_process_at_once(tmp_path):
 
 def test_a_short_run_starts_no_process(tmp_path):
     called = []
-    with DrawingProcess() as process:
+    with DrawingProcess("isacbench.report.figures") as process:
         process.share(called.append, [(1,), (2,)])
         assert not process.has_begun
     assert called == [1, 2]
