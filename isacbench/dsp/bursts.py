@@ -118,15 +118,17 @@ class SymbolBursts:
             return dirichlet(bins, places, n).conj()
         distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)
         phase = np.exp(-1j * np.pi * (n - 1) / n * distance)
-        return np.sqrt(n) * self.slopes(distance)[0] * phase
+        return np.sqrt(n) * self.slopes(distance, 0)[0] * phase
 
-    def slopes(self, distance: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    def slopes(self, distance: ArrayLike, order: int = 2) -> tuple[Floats, ...]:
         """Kernel referred to the middle of the bursts, and its first two derivatives.
 
         Parameters
         ----------
         distance : array_like, any shape
             In bins.
+        order : {0, 2}
+            0 for the kernel alone.
 
         Returns
         -------
@@ -142,12 +144,15 @@ class SymbolBursts:
         [1.0, -0.927]
         """
         if self.is_whole_frame:
-            return dirichlet_slopes(distance, self.n_symbols)
+            return dirichlet_slopes(distance, self.n_symbols, order)
         distance = np.asarray(distance, dtype=np.float64)
-        one = self._stretched(distance, self.length, self.length)
+        one = self._stretched(distance, self.length, self.length, order)
         if self.n_bursts == 1:
             return one
-        (f, f1, f2), (g, g1, g2) = one, self._stretched(distance, self.n_bursts * self.spacing, self.n_bursts)
+        other = self._stretched(distance, self.n_bursts * self.spacing, self.n_bursts, order)
+        if not order:
+            return (one[0] * other[0],)
+        (f, f1, f2), (g, g1, g2) = one, other
         return f * g, f * g1 + f1 * g, f * g2 + 2 * f1 * g1 + f2 * g
 
     def sidelobe_drop(self, distance: Floats) -> Floats:
@@ -166,7 +171,7 @@ class SymbolBursts:
     def fractional_bin(self, own: Floats, other: Floats) -> Floats:
         """Offset of an echo from its strongest bin towards the next, 0 to 1, by the amplitudes in both."""
         offsets = np.linspace(0, 1, OFFSETS)
-        kernel = np.abs(self.slopes(offsets)[0])
+        kernel = np.abs(self.slopes(offsets, 0)[0])
         share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
         return np.interp(share, kernel[::-1] / (kernel + kernel[::-1]), offsets)
 
@@ -176,11 +181,11 @@ class SymbolBursts:
             return distance
         return np.abs(distance - self.lobe_period * np.rint(distance / self.lobe_period))
 
-    def _stretched(self, distance: Floats, span: int, n: int) -> tuple[Floats, Floats, Floats]:
+    def _stretched(self, distance: Floats, span: int, n: int, order: int) -> tuple[Floats, ...]:
         """Dirichlet kernel of n samples that span so many symbols, and its first two derivatives."""
         rate = span / self.n_symbols
-        value, slope, curvature = dirichlet_slopes(rate * distance, n)
-        return value, rate * slope, rate**2 * curvature
+        slopes = dirichlet_slopes(rate * distance, n, order)
+        return tuple(rate**k * slope for k, slope in enumerate(slopes))
 
 
 def whole_frame(n_symbols: int) -> SymbolBursts:

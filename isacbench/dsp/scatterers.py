@@ -314,7 +314,7 @@ def _own_share(offset: Floats, window: Window, bursts: SymbolBursts | None = Non
     """Amplitude of a unit echo in its own bin, at an offset from the middle of it."""
     if bursts is None:
         return np.abs(bin_profile(offset, window)[..., 1])
-    return np.abs(bursts.slopes(offset)[0])
+    return np.abs(bursts.slopes(offset, 0)[0])
 
 
 def _one_echo_share(amplitudes: Complex, offset: Floats, window: Window) -> Floats:

@@ -43,8 +43,8 @@ def dirichlet(bins: ArrayLike, places: ArrayLike, n: int, every: int = 1, first:
     return kernel
 
 
-def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Floats]:
-    """Dirichlet kernel sin(πx) / (n sin(πx/n)) at x bins, and its first two derivatives per bin.
+def dirichlet_slopes(distance: ArrayLike, n: int, order: int = 2) -> tuple[Floats, ...]:
+    """Dirichlet kernel sin(πx) / (n sin(πx/n)) at x bins, and its first two derivatives per bin (order 2).
 
     At x = 0 they are 1, 0 and -π²(1 - n⁻²)/3: the kernel is referred to the middle of its aperture.
     """
@@ -60,12 +60,15 @@ def dirichlet_slopes(distance: ArrayLike, n: int) -> tuple[Floats, Floats, Float
     x_far = np.where(close, 0.5, x)
     (sine, cosine), (sine_of_n, cosine_of_n) = sine_cosine(np.pi * x_far / n), sine_cosine(np.pi * x_far)
     value = sine_of_n / (n * sine)
+    square = x * x
+    kernel = sign * np.where(close, 1 + square * (at_peak / 2 + fourth / 24 * square), value)
+    if not order:
+        return (kernel,)
     slope = np.pi / n * (cosine_of_n - cosine * value) / sine
     # (n sin(πx/n) D)'' = -π² n sin(πx/n) D, solved for D''.
     curvature = -(np.pi**2) * (1 - n**-2) * value - 2 * np.pi / n * cosine / sine * slope
-    square = x * x
     return (
-        sign * np.where(close, 1 + square * (at_peak / 2 + fourth / 24 * square), value),
+        kernel,
         sign * np.where(close, x * (at_peak + fourth / 6 * square), slope),
         sign * np.where(close, at_peak + fourth / 2 * square, curvature),
     )

@@ -184,6 +184,14 @@ class AtomMap:
         scale = 1 / self.bin_gain
         return AtomFactors(scale * value, -scale * slope, scale * curvature)
 
+    def factors(self, places: Floats, axis: int) -> Floats:
+        """Factors of atoms along one coordinate as of `line`, without derivatives, (n, size)."""
+        if axis > 1:
+            return self.line(places, axis).value
+        if axis == 0:
+            return dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers, 0)[0]
+        return self.bursts.slopes(self.doppler_bins - places[:, None], 0)[0] / self.bin_gain
+
     def lines(self, places: Floats) -> Lines:
         """Factors of atoms along range, Doppler, u and w.
 
@@ -216,6 +224,11 @@ class AtomMap:
         np.subtract(self._real_rows, rest, out=rest)
         return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
 
+    def along(self, basis: Floats) -> AtomMap:
+        """The map in the dimensions along range that a basis (n_range, d) spans, for factors times it."""
+        cells = (basis.T @ self._real_rows).view(np.complex128)
+        return replace(self, cells=cells.reshape(-1, *self.cells.shape[1:]))
+
     def ranges(self, factors: Floats) -> Floats:
         """Products (n, n_doppler, n_u n_w 2) of factors (n, n_range) with the map, its parts side by side."""
         return (factors @ self._real_rows).reshape(
@@ -232,8 +245,10 @@ class AtomMap:
     def matched_separably(self, factors: list[Floats]) -> Complex:
         """Products (r, d, g, h) with atoms at all combinations of factors (r, n_range), (d, n_doppler) ..."""
         along_range, along_doppler, along_u, along_w = factors
-        snapshots = (along_doppler @ self.ranges(along_range)).view(np.complex128)
+        rows = self._real_rows.reshape(len(self.cells), self.doppler_bins.size, -1)
+        seen = (along_doppler @ rows).reshape(len(rows), -1)
         shape = len(along_range), len(along_doppler), *self.cells.shape[2:]
+        snapshots = (along_range @ seen).view(np.complex128)
         return np.asarray(along_u @ (snapshots.reshape(shape) @ along_w.T), dtype=np.complex128)
 
     def correlate(self, lines: Lines) -> Correlations:
@@ -293,7 +308,7 @@ class AtomMap:
     @cached_property
     def _real_rows(self) -> Floats:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
-        rows = np.ascontiguousarray(self.cells).reshape(self.range_bins.size, -1)
+        rows = np.ascontiguousarray(self.cells).reshape(len(self.cells), -1)
         return rows.view(np.float64)
 
 

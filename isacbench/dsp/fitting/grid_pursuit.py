@@ -5,7 +5,8 @@ all pairs of directions, then among the atoms of a finer grid around it, and
 placed between those by a parabola along each coordinate. An atom is a product
 of four real factors (`isacbench.dsp.fitting.atoms`): its products with the
 whole grid are products of small matrices, and neither the dictionary nor the
-residual map is ever filled.
+residual map is ever filled. Atoms of a few range bins see few dimensions of the
+map, in which it is kept for all atoms there.
 
 References
 ----------
@@ -18,6 +19,8 @@ on updates by a growing Cholesky factor.
 
 from __future__ import annotations
 
+from functools import cache
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +46,9 @@ UNSEEN = 1e-24
 
 TINY = float(np.finfo(np.float64).tiny)
 """Level of an exact null."""
+
+BLOCK_BINS, MORE_DIMENSIONS = 4, 12
+"""Range bins whose atoms share a map, and dimensions to spare: what others add to an atom is below 1e-11."""
 
 LEAST_NEW = 1e-3
 """Least share of an atom's energy that is orthogonal to those before: two atoms 0.02 Rayleigh cells apart."""
@@ -101,7 +107,8 @@ def pursue_on_grid(
         if best is None:
             break
         place = search.zoomed(best, members.amplitude) if grid.zoom > 1 else search.place(best)
-        if not members.take(place, least_energy):
+        factors = [atom_map.factors(place[None, axis], axis) for axis in range(N_COORDINATES)]
+        if not members.take(place, factors, search.matched(best, factors), least_energy):
             break
         if len(members) == 1:
             least_energy = max(least_energy, members.first_energy * 10 ** (-dynamic_range_db / 10))
@@ -116,7 +123,7 @@ class _Members:
     """
 
     def __init__(self, atom_map: AtomMap, n_most: int) -> None:
-        self._atom_map, self._n = atom_map, 0
+        self._n = 0
         self._inverse = np.zeros((n_most, n_most))
         self._coordinates, self._amplitude = np.zeros((2, n_most), dtype=np.complex128)
         self._places = np.empty((n_most, N_COORDINATES))
@@ -146,10 +153,12 @@ class _Members:
         k = self._n - 1
         return complex(self._coordinates[k]), self._inverse[k, : k + 1], [line[k] for line in self._lines]
 
-    def take(self, place: Floats, least_energy: float) -> bool:
-        """Add the atom at a place (4,), if it takes enough energy; tell whether it did."""
-        k, factors = self._n, [line.value for line in self._atom_map.lines(place[None])]
-        row = np.ones(k)
+    def take(self, place: Floats, factors: list[Floats], matched: complex, least_energy: float) -> bool:
+        """Add the atom at a place (4,), if it takes enough energy; tell whether it did.
+
+        `factors` are its own, each (1, size), and `matched` is its product with the map.
+        """
+        k, row = self._n, np.ones(self._n)
         for members, factor in zip(self._lines, factors, strict=True):
             row *= members[:k] @ factor[0]
         energy = float(np.prod([np.sum(factor**2) for factor in factors]))
@@ -158,7 +167,6 @@ class _Members:
         rest = energy - shared @ shared
         if rest < LEAST_NEW * energy:
             return False
-        matched = self._atom_map.matched(factors)[0]
         coordinate = (matched - shared @ self._coordinates[:k]) / np.sqrt(rest)
         if not abs(coordinate) ** 2 > least_energy:
             return False
@@ -178,9 +186,7 @@ class _Axis:
     places : ndarray of float64, shape (n, z)
         The finer samples around each of n samples, which is in their middle.
     factors : ndarray of float64, shape (n, z, size)
-        Of atoms there.
-    weight : ndarray of float64, shape (n, z)
-        Reciprocal energies of these factors; 0 of atoms that the map does not see.
+        Of atoms there, over their norms; 0 of atoms that the map does not see.
     shown : ndarray of float64, shape (n, z, n_most)
         Products of these factors with those of the members.
     """
@@ -188,10 +194,10 @@ class _Axis:
     def __init__(self, atom_map: AtomMap, axis: int, samples: Floats, grid: PlaceGrid, n_most: int) -> None:
         offsets = np.arange(-grid.zoom, grid.zoom + 1) / grid.zoom
         self.places = samples[:, None] + grid.steps[axis] * offsets
-        factors = atom_map.line(self.places.ravel(), axis).value
+        factors = atom_map.factors(self.places.ravel(), axis)
+        energy = np.sum(factors**2, axis=1, keepdims=True)
+        factors *= np.divide(1, np.sqrt(energy), out=np.zeros_like(energy), where=energy > UNSEEN)
         self.factors = factors.reshape(*self.places.shape, factors.shape[1])
-        energy = np.sum(self.factors**2, axis=2)
-        self.weight = np.divide(1, energy, out=np.zeros_like(energy), where=energy > UNSEEN)
         self.shown = np.empty((*self.places.shape, n_most))
         self.middle = grid.zoom
 
@@ -203,14 +209,12 @@ class _Search:
     """
 
     def __init__(self, atom_map: AtomMap, grid: PlaceGrid, n_most: int) -> None:
-        self._atom_map = atom_map
+        self._atom_map, self._half_block = atom_map, grid.steps[0] + BLOCK_BINS / 2
+        self._near = cache(self._map_near)
         range_bins, self._range_of = np.unique(grid.bins[:, 0], return_inverse=True)
         doppler_bins, self._doppler_of = np.unique(grid.bins[:, 1], return_inverse=True)
         samples = (range_bins, doppler_bins, grid.u, grid.w)
         self._axes = [_Axis(atom_map, axis, line, grid, n_most) for axis, line in enumerate(samples)]
-        middle = grid.zoom
-        in_range, in_doppler, u, w = (along.weight[:, middle] for along in self._axes)
-        self._weights = in_range[self._range_of] * in_doppler[self._doppler_of], np.outer(u, w).ravel()
         self._residual = self._matched()
         self._over_bins = np.empty((n_most, len(grid.bins)))
         self._over_directions = np.empty((n_most, grid.u.size * grid.w.size))
@@ -219,10 +223,7 @@ class _Search:
         """Indices of the atom that takes most energy from the residual; None if none takes any."""
         if not self._residual.any():
             return None
-        gain = self._residual.real**2 + self._residual.imag**2
-        gain *= self._weights[0][:, None]
-        gain *= self._weights[1]
-        bins, direction = _largest(gain)
+        bins, direction = _largest(np.sum(self._residual**2, axis=0))
         u, w = divmod(direction, len(self._axes[3].places))
         return int(self._range_of[bins]), int(self._doppler_of[bins]), u, w
 
@@ -233,7 +234,9 @@ class _Search:
     def zoomed(self, atom: tuple[int, ...], amplitude: Complex) -> Floats:
         """Place (4,) of the best atom within a step of an atom, between the samples of the finer grid."""
         here = list(zip(self._axes, atom, strict=True))
-        residual = self._atom_map.matched_separably([along.factors[at] for along, at in here])
+        basis, near = self._near(self._block(atom))
+        in_range, *others = (along.factors[at] for along, at in here)
+        residual = near.matched_separably([in_range @ basis, *others])
         shown = [along.shown[at, :, : amplitude.size] for along, at in here]
         over_bins = shown[0][:, None] * shown[1]
         over_directions = shown[2][:, None] * shown[3]
@@ -242,9 +245,24 @@ class _Search:
         for part, of in ((residual.real, amplitude.real), (residual.imag, amplitude.imag)):
             part -= ((over_bins * of).reshape(n_bins, of.size) @ over_directions).reshape(part.shape)
         gain = residual.real**2 + residual.imag**2
-        for axis, (along, at) in enumerate(here):
-            gain *= along.weight[at].reshape([-1 if axis == other else 1 for other in range(N_COORDINATES)])
         return _between(gain, _largest(gain), np.array([along.places[at] for along, at in here]))
+
+    def matched(self, atom: tuple[int, ...], factors: list[Floats]) -> complex:
+        """Product of the map with an atom within a step of one of the grid, from its factors (1, size)."""
+        basis, near = self._near(self._block(atom))
+        return complex(near.matched([factors[0] @ basis, *factors[1:]])[0])
+
+    def _block(self, atom: tuple[int, ...]) -> int:
+        """Number of the range bins that an atom of the grid lies in."""
+        return int(self._axes[0].places[atom[0], self._axes[0].middle] // BLOCK_BINS)
+
+    def _map_near(self, block: int) -> tuple[Floats, AtomMap]:
+        """Basis (n_range, d) of the factors of atoms within a step of some range bins, and the map in it."""
+        n = ceil(np.pi * self._half_block) + MORE_DIMENSIONS
+        nodes = np.cos(np.pi * (np.arange(n) + 0.5) / n)
+        places = BLOCK_BINS * (block + 0.5) + self._half_block * nodes
+        basis = np.linalg.qr(self._atom_map.factors(places, 0).T)[0]
+        return basis, self._atom_map.along(basis)
 
     def subtract(self, members: _Members) -> None:
         """Subtract what the newest member explains, orthogonal to all others."""
@@ -255,19 +273,20 @@ class _Search:
         in_range, in_doppler, u, w = (along.shown[:, along.middle, k - 1] for along in self._axes)
         self._over_bins[k - 1] = in_range[self._range_of] * in_doppler[self._doppler_of]
         self._over_directions[k - 1] = np.outer(u, w).ravel()
-        shown = (self._over_bins[:k] * share[:, None]).T @ self._over_directions[:k]
-        self._residual.real -= amplitude.real * shown
-        self._residual.imag -= amplitude.imag * shown
+        shown = self._over_bins[:k].T @ (self._over_directions[:k] * share[:, None])
+        for part, height in zip(self._residual, (amplitude.real, amplitude.imag), strict=True):
+            part -= height * shown
 
-    def _matched(self) -> Complex:
-        """Products (m, g h) of the map with all atoms of the coarse grid."""
+    def _matched(self) -> Floats:
+        """Products (2, m, g h) of the map, its parts in front, with all atoms of the coarse grid."""
         in_range, in_doppler, u, w = (along.factors[:, along.middle] for along in self._axes)
         snapshots = np.empty((self._range_of.size, u.shape[1] * w.shape[1]), dtype=np.complex128)
         for k, row in enumerate(self._atom_map.ranges(in_range)):
             here = self._range_of == k
             snapshots[here] = (in_doppler[self._doppler_of[here]] @ row).view(np.complex128)
         beams = np.asarray(u @ (snapshots.reshape(-1, u.shape[1], w.shape[1]) @ w.T), dtype=np.complex128)
-        return beams.reshape(len(snapshots), len(u) * len(w))
+        flat = beams.reshape(len(snapshots), len(u) * len(w))
+        return np.stack([flat.real, flat.imag])
 
 
 def _largest(gain: Floats) -> tuple[int, ...]:

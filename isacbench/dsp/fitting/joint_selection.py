@@ -152,8 +152,10 @@ class MatchedFilters:
     def kernels(self) -> tuple[Floats, Floats]:
         """Unit echoes (n_range, n) and (n_doppler, n) of all scatterers in the gate."""
         gate, found = self.gated.gate, self.scatterers
-        along_range = dirichlet_slopes(gate.range_bins[:, None] - found.range_bin, self.system.n_subcarriers)
-        return along_range[0], self.doppler.slopes(gate.doppler_bins[:, None] - found.doppler_bin)[0]
+        (along_range,) = dirichlet_slopes(
+            gate.range_bins[:, None] - found.range_bin, self.system.n_subcarriers, 0
+        )
+        return along_range, self.doppler.slopes(gate.doppler_bins[:, None] - found.doppler_bin, 0)[0]
 
     @cached_property
     def outputs(self) -> tuple[Complex, NDArray[np.inexact[Any]]]:
