@@ -1,4 +1,7 @@
-"""Inverses and equations of symmetric positive definite matrices, by Cholesky factors."""
+"""Inverses and equations of symmetric positive definite matrices, by Cholesky factors.
+
+One matrix after the other where LAPACK is faster than numpy, which makes a general inverse of a triangle.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,36 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv, dpotrf, dpotri
+from scipy.linalg.lapack import dposv, dpotrf, dpotri, dtrtri
 
 from isacbench.checked_arrays import Floats, Mask
 
-SMALL = 16
-"""Rows up to which a matrix is inverted as it is."""
+SMALL = 24
+"""Rows up to which LAPACK inverts a triangle as fast as products of its blocks do."""
 
 
-def inverse_of_lower(factor: NDArray[Any]) -> NDArray[Any]:
-    """Inverses of lower triangular matrices (..., d, d), by halves."""
-    if (half := factor.shape[-1] // 2) < SMALL // 2:
-        return np.linalg.inv(factor)
-    inverse = np.zeros_like(factor)
-    first = inverse[..., :half, :half] = inverse_of_lower(factor[..., :half, :half])
-    second = inverse[..., half:, half:] = inverse_of_lower(factor[..., half:, half:])
-    np.matmul(-second, factor[..., half:, :half] @ first, out=inverse[..., half:, :half])
-    return inverse
+def roots_of_inverses(matrices: Floats) -> Floats:
+    """Upper triangular roots W of inverses W Wᵀ of matrices (n, d, d), which are overwritten."""
+    matrices = np.ascontiguousarray(matrices, dtype=np.float64)
+    for matrix in matrices:
+        # Transposed, the order of LAPACK, in which it writes over its argument.
+        if dpotrf(matrix.T, lower=1, overwrite_a=1)[1]:
+            raise np.linalg.LinAlgError("a matrix is not positive definite")
+    _invert_upper(matrices)
+    return matrices
+
+
+def _invert_upper(factors: Floats) -> None:
+    """Overwrite upper triangular matrices (n, d, d) by their inverses, by halves."""
+    if (size := factors.shape[1]) <= SMALL:
+        for factor in factors:
+            factor[:] = dtrtri(factor.T, lower=1)[0].T
+        return
+    half = size // 2
+    first, second, between = factors[:, :half, :half], factors[:, half:, half:], factors[:, :half, half:]
+    _invert_upper(first)
+    _invert_upper(second)
+    np.matmul(first, -between @ second, out=between)
 
 
 def inverse_of_positive(matrix: Floats) -> NDArray[Any]:

@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from isacbench.dsp.positive_matrices import inverse_of_lower, inverse_of_positive, is_positive, solve_positive
+from isacbench.dsp.positive_matrices import (
+    inverse_of_positive,
+    is_positive,
+    roots_of_inverses,
+    solve_positive,
+)
 
 
 @pytest.mark.parametrize("size", [1, 2, 15, 16, 17, 50, 99])
@@ -9,17 +14,19 @@ def test_inverses_are_those_of_elimination(size):
     rng = np.random.default_rng(size)
     data = rng.standard_normal((3, size, 2 * size))
     matrices = data @ data.transpose(0, 2, 1) + np.eye(size)
-    factors = np.linalg.cholesky(matrices)
-    np.testing.assert_allclose(
-        inverse_of_lower(factors) @ factors, np.tile(np.eye(size), (3, 1, 1)), atol=1e-12
-    )
+    roots = roots_of_inverses(matrices.copy())
+    np.testing.assert_array_equal(roots, np.triu(roots))
+    inverses = roots @ roots.transpose(0, 2, 1)
+    np.testing.assert_allclose(inverses @ matrices, np.tile(np.eye(size), (3, 1, 1)), atol=1e-12)
     inverse = inverse_of_positive(matrices[0])
     np.testing.assert_allclose(inverse @ matrices[0], np.eye(size), atol=1e-12)
     np.testing.assert_array_equal(inverse, inverse.T)
 
 
-def test_indefinite_matrices_are_solved_all_the_same():
+def test_indefinite_matrices_are_solved_all_the_same_but_have_no_real_roots():
     matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
+    with pytest.raises(np.linalg.LinAlgError):
+        roots_of_inverses(matrix[None].copy())
     np.testing.assert_allclose(inverse_of_positive(matrix) @ matrix, np.eye(2), atol=1e-15)
     np.testing.assert_allclose(matrix @ solve_positive(matrix, np.array([3.0, 0.0])), [3, 0], atol=1e-15)
 

@@ -25,7 +25,7 @@ from isacbench.checked_arrays import Complex, Floats, checked_array, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
-from isacbench.dsp.positive_matrices import inverse_of_lower
+from isacbench.dsp.positive_matrices import roots_of_inverses
 
 LEAST_NOISE = 16 * float(np.finfo(np.float64).eps)
 """Noise relative to the trace of a modelled covariance, below which it is lost in rounding."""
@@ -76,9 +76,7 @@ def capon_spectrum(
         mean = diagonal.mean(axis=1, keepdims=True)
         # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
         diagonal += np.where(mean > 0, loading + LEAST_LOADING * mean, 1)
-        # |C^-1 a|² with R = C C^T.
-        roots = inverse_of_lower(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
-        columns[some] = roots.reshape(-1, *subarray, n_sensors)
+        columns[some] = roots_of_inverses(covariance).reshape(-1, *subarray, n_sensors)
     return BeamformerSpectrum(u, w, 1 / squared_projections(columns, u, w), columns, reciprocal=True)
 
 
@@ -100,7 +98,8 @@ def iaa_spectrum(
     columns = np.einsum("npqs,pi,qj->nijs", real_columns(snapshots), into_u, into_w, optimize=True)
     power = np.empty((len(snapshots), u.size, w.size))
     for some in parts_of(len(snapshots), CHUNK_VALUES // (len(a) * len(b)) ** 2):
-        level = _matched_power(columns[some], a, b) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
+        level = np.sum(_beams(columns[some], a, b) ** 2, axis=3)
+        level /= (snapshots.shape[1] * snapshots.shape[2]) ** 2
         for _ in range(n_iterations):
             level = _adapted_power(level, columns[some], a, b, noise)
         power[some] = level
@@ -118,17 +117,19 @@ def _adapted_power(power: Floats, columns: Floats, a: Floats, b: Floats, noise: 
     model = model.reshape(n, n_sensors, n_sensors)
     diagonal = np.einsum("nii->ni", model)
     diagonal += np.maximum(noise, LEAST_NOISE * diagonal.sum(axis=1, keepdims=True))
-    # R^-1 = W^T W, and a^T R^-1 a = |W a|².
-    root = inverse_of_lower(np.linalg.cholesky(model))
-    whitened = root.transpose(0, 2, 1) @ (root @ columns.reshape(n, n_sensors, -1))
-    gain = _matched_power(root.reshape(n, n_sensors, n_u, n_w).transpose(0, 2, 3, 1), a, b)
-    return _matched_power(whitened.reshape(columns.shape), a, b) / gain**2
+    # R^-1 = W W^T, and a^T R^-1 x = (W^T a)^T (W^T x).
+    roots = roots_of_inverses(model)
+    whitened = roots.transpose(0, 2, 1) @ columns.reshape(n, n_sensors, -1)
+    beams = _beams(roots.reshape(n, n_u, n_w, n_sensors), a, b)
+    output = beams.reshape(n, n_g * n_h, n_sensors) @ whitened
+    return np.sum(output**2, axis=2).reshape(n, n_g, n_h) / np.vecdot(beams, beams) ** 2
 
 
-def _matched_power(columns: Floats, a: Floats, b: Floats) -> Floats:
-    """Squared projections (n, g, h) of columns (n, i, j, s) on steering vectors."""
-    projections = a.T @ (columns.transpose(0, 3, 1, 2) @ b)
-    return np.einsum("nsgh,nsgh->ngh", projections, projections)
+def _beams(columns: Floats, a: Floats, b: Floats) -> Floats:
+    """Projections (n, g, h, s) of columns (n, i, j, s) on steering vectors."""
+    n, n_u, _, n_columns = columns.shape
+    along_w = (b.T @ columns).reshape(n, n_u, b.shape[1] * n_columns)
+    return (a.T @ along_w).reshape(n, a.shape[1], b.shape[1], n_columns)
 
 
 def _spanned(steering: Floats) -> tuple[Floats, Floats]:
