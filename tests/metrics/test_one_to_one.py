@@ -3,11 +3,13 @@
 import dataclasses
 import math
 from datetime import datetime
+from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
 
 from isacbench import load_scenario
@@ -123,21 +125,31 @@ def test_a_mirrored_street_has_as_many_merged_scatterers():
     assert len(merged_truth(twin)) == pytest.approx(len(merged_truth(STREET)), rel=0.02)
 
 
-@given(seed=seeds, n=st.integers(1, 40))
-def test_pieces_hang_together_and_are_apart_from_each_other(seed, n):
-    places = np.random.default_rng(seed).uniform(0, 6, (n, 3))
+@given(seed=seeds, n=st.integers(2, 200), size=st.sampled_from([1.5, 3.0, 6.0]), n_axes=st.integers(1, 4))
+def test_pieces_are_those_of_single_linkage_crowded_or_not(seed, n, size, n_axes):
+    rng = np.random.default_rng(seed)
+    clumps = rng.uniform(0, size, (4, n_axes)) * [[1], [1], [2], [2]]
+    places = np.concatenate([rng.uniform(0, size, (n // 2, n_axes)), rng.choice(clumps, n - n // 2)])
+    places += rng.choice([0, 0.1]) * rng.standard_normal(places.shape)
+    group = fcluster(linkage(places, "single", metric="chebyshev"), 1.0, "distance")
     pieces = connected_pieces(places)
-    assert sorted(np.concatenate(pieces).tolist()) == list(range(n))
-    near = np.abs(places[:, None] - places[None]).max(axis=2) <= 1
-    of = np.empty(n, dtype=int)
-    for number, members in enumerate(pieces):
-        of[members] = number
-    assert (of[:, None] == of[None])[near].all()
+    assert [members[0] for members in pieces] == sorted(np.unique(group, return_index=True)[1].tolist())
     for members in pieces:
-        reached = {members[0]}
-        for _ in members:
-            reached |= {other for one in reached for other in np.flatnonzero(near[one]).tolist()}
-        assert reached == set(members.tolist())
+        np.testing.assert_array_equal(members, np.flatnonzero(group == group[members[0]]))
+
+
+def test_a_crowd_at_one_place_is_a_piece_without_the_pairs_of_all():
+    crowd = np.repeat([[0.5, 0.5], [1.4, 1.4], [2.5, 2.5]], 30_000, axis=0)
+    assert [members.size for members in connected_pieces(crowd)] == [60_000, 30_000]
+
+
+@given(seed=seeds, alone=st.sampled_from([0.5, 1.0, math.inf]))
+def test_separate_pieces_are_matched_apart_as_all_at_once(seed, alone):
+    random = np.random.default_rng(seed)
+    pairs = near_pairs(*(cKDTree(random.uniform(0, 5, (60, 3))) for _ in range(2)), 1.0, "matching")
+    at_once = cheapest(pairs, pairs.squared_m2, alone)
+    with mock.patch("isacbench.metrics.assignment.BATCH", 4):
+        np.testing.assert_array_equal(cheapest(pairs, pairs.squared_m2, alone), at_once)
 
 
 def test_the_largest_matching_is_found_where_the_nearest_first_would_miss_it():
