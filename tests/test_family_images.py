@@ -3,12 +3,7 @@
 import pytest
 
 from tests.conftest import slow_but
-from tests.family_images import CASES, SCENES, SNRS_DB, committed_rows, rows_of
-
-# Each family in both frames and with both phases, but not in all four combinations: in one at the highest
-# SNR, and in the other at one of the others.
-FEW = [name for number, name in enumerate(SCENES) if (number % 4 in (1, 2)) == (number // 4 % 2 == 0)]
-QUICK = [(name, SNRS_DB[(0, 1, 2, 0)[n % 4]]) for n, name in enumerate(FEW)]
+from tests.family_images import CASES, QUICK, committed_rows, rows_of
 
 
 @pytest.mark.parametrize(("name", "snr_db"), slow_but(QUICK, CASES))
