@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, get_args
 
 from isacbench.errors import require
@@ -77,6 +78,7 @@ def expanded(columns: Iterable[ScoreColumn], kinds: Iterable[str]) -> dict[str, 
     return {column.name: column for column in found}
 
 
+@lru_cache(maxsize=1024)  # every image asks for each of its scatterers
 def object_kind(name: str) -> str:
     """Kind of an object such as ``lamp_post 2``, as columns are named by it; empty for points of none."""
     kind = re.sub(r"\W+", "_", re.sub(r"\W*\d+$", "", name).strip()).lower()

@@ -141,4 +141,4 @@ def _digest(script: str) -> str:
 
 def _packed(content: bytes) -> str:
     """Compress bytes with gzip and write them as text."""
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(content, 4, mtime=0)).decode()
