@@ -78,12 +78,19 @@ def population() -> pd.DataFrame:
     return summarise_population(rows_of("population").rows)
 
 
+@cache
 def scenes(snr_db: float, family: str = ALL, frame: str = ALL, phases: str = ALL) -> pd.DataFrame:
     """Rows of the summary, indexed by estimator."""
     table = population()
     for name, value in {"snr_db": snr_db, "family": family, "frame": frame, "phases": phases}.items():
         table = table[table[name] == value]
     return table.set_index(VARIANT)
+
+
+@cache
+def resolutions() -> pd.DataFrame:
+    """Summary of single scatterers and pairs."""
+    return ResolutionKind().summary(rows_of("resolution").rows)
 
 
 @cache
@@ -317,7 +324,7 @@ def places() -> str:
 
 def told_apart() -> dict[str, str]:
     """Least distance along u from which nine of ten pairs are told apart, in Rayleigh cells."""
-    table = ResolutionKind().summary(rows_of("resolution").rows)
+    table = resolutions()
     table = table[table["dimension"] == "u"].sort_values("separation_cells", ascending=False)
     found = {}
     for variant, label in labels_of("resolution").items():
@@ -392,7 +399,7 @@ def efficiency() -> str:
 
 def resolution() -> str:
     """Shares of pairs told apart, over their distance in each dimension."""
-    table = ResolutionKind().summary(rows_of("resolution").rows)
+    table = resolutions()
     cells = sorted(table["separation_cells"].unique())
     header = ["", "", *(f"{distance:g}" for distance in cells)]
     rows = []

@@ -170,17 +170,17 @@ def test_halfway_between_two_cells_rounding_decides_nothing(name, offsets):
 @pytest.mark.parametrize("name", [*BLIND, "music2d-root"])
 def test_one_echo_is_one_point_up_to_89_degrees_on_either_side(name, axis, shape):
     estimator, range_m = EVERY[name], 40.0
-    for angle in np.radians([79.0, 85.0, 89.0]):
-        for side in (-1, 1):
-            aside, ahead = side * range_m * np.sin(angle), range_m * np.cos(angle)
-            offset = (aside, -ahead, 0.0) if axis == "azimuth" else (0.0, -ahead, aside)
-            place = EMPTY.base_station_m + offset
-            echo = Scatterers(place[None], np.array([7.3]), np.ones(1))
-            array = VirtualArray((1, 1), tuple(map(int, shape.split("x"))), 1, 1)
-            region = replace(EMPTY.region, y_m=(60.0, 110.0), z_m=(-25.0, 75.0))
-            seen = Simulator(replace(EMPTY, scatterers=echo, array=array, region=region)).observe(20.0)
-            found = estimator.estimate(seen).xyz
-            assert np.linalg.norm(found - place, axis=1) == pytest.approx([0.0], abs=1.0), (angle, side)
+    for angle_deg, side in ((79.0, -1), (85.0, 1), (89.0, -1), (89.0, 1)):
+        angle = np.radians(angle_deg)
+        aside, ahead = side * range_m * np.sin(angle), range_m * np.cos(angle)
+        offset = (aside, -ahead, 0.0) if axis == "azimuth" else (0.0, -ahead, aside)
+        place = EMPTY.base_station_m + offset
+        echo = Scatterers(place[None], np.array([7.3]), np.ones(1))
+        array = VirtualArray((1, 1), tuple(map(int, shape.split("x"))), 1, 1)
+        region = replace(EMPTY.region, y_m=(60.0, 110.0), z_m=(-25.0, 75.0))
+        seen = Simulator(replace(EMPTY, scatterers=echo, array=array, region=region)).observe(20.0)
+        found = estimator.estimate(seen).xyz
+        assert np.linalg.norm(found - place, axis=1) == pytest.approx([0.0], abs=1.0), (angle_deg, side)
 
 
 @pytest.mark.parametrize("shape", [(8, 4), (4, 8), (2, 14), (16, 2), (6, 6)])

@@ -101,9 +101,8 @@ STRESS = "stress -e loud --case spread[n_echoes=2] -o out --plugin loud.py"
 @pytest.mark.parametrize(
     ("call", "later"),
     [
-        ("list --plugin loud.py", "atexit.register(print, 'late')"),
         ("plan -e loud --plugin loud.py", THREAD),
-        ("check loud.py", ""),
+        ("check loud.py", "atexit.register(print, 'late')"),
         (STRESS, ""),
     ],
     ids=lambda text: text.partition(" ")[0],

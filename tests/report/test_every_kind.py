@@ -30,10 +30,11 @@ COMMITTED = {
 }
 FEW = {
     "imaging": "scenario == 'street' and trial < 5",
-    "efficiency": "trial < 5",
+    "efficiency": "trial < 5 and estimator in ['fft4d', 'music2d', 'nomp4d']",
     "resolution": "trial < 2 and dimension == 'u'",
     "detection": "trial < 1 and scenario in ['homogeneous', 'interferers', 'street']",
-    "population": "snr_db == 10 and scenario.str.contains('(?:town|sparse).*[05](?:,|])')",
+    "population": "snr_db == 10 and scenario.str.contains('(?:town|sparse).*[05](?:,|])')"
+    " and estimator in ['empty', 'chance', 'fft4d', 'music2d', 'oracle']",
 }
 STEMS = {
     "imaging": ["deviation", "curves-street"],
