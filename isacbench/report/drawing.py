@@ -16,18 +16,11 @@ START_S = 1.5
 
 
 class DrawingProcess(GuardedProcess):
-    """Process that draws beside this one; a context manager around the run and its report.
-
-    Parameters
-    ----------
-    module : str
-        Imported meanwhile, here and there.
-    """
+    """Process around a run and its report, for which it and this one import a module meanwhile."""
 
     def __init__(self, module: str) -> None:
         super().__init__(_import, module)
-        self._module = module
-        self._start = Timer(START_S, self._prepare)
+        self._start = Timer(START_S, self._prepare, [module])
 
     def __enter__(self) -> Self:
         self._start.start()
@@ -64,10 +57,10 @@ class DrawingProcess(GuardedProcess):
         for arguments in lost:
             function(*arguments)
 
-    def _prepare(self) -> None:
-        _import(self._module)
+    def _prepare(self, module: str) -> None:
+        _import(module)
         with suppress(CancelledError, ProcessLostError):  # nobody needs it
-            self.call(_import, self._module)
+            self.call(_import, module)
 
 
 def _import(module: str) -> None:

@@ -137,9 +137,6 @@ LINE_IN, LETTER_IN = 0.16, 0.068
 LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.25, 0.14, 0.27, 0.1
 """Room around a panel, without the letters of its ticks and the lines of its titles."""
 
-MARGIN_IN = 0.1
-"""Of `LEFT_IN`, what is left of the title of the axis."""
-
 LONGEST_LEGEND = 80
 
 
@@ -217,8 +214,8 @@ def _lay_out(
         panel.set_position(place.tolist())
         # Labels without a place of their own have all ticks measured.
         panel.xaxis.set_label_coords(0.5, -BELOW_IN / height_in)
-        label_in = left_in[column] - LINE_IN * _n_lines(panel.get_ylabel())
-        panel.yaxis.set_label_coords((MARGIN_IN - label_in) / width_in, 0.5)
+        label_in = left_in[column] - 0.4 * LEFT_IN - LINE_IN * _n_lines(panel.get_ylabel())
+        panel.yaxis.set_label_coords(-label_in / width_in, 0.5)
 
 
 def _n_lines(text: str) -> int:
