@@ -13,7 +13,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import (
     connected_components,
     maximum_bipartite_matching,
-    maximum_flow,
     min_weight_full_bipartite_matching,
 )
 from scipy.spatial import cKDTree
@@ -31,9 +30,6 @@ MOST_PAIRS = 2**22
 
 MANY_PAIRS = 2**15
 """Pairs of which SciPy's search for a largest matching can take minutes, where nearly all points have one."""
-
-BATCH = 1024
-"""True points from which on separate pieces are matched apart."""
 
 FEW = 8
 """Points of a cell among which neighbours are sought first."""
@@ -105,14 +101,6 @@ def cheapest(pairs: Pairs, cost: Floats, alone: float) -> Indices:
     own = np.arange(rows.size)
     # Beyond what other pairs of the matching can lose, the price only rounds off what they cost.
     alone = min(alone, (rows.size + 1) * float(cost.max()) or 1.0)
-    if rows.size > BATCH:
-        # Points of separate pieces cannot be exchanged, and the solver takes rows times columns.
-        links = np.column_stack([row, rows.size + column])
-        piece = _components(links, rows.size + columns.size)[: rows.size]
-        batches = _alike((np.cumsum(np.bincount(piece)) // BATCH)[piece[row]])
-        if len(batches) > 1:
-            picked = [one[cheapest(pairs.take(one), cost[one], alone)] for one in batches]
-            return np.sort(np.concatenate(picked))
     # The solver reads a weight of zero as no edge: more on top of all leaves the best matching the best.
     weights = np.concatenate([cost, np.full(rows.size, alone)]) + alone
     # The solver takes graphs with 32-bit indices alone.
@@ -138,17 +126,12 @@ def most_pairs(pairs: Pairs) -> int:
     """
     if not pairs.i.size:
         return 0
-    n_rows, n_columns = int(pairs.i[-1]) + 1, int(pairs.j.max()) + 1
     if pairs.i.size > MANY_PAIRS:
-        source, sink = n_rows + n_columns, n_rows + n_columns + 1
-        tails = np.concatenate([np.full(n_rows, source), pairs.i, n_rows + np.arange(n_columns)])
-        heads = np.concatenate([np.arange(n_rows), n_rows + pairs.j, np.full(n_columns, sink)])
-        ends = tails.astype(np.int32), heads.astype(np.int32)
-        flows = csr_array((np.ones(tails.size, dtype=np.int32), ends), shape=(sink + 1, sink + 1))
-        return int(maximum_flow(flows, source, sink).flow_value)
+        return cheapest(pairs, np.ones(pairs.i.size), math.inf).size
+    n_rows = int(pairs.i[-1]) + 1
     starts = np.searchsorted(pairs.i, np.arange(n_rows + 1)).astype(np.int32)
     edges = np.ones(pairs.i.size, dtype=np.int8)
-    graph = csr_array((edges, pairs.j.astype(np.int32), starts), shape=(n_rows, n_columns))
+    graph = csr_array((edges, pairs.j.astype(np.int32), starts), shape=(n_rows, int(pairs.j.max()) + 1))
     return int((maximum_bipartite_matching(graph, perm_type="column") >= 0).sum())
 
 
@@ -172,7 +155,8 @@ def connected_pieces(places: Floats) -> list[Indices]:
         pairs = pairs[(size[pairs] > FEW).any(axis=1) & (piece[n + pairs[:, 0]] != piece[n + pairs[:, 1]])]
         touching = n + pairs[_touch(places[by_cell], start, size, pairs)]
         piece = _components(np.concatenate([links, touching]), n + start.size)
-    return _alike(piece[:n])
+    order = np.argsort(piece[:n], kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
 
 
 def _touch(places: Floats, start: Indices, size: Indices, pairs: Indices) -> Indices:
@@ -186,12 +170,6 @@ def _touch(places: Floats, start: Indices, size: Indices, pairs: Indices) -> Ind
     tree = cKDTree(np.unique(sides[0], axis=0))  # many at one place take a tree time in squares
     apart = tree.query(sides[1], p=np.inf, distance_upper_bound=np.nextafter(1, 2))[0]
     return np.unique(sides[1][np.isfinite(apart), -1] / 3).astype(np.intp)
-
-
-def _alike(values: Indices) -> list[Indices]:
-    """Indices of equal values, in ascending order, for each value."""
-    order = np.argsort(values, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(values[order])) + 1)
 
 
 def _components(links: Indices, n: int) -> Indices:

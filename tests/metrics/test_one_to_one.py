@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from datetime import datetime
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -141,15 +140,6 @@ def test_pieces_are_those_of_single_linkage_crowded_or_not(seed, n, size, n_axes
 def test_a_crowd_at_one_place_is_a_piece_without_the_pairs_of_all():
     crowd = np.repeat([[0.5, 0.5], [1.4, 1.4], [2.5, 2.5]], 30_000, axis=0)
     assert [members.size for members in connected_pieces(crowd)] == [60_000, 30_000]
-
-
-@given(seed=seeds, alone=st.sampled_from([0.5, 1.0, math.inf]))
-def test_separate_pieces_are_matched_apart_as_all_at_once(seed, alone):
-    random = np.random.default_rng(seed)
-    pairs = near_pairs(*(cKDTree(random.uniform(0, 5, (60, 3))) for _ in range(2)), 1.0, "matching")
-    at_once = cheapest(pairs, pairs.squared_m2, alone)
-    with mock.patch("isacbench.metrics.assignment.BATCH", 4):
-        np.testing.assert_array_equal(cheapest(pairs, pairs.squared_m2, alone), at_once)
 
 
 def test_the_largest_matching_is_found_where_the_nearest_first_would_miss_it():
