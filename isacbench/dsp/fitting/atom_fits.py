@@ -87,13 +87,11 @@ class AtomFit:
         Of the atoms with the map.
     lines : tuple of AtomFactors
         Of the atoms (`AtomMap.lines`).
-    products : tuple of LineProducts
-        Of the atoms with each other.
     gram : ndarray of float64, shape (n, n)
         Products of the atoms, loaded by the ridge of the fit and by their
         rounding, so that two atoms that coincide share their amplitude.
-    periods : ndarray of float64, shape (4,)
-        Rayleigh cells after which an atom is the same (`AtomMap.periods`).
+    atom_map : AtomMap
+        That is fitted.
     """
 
     places: Floats
@@ -101,12 +99,21 @@ class AtomFit:
     energy: float
     correlations: Correlations
     lines: Lines
-    products: tuple[LineProducts, ...]
     gram: Floats
-    periods: Floats
+    atom_map: AtomMap
 
     def __len__(self) -> int:
         return self.amplitude.size
+
+    @property
+    def periods(self) -> Floats:
+        """Rayleigh cells after which an atom is the same (`AtomMap.periods`)."""
+        return self.atom_map.periods
+
+    @cached_property
+    def products(self) -> tuple[LineProducts, ...]:
+        """Products of the atoms with each other (`AtomMap.products`)."""
+        return self.atom_map.products(self.lines)
 
     @property
     def power(self) -> Floats:
@@ -237,13 +244,13 @@ def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: Atom
     correlated with it anew.
     """
     lines = atom_map.lines(places)
-    correlations, products = _correlations(atom_map, places, lines, known), atom_map.products(lines)
-    gram = product_matrix(products, None, None)
+    correlations = _correlations(atom_map, places, lines, known)
+    gram: Floats = np.prod([line.value @ line.value.T for line in lines], axis=0)
     gram[np.diag_indices(len(gram))] += ROUNDING + ridge
     target = np.stack([correlations.value.real, correlations.value.imag], axis=1)
     amplitude: Complex = np.linalg.solve(gram, target) @ np.array([1, 1j])
     energy = float((correlations.value.conj() @ amplitude).real)
-    return AtomFit(places, amplitude, energy, correlations, lines, products, gram, atom_map.periods)
+    return AtomFit(places, amplitude, energy, correlations, lines, gram, atom_map)
 
 
 def _correlations(atom_map: AtomMap, places: Floats, lines: Lines, known: AtomFit | None) -> Correlations:
@@ -252,12 +259,11 @@ def _correlations(atom_map: AtomMap, places: Floats, lines: Lines, known: AtomFi
         return atom_map.correlate(lines)
     same = (places[:, None] == known.places).all(axis=2)
     fresh, index = ~same.any(axis=1), same.argmax(axis=1)
-    value, slope = (values[index] for values in known.correlations)
+    value, slope = known.correlations.value[index], known.correlations.slope[index]
     if fresh.any():
-        value[fresh], slope[fresh] = atom_map.correlate(
-            tuple(AtomFactors(*(factor[fresh] for factor in line)) for line in lines)
-        )
-    return Correlations(value, slope)
+        others = atom_map.correlate(tuple(AtomFactors(*(factor[fresh] for factor in line)) for line in lines))
+        value[fresh], slope[fresh] = others.value, others.slope
+    return Correlations(value, lambda: slope)
 
 
 def refine_atoms(

@@ -16,6 +16,7 @@ is kept of the array.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -54,20 +55,24 @@ Lines = tuple[AtomFactors, ...]
 """Factors of atoms along range, Doppler, u and w."""
 
 
-class Correlations(NamedTuple):
-    """Products of n atoms and of their slopes with a map.
+class Correlations:
+    """Products of n atoms and of their slopes with a map; of the slopes once they are asked for.
 
-    Attributes
+    Parameters
     ----------
     value : ndarray of complex128, shape (n,)
         Outputs of the matched filters.
-    slope : ndarray of complex128, shape (n, 4)
-        The same of the first derivatives along each coordinate, per Rayleigh
-        cell.
+    slopes : callable
+        Gives `slope`.
     """
 
-    value: Complex
-    slope: Complex
+    def __init__(self, value: Complex, slopes: Callable[[], Complex]) -> None:
+        self.value, self._slopes = value, slopes
+
+    @cached_property
+    def slope(self) -> Complex:
+        """The same (n, 4) of the first derivatives along each coordinate, per Rayleigh cell."""
+        return self._slopes()
 
 
 class LineProducts(NamedTuple):
@@ -252,18 +257,17 @@ class AtomMap:
         return np.asarray(along_u @ (snapshots.reshape(shape) @ along_w.T), dtype=np.complex128)
 
     def correlate(self, lines: Lines) -> Correlations:
-        """Products of atoms, and of their slopes, with the map.
-
-        Parameters
-        ----------
-        lines : tuple of AtomFactors
-            From `lines`.
-        """
-        return Correlations(*self._contract(lines, 1))
+        """Products of atoms (from `lines`), and of their slopes, with the map."""
+        along_range, along_doppler, along_u, along_w = lines
+        seen = self._snapshots(along_range.value, along_doppler.value, along_doppler.slope)
+        value = np.einsum("nu,nu->n", (seen[:, 0] @ along_w.value[:, :, None])[:, :, 0], along_u.value)
+        return Correlations(value, lambda: self._derivatives(lines, 1, seen))
 
     def correlate_curvatures(self, lines: Lines) -> Complex:
         """Products (n, 4) of the second derivatives of atoms along each coordinate with the map."""
-        return self._contract(lines, 2)[1]
+        along_range, along_doppler, *_ = lines
+        seen = self._snapshots(along_range.value, along_doppler.value, along_doppler.curvature)
+        return self._derivatives(lines, 2, seen)
 
     def products(self, lines: Lines) -> tuple[LineProducts, ...]:
         """Products of atoms with each other along the four coordinates.
@@ -289,21 +293,20 @@ class AtomMap:
         """
         return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
 
-    def _contract(self, lines: Lines, order: int) -> tuple[Complex, Complex]:
-        """Products of atoms (n,) and of their derivatives of an order (n, 4) with the map."""
+    def _snapshots(self, along_range: Floats, *along_doppler: Floats) -> Complex:
+        """Array snapshots (n, k, n_u, n_w) that factors along range and k factors along Doppler see."""
+        seen = np.stack(along_doppler, axis=1) @ self.ranges(along_range)
+        return seen.view(np.complex128).reshape(*seen.shape[:2], *self.cells.shape[2:])
+
+    def _derivatives(self, lines: Lines, order: int, seen: Complex) -> Complex:
+        """Products (n, 4) of derivatives of atoms with the map; `seen` holds those along Doppler."""
         along_range, along_doppler, along_u, along_w = lines
-        n, n_doppler = along_doppler.value.shape
-        rows = np.concatenate([along_range.value, along_range[order]])
-        read = (rows @ self._real_rows).reshape(2, n, n_doppler, -1)
-        columns = np.stack([along_doppler.value, along_doppler[order]], axis=1)
-        seen = np.concatenate([columns @ read[0], columns[:, :1] @ read[1]], axis=1)
-        # Snapshots of the atom, of its derivative along Doppler, of that along range.
-        snapshots = seen.view(np.complex128).reshape(n, 3, *self.cells.shape[2:])
-        beams = np.einsum("nsuw,nw->nsu", snapshots, along_w.value)
+        across = self._snapshots(along_range[order], along_doppler.value)
+        beams = np.einsum("nsuw,nw->nsu", np.concatenate([across, seen], axis=1), along_w.value)
         output = np.einsum("nsu,nu->ns", beams, along_u.value)
-        turned_u = np.einsum("nu,nu->n", beams[:, 0], along_u[order])
-        turned_w = np.einsum("nuw,nu,nw->n", snapshots[:, 0], along_u.value, along_w[order])
-        return output[:, 0], np.stack([output[:, 2], output[:, 1], turned_u, turned_w], axis=1)
+        turned_u = np.einsum("nu,nu->n", beams[:, 1], along_u[order])
+        turned_w = np.einsum("nuw,nu,nw->n", seen[:, 0], along_u.value, along_w[order])
+        return np.stack([output[:, 0], output[:, 2], turned_u, turned_w], axis=1)
 
     @cached_property
     def _real_rows(self) -> Floats:
