@@ -63,6 +63,7 @@ from isacbench.dsp.fitting.pursuit import (
     choose_moves,
     descending,
     drop_lobe_images,
+    least_chosen,
     noise_maximum,
     reachable_places,
     redundant_pairs,
@@ -95,6 +96,9 @@ FLAT, FLAT_NOISE = 1e-3, 3.0
 
 STEPS = 4
 """Newton steps that are tried in each round; in crowds some explain less and are taken back."""
+
+STRONGEST_PEAKS = 1000
+"""Peaks of the residual among which new atoms are sought first."""
 
 LAST_ROUNDS = 2
 """Rounds without moves at the end."""
@@ -333,18 +337,28 @@ class Nomp4d:
 
     def _new_atoms(self, pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
         """Places (n, 4) and gains (n,) of new atoms: peaks of the residual that are not sidelobes."""
-        bursts = pursuit.space.atom_map.bursts
         places, gain = pursuit.space.peaks(residual, pursuit.threshold)
+        order = descending(gain)
+        places, gain = places[order], gain[order]
+        n = STRONGEST_PEAKS if pursuit.space.atom_map.bursts.is_whole_frame else len(gain)
+        while True:
+            clear, n_left = self._clear_peaks(pursuit, places[:n], gain[:n])
+            # Those much weaker than a move are not chosen.
+            if n >= len(gain) or (n_left == MOST_LEFT and gain[n] < least_chosen(gain[clear])):
+                return places[clear], gain[clear]
+            n *= 4
+
+    def _clear_peaks(self, pursuit: Pursuit, places: Floats, gain: Floats) -> tuple[Integers, int]:
+        """Indices of peaks that may be new atoms, of peaks by descending gain, and the number left unexplained."""
+        bursts = pursuit.space.atom_map.bursts
         eligible = reachable_places(places, pursuit.observation.gate)
         eligible &= ~are_near(places, pursuit.failed, FAILED_CELLS)
         if pursuit.fit is not None:
             strongest = strongest_around(places[eligible], pursuit.fit, bursts)
             eligible[eligible] = gain[eligible] > self._weakest(strongest)
-        order = descending(gain)
-        candidates, others = order[eligible[order]], order[~eligible[order]]
+        candidates, others = np.flatnonzero(eligible), np.flatnonzero(~eligible)
         left = drop_lobe_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
-        clear = above_sidelobes(places, gain, candidates, left, bursts)
-        return places[clear], gain[clear]
+        return above_sidelobes(places, gain, candidates, left, bursts), len(left)
 
     def _round(self, pursuit: Pursuit, moves: _Moves) -> None:
         """Make the moves of a round (possibly none), refine all atoms, and remember the moves that failed."""

@@ -172,7 +172,7 @@ class BeamSpace:
         """
         # The long axes last: neighbours along an axis are compared a line at a time.
         lines_last = np.ascontiguousarray(residual.T)
-        index, energy = _local_maxima(_halved(_halved(lines_last, 3), 2), least_energy)
+        index, energy = _local_maxima(lines_last, least_energy)
         order = np.lexsort(index)
         index, energy = tuple(along[order] for along in index[::-1]), energy[order]
         along_range, along_doppler, along_u, along_w = self.axes
@@ -204,27 +204,35 @@ def _around(reachable: slice) -> slice:
     return slice(max(reachable.start - MARGIN_BINS, 0), reachable.stop + MARGIN_BINS)
 
 
-def _halved(beams: Complex, axis: int) -> Complex:
-    """Beams with the outputs halfway between neighbouring bins put in: their sum is matched there."""
-    ahead = np.moveaxis(beams, axis, 0)
-    dense = np.empty((2 * len(ahead) - 1, *ahead.shape[1:]), dtype=np.complex128)
-    dense[::2] = ahead
-    dense[1::2] = np.sqrt(0.5) * (ahead[:-1] + ahead[1:])
-    return np.moveaxis(dense, 0, axis)
-
-
 def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, ...], Floats]:
     """Indices and energies of the samples above a level that none of their 80 neighbours exceeds.
 
-    By more than rounding: of an echo halfway between two samples both are maxima.
+    By more than rounding: of an echo halfway between two samples both are maxima. Along the last two axes
+    samples halfway between the outputs of beams (n_w, n_u, n_doppler, n_range) are put in.
     """
-    energy: Floats = beams.real**2 + beams.imag**2
-    highest = energy
-    for axis in range(beams.ndim):
-        highest = _highest_of_three(highest, axis)
-    highest /= 1 + 10.0**-TIE_DIGITS
-    index: tuple[Integers, ...] = np.nonzero((energy >= highest) & (energy > least_energy))
-    return index, energy[index]
+    *n_directions, n_rows, n_columns = beams.shape
+    shape = 2 * n_rows - 1, 2 * n_columns - 1
+    # Plane by plane, which stays in the cache; around all planes lies one of zeros.
+    highest = np.zeros((*(n + 2 for n in n_directions), *shape))
+    dense, found, levels = np.empty(shape, dtype=np.complex128), [], []
+    for w, u in np.ndindex(*n_directions):
+        outputs = beams[w, u]
+        dense[::2, ::2] = outputs
+        # Halfway between neighbouring bins their sum is matched.
+        dense[::2, 1::2] = np.sqrt(0.5) * (outputs[:, :-1] + outputs[:, 1:])
+        dense[1::2] = np.sqrt(0.5) * (dense[:-2:2] + dense[2::2])
+        energy = dense.real**2 + dense.imag**2
+        here = _highest_of_three(_highest_of_three(energy, 0), 1) / (1 + 10.0**-TIE_DIGITS)
+        highest[w + 1, u + 1] = here
+        is_candidate = (energy >= here) & (energy > least_energy)
+        found.append(np.flatnonzero(is_candidate) + ((w + 1) * (n_directions[1] + 2) + u + 1) * here.size)
+        levels.append(energy[is_candidate])
+    index, level = np.concatenate(found), np.concatenate(levels)
+    for plane in (np.array([-1, 0, 1])[:, None] * (n_directions[1] + 2) + np.array([-1, 0, 1])).flat:
+        stays = level >= highest.ravel()[index + plane * dense.size]
+        index, level = index[stays], level[stays]
+    w, u, doppler_bin, range_bin = np.unravel_index(index, highest.shape)
+    return (w - 1, u - 1, doppler_bin, range_bin), level
 
 
 def _highest_of_three(values: Floats, axis: int) -> Floats:
@@ -461,6 +469,11 @@ def are_split(centres: Floats, places: Floats) -> Mask:
     return around >= 2
 
 
+def least_chosen(gain: Floats) -> float:
+    """Gain that moves of a round exceed, from the gains (n,) of all."""
+    return float(gain.max(initial=0)) * 10 ** (-ROUND_RANGE_DB / 10)
+
+
 def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, room: int) -> Integers:
     """Choose at most `room` moves, the best first, apart from each other, without sidelobes of better ones.
 
@@ -469,7 +482,7 @@ def choose_moves(places: Floats, gain: Floats, is_new: Mask, atom_map: AtomMap, 
     if not gain.max(initial=0) > 0:
         return np.empty(0, dtype=np.int64)
     worth = np.where(is_new, gain, SPLIT_PREFERENCE * gain)
-    eligible = np.flatnonzero(gain > gain.max() * 10 ** (-ROUND_RANGE_DB / 10))
+    eligible = np.flatnonzero(gain > least_chosen(gain))
     candidates = eligible[descending(worth[eligible])]
     amplitude, sidelobes = np.sqrt(gain), np.zeros(len(candidates))
     # Between bins a grating lobe may exceed its peak: it must not be chosen together with its peak.
