@@ -349,7 +349,7 @@ class Nomp4d:
             n *= 4
 
     def _clear_peaks(self, pursuit: Pursuit, places: Floats, gain: Floats) -> tuple[Integers, int]:
-        """Indices of peaks that may be new atoms, of peaks by descending gain, and the number left unexplained."""
+        """Indices of peaks, by descending gain, that may be new atoms, and the number left unexplained."""
         bursts = pursuit.space.atom_map.bursts
         eligible = reachable_places(places, pursuit.observation.gate)
         eligible &= ~are_near(places, pursuit.failed, FAILED_CELLS)

@@ -229,6 +229,17 @@ def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began():
     assert not np.all(np.abs(halves - np.rint(halves)) < 1e-6, axis=1).any()
 
 
+def test_an_image_does_not_depend_on_the_peaks_that_are_judged_first(monkeypatch):
+    scenario = load_scenario("facade[seed=218,frame=paper]")
+    observation = Simulator(replace(scenario, array=VirtualArray((1, 1), (8, 8), 1, 1))).observe(10.0)
+    clouds = []
+    for n_first in (100, 10**9):
+        monkeypatch.setattr(nomp4d, "STRONGEST_PEAKS", n_first)
+        clouds.append(Nomp4d(max_rounds=3).estimate(observation).xyz)
+    assert len(clouds[0]) > 5
+    np.testing.assert_array_equal(*clouds)
+
+
 def test_a_weak_mover_beside_a_strong_scatterer_is_found():
     scenario = scene(near_middle([[0, 0, 0, 0], [0.4, 3.6, 0.3, -0.4]]), [10**1.5, 1.0])
     for trial in range(2):
