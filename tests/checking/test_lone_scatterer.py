@@ -312,7 +312,7 @@ def test_points_all_over_the_scene_are_blamed_for_their_powers_and_for_no_place(
         return *(np.r_[one, more] for one, more in zip(found[:4], axes, strict=True)), np.ones(61)
 
     assert "powers of 1 and 0.0001 come out as 1 and 1" in message(DoubtfulError, placed=placed)
-    spread = {"lowest_db": -60.0, "alike": True}
+    spread = {"lowest_db": -60.0, "alike": True, "beams": 20}
     assert "by points all over the scene, none of which stands out" in message(DoubtfulError, **spread)
 
 
