@@ -274,8 +274,12 @@ def one_thread():
 
 @pytest.fixture(scope="session", autouse=True)
 def asked_once():
-    """Build the commands, and ask git for the state of the checkout, once: both take long."""
+    """Build the commands, and ask git for the state of the checkout, once: both take long.
+
+    However long a run takes, it draws in this process, in which tests have put other functions in place.
+    """
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("isacbench.report.drawing.START_S", 3600.0)
         if "typer.testing" in sys.modules:
             typer = sys.modules["typer"]
             patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command), raising=False)

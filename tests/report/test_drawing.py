@@ -2,7 +2,9 @@
 
 import multiprocessing
 import os
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -17,8 +19,16 @@ GROUPS = [
 ]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def importable():
+    """Let the other process import this module, also where tests run from no folder on the path."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [*sys.path, str(Path(__file__).parents[2])])
+        yield
+
+
 @pytest.fixture(scope="module")
-def ready():
+def ready(importable):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawing, "START_S", 0.0)
         process = DrawingProcess("isacbench.report.figures")
