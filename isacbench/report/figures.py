@@ -134,7 +134,7 @@ TITLE_LETTERS_AN_INCH = 14
 LINE_IN, LETTER_IN = 0.16, 0.068
 """Height of a line of text, and width of a letter at a tick."""
 
-LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.25, 0.14, 0.27, 0.1
+LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.25, 0.22, 0.27, 0.1
 """Room around a panel, without the letters of its ticks and the lines of its titles."""
 
 LONGEST_LEGEND = 80
