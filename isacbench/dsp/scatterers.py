@@ -209,7 +209,7 @@ def _kernel(bins: Integers, places: Floats, window: Window, response: Callable[.
 
 
 def _amplitudes_around(waves: PlaneWaves, around: Complex, aperture: Aperture) -> Complex:
-    """Amplitudes (5, n, k) of waves in their cells, and in the next ones; small systems at their own size."""
+    """Amplitudes (5, n, k) of waves in their cells and in the next; as many waves are solved together."""
     amplitudes = np.zeros((5, *waves.found.shape), dtype=np.complex128)
     n_waves = waves.found.sum(axis=1)
     for count in range(1, int(n_waves.max(initial=0)) + 1):

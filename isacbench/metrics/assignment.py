@@ -160,7 +160,7 @@ def connected_pieces(places: Floats) -> list[Indices]:
 
 
 def _touch(places: Floats, start: Indices, size: Indices, pairs: Indices) -> Indices:
-    """Which pairs (n, 2) of cells have points within 1; a cell's are ``size`` ones from ``start`` on."""
+    """Find pairs (n, 2) of cells that have points within 1; a cell's are ``size`` ones from ``start`` on."""
     sides = []
     for cell in pairs.T:
         n_points = size[cell]

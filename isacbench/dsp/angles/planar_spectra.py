@@ -24,7 +24,7 @@ CHUNK_VALUES = 2**16
 """Projections computed at once: half a megabyte stays in the cache."""
 
 COLUMN_VALUES = 2**20
-"""Entries of the matrices whose minima are sought at once: 2 MiB, read in every step of Newton's method."""
+"""Entries of the matrices whose minima are sought at once, one for each minimum: 8 MiB."""
 
 CANDIDATES = 2
 """Samples a peak asked for from which Newton's method starts."""
@@ -83,7 +83,8 @@ class Minima(NamedTuple):
     curvature : ndarray of float64, shape (n, m, 2, 2)
         Second derivatives at the minima.
     level : ndarray of float64, shape (n, m)
-        Squared projections there, times the sign of the spectrum.
+        Squared projections there, times the sign of the spectrum; infinite where
+        a row is only filled up.
     """
 
     u: Floats
@@ -294,8 +295,7 @@ class BeamformerSpectrum(AngularSpectrum):
         # A peak may be much narrower than the samples: its height counts, and not that of the sample.
         n_minima = np.full(len(level), CANDIDATES * n_most)
         minima = planar_minima(level, self.columns, (self.u, self.w), n_minima, np.inf, sign)
-        height = np.where(minima.found, minima.level, np.inf)
-        order = np.argsort(height, axis=1, kind="stable")[:, :n_most]
-        height, u, w = (np.take_along_axis(line, order, axis=1) for line in (height, minima.u, minima.w))
-        found = np.isfinite(height) & (height <= height[:, :1] * 10 ** (sign * dynamic_range_db / 10))
+        order = np.argsort(minima.level, axis=1, kind="stable")[:, :n_most]
+        level, u, w = (np.take_along_axis(of, order, axis=1) for of in (minima.level, minima.u, minima.w))
+        found = np.isfinite(level) & (level <= level[:, :1] * 10 ** (sign * dynamic_range_db / 10))
         return PlaneWaves(u, w, found & ~self._is_flat[:, None])
