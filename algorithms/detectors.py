@@ -49,7 +49,6 @@ from isacbench.dsp.cfar.training_cells import (
     checked_list,
     checked_power,
     share_of,
-    spread,
     total_of,
     training_sums,
     window_axes,
@@ -113,7 +112,7 @@ class _Cfar(ABC):
         listed = None if cells is None else checked_list(cells, values.shape)
         first = checked_axis(self._axis, getattr(self, self._axis), values.ndim) if self._axis else 0
         order = (first, *(axis for axis in range(values.ndim) if axis != first))
-        axes = window_axes(values.shape, *spread(self.training, self.guard or 0, values.ndim))
+        axes = window_axes(values.shape, self.training, self.guard or 0)
         found = self._test(
             np.ascontiguousarray(values.transpose(order)),
             tuple(axes[axis] for axis in order),
@@ -122,11 +121,8 @@ class _Cfar(ABC):
         )
         if listed is not None or first == 0:
             return found
-        return Detection(
-            np.moveaxis(found.mask, 0, first),
-            np.moveaxis(found.threshold, 0, first),
-            np.moveaxis(found.noise, 0, first),
-        )
+        back = partial(np.moveaxis, source=0, destination=first)
+        return Detection(back(found.mask), back(found.threshold), back(found.noise))
 
     def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
         noise, threshold = self._thresholds(power, axes, cells, looks)
@@ -222,14 +218,11 @@ class CaCfar(_WindowCfar):
     ) -> tuple[Floats, Floats]:
         sums, n_training = training_sums(power, axes, cells)
         noise = sums / n_training
-        threshold = np.empty_like(noise)
-        # The corner of a map has all numbers that there are.
-        corner = tuple(slice(axis.guard + 1) for axis in axes) if cells is None else slice(None)
-        for n in np.unique(n_training[corner]).tolist():
+        factors = np.empty(n_training.shape)
+        for n in np.flatnonzero(np.bincount(n_training.ravel())).tolist():
             exact = self.threshold == "exact"
-            factor = ca_factor(self.pfa, int(n), looks) if exact else paper_factor(self.pfa, int(n))
-            np.multiply(factor, noise, out=threshold, where=n_training == n)
-        return noise, threshold
+            factors[n_training == n] = ca_factor(self.pfa, n, looks) if exact else paper_factor(self.pfa, n)
+        return noise, factors * noise
 
 
 @dataclass(frozen=True)

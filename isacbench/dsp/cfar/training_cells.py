@@ -128,39 +128,6 @@ def checked_list(cells: Sequence[ArrayLike], shape: tuple[int, ...]) -> Cells:
     return indices
 
 
-def spread(
-    training: CellsPerSide, guard: CellsPerSide, n_axes: int
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Spread numbers of training and guard cells per side over the axes of the map.
-
-    Parameters
-    ----------
-    training, guard : int or tuple of int
-        Cells per side, for all axes or for each.
-    n_axes : int
-        Axes of the map.
-
-    Returns
-    -------
-    tuple of tuple of int
-        Training cells, and guard cells, of each axis.
-
-    Raises
-    ------
-    InputError
-        If they are not numbers of cells, or not one for each axis.
-    """
-    per_side = []
-    for name, sizes in (("training", training), ("guard", guard)):
-        check_cells(name, sizes)
-        per_axis = sizes if isinstance(sizes, tuple) else (sizes,) * n_axes
-        if len(per_axis) != n_axes:
-            raise InputError(f"{name} = {sizes}: the map has {n_axes} axes, give one number or {n_axes}")
-        # A NumPy integer may be too narrow for the size of the window.
-        per_side.append(tuple(int(size) for size in per_axis))
-    return per_side[0], per_side[1]
-
-
 def share_of(fraction: float, n_cells: int) -> int:
     """Share of a number of cells, ⌊fraction n⌋, without the loss of one cell to rounding."""
     return int(fraction * n_cells + _ROUNDING)
@@ -205,12 +172,30 @@ class Axis:
         """
         return np.clip(cell - self.reach, 0, self.length - self.n_window)
 
+    def window(self, cell: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Cells (n_window, n) of the windows of n cells under test."""
+        return self.start(cell) + np.arange(self.n_window)[:, None]
 
-def window_axes(
-    shape: tuple[int, ...], training: tuple[int, ...], guard: tuple[int, ...]
-) -> tuple[Axis, ...]:
-    """Axes of a map with the cells per side of the window along each; too large a window is refused."""
-    axes = tuple(Axis(*sizes) for sizes in zip(shape, training, guard, strict=True))
+    def guards(self, cell: NDArray[np.intp]) -> Mask:
+        """Mask (n_window, n) of the guard cells in these windows, the cells under test among them."""
+        return np.abs(self.window(cell) - cell) <= self.guard
+
+
+def window_axes(shape: tuple[int, ...], training: CellsPerSide, guard: CellsPerSide) -> tuple[Axis, ...]:
+    """Axes of a map with the window along each, of cells per side for all axes or for each.
+
+    What are no numbers of cells, or not one for each axis, is refused, and a window larger than the map.
+    """
+    per_side = []
+    for name, sizes in (("training", training), ("guard", guard)):
+        check_cells(name, sizes)
+        per_axis = sizes if isinstance(sizes, tuple) else (sizes,) * len(shape)
+        if len(per_axis) != len(shape):
+            n_axes = len(shape)
+            raise InputError(f"{name} = {sizes}: the map has {n_axes} axes, give one number or {n_axes}")
+        # A NumPy integer may be too narrow for the size of the window.
+        per_side.append(map(int, per_axis))
+    axes = tuple(Axis(*sizes) for sizes in zip(shape, *per_side, strict=True))
     if any(axis.n_window > axis.length for axis in axes):
         raise InputError(
             f"the window of {tuple(axis.n_window for axis in axes)} cells is larger than the map of {shape} "
@@ -327,67 +312,54 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
             yield (chosen,), Windows(axes, tuple(index[chosen] for index in cells), place)
 
 
-def training_sums(power: Floats, axes: tuple[Axis, ...], cells: Cells | None = None) -> tuple[Floats, Floats]:
+def training_sums(
+    power: Floats, axes: tuple[Axis, ...], cells: Cells | None = None
+) -> tuple[Floats, Integers]:
     """Sums of the training cells of every window, or of those of listed cells, and numbers of these cells."""
+    tested = [np.arange(axis.length) for axis in axes] if cells is None else cells
+    guards = [axis.guards(cell) for axis, cell in zip(axes, tested, strict=True)]
+    n_guarded = [np.count_nonzero(guarded, axis=0) for guarded in guards]
+    n_all: Any = prod(axis.n_window for axis in axes)
     if cells is not None:
-        sums, counts = np.empty((2, cells[0].size))
-        for some, *found in _listed_sums(power, axes, cells):
-            sums[some], counts[some] = found
-        return sums, counts
-    lines, training, n_guarded = np.ascontiguousarray(power), np.zeros(power.shape), np.ones(())
-    for number, axis in reversed(list(enumerate(axes))):
-        training = _sums_along(number, axis, lines, training)
+        return _listed_sums(power, axes, cells, guards), n_all - prod(n_guarded)
+    lines, sums = power, np.zeros(power.shape)
+    for number, axis in reversed([*enumerate(axes)]):
+        sums = _sums_along(number, axis, lines, sums)
         lines = _sums_along(number, axis, lines, lines) if number else lines
-        cell = np.arange(axis.length)
-        first, last = np.maximum(cell - axis.guard, 0), np.minimum(cell + axis.guard, axis.length - 1)
-        n_guarded = np.multiply.outer(last - first + 1.0, n_guarded)
-    return training, prod(axis.n_window for axis in axes) - n_guarded
+    return sums, n_all - prod(np.ix_(*n_guarded))
 
 
 def _sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Floats:
     """Sums of windows along an axis of C-contiguous `lines`; guard cells are taken from `guarded`."""
-    sums, step, n_window = np.zeros_like(lines), prod(lines.shape[number + 1 :]), axis.n_window
-    n_flat = lines.size - 2 * axis.reach * step
-    inner = sums.ravel()[axis.reach * step :][:n_flat]
-    for k in range(n_window):
+    sums, step = np.zeros(lines.shape), prod(lines.shape[number + 1 :])
+    n_inner = lines.size - 2 * axis.reach * step
+    inner = sums.ravel()[axis.reach * step :][:n_inner]
+    for k in range(axis.n_window):
         source = guarded if abs(k - axis.reach) <= axis.guard else lines
-        inner += source.ravel()[k * step :][:n_flat]
+        inner += source.ravel()[k * step :][:n_inner]
     # Windows near an edge are shifted to stay inside: their sums above are wrong, and are made anew.
-    edges = np.moveaxis(sums, number, 0)
-    if guarded is lines:
-        edges[: axis.reach], edges[axis.length - axis.reach :] = edges[axis.reach], edges[-axis.reach - 1]
-        return sums
-    for start, first in ((0, 0), (axis.length - n_window, axis.length - axis.reach)):
-        window, guards = (
-            np.ascontiguousarray(np.moveaxis(each, number, 0)[start:][:n_window]).reshape(n_window, 1, -1)
-            for each in (lines, guarded)
-        )
-        for some in parts_of(axis.reach, _CACHED_VALUES // window.size):
-            places = first + np.arange(axis.reach)[some]
-            is_guarded = abs(start + np.arange(n_window)[:, None] - places) <= axis.guard
-            totals = total_of(np.where(is_guarded[:, :, None], guards, window))
-            edges[places] = totals.reshape(-1, *edges.shape[1:])
+    edge = np.r_[: axis.reach, axis.length - axis.reach : axis.length]
+    window = axis.window(edge)
+    is_guarded = axis.guards(edge).reshape(*window.shape, *[1] * (lines.ndim - 1))
+    terms = np.where(is_guarded, *(np.moveaxis(each, number, 0)[window] for each in (guarded, lines)))
+    np.moveaxis(sums, number, 0)[edge] = total_of(terms)
     return sums
 
 
-def _listed_sums(
-    power: Floats, axes: tuple[Axis, ...], cells: Cells
-) -> Iterator[tuple[slice, Floats, Integers]]:
-    """The same of listed cells wherever they stand in their windows, in parts that stay in the cache."""
-    sizes = tuple(axis.n_window for axis in axes)
-    views = sliding_window_view(power, sizes)
-    starts = tuple(axis.start(index) for axis, index in zip(axes, cells, strict=True))
-    for some in parts_of(cells[0].size, _CACHED_VALUES // prod(sizes)):
-        is_guarded: Mask = np.ones((1, 1), dtype=bool)
-        for axis, index, start in zip(axes, cells, starts, strict=True):
-            steps = np.abs(np.arange(axis.n_window)[:, None] - (index - start)[some])
-            is_guarded = (is_guarded[:, None] & (steps <= axis.guard)).reshape(-1, steps.shape[1])
-        values = views[tuple(start[some] for start in starts)].reshape(is_guarded.shape[1], -1)
+def _listed_sums(power: Floats, axes: tuple[Axis, ...], cells: Cells, guards: list[Mask]) -> Floats:
+    """The same of listed cells, in parts that stay in the cache."""
+    windows, sums = sliding_window_view(power, [axis.n_window for axis in axes]), np.empty(cells[0].size)
+    for some in parts_of(sums.size, _CACHED_VALUES // prod(axis.n_window for axis in axes)):
+        starts = tuple(axis.start(index[some]) for axis, index in zip(axes, cells, strict=True))
+        is_guarded = np.ones(1, dtype=bool)
+        for guarded in guards:
+            is_guarded = is_guarded[..., None, :] & guarded[:, some]
         # Zeros between the terms of a sum change no digit of it.
-        terms = np.where(is_guarded, 0, values.T).reshape(*sizes, -1)
+        terms = np.where(is_guarded, 0, np.moveaxis(windows[starts], 0, -1))
         for _ in axes:
             terms = total_of(np.moveaxis(terms, -2, 0))
-        yield some, terms, np.count_nonzero(~is_guarded, axis=0)
+        sums[some] = terms
+    return sums
 
 
 def total_of(values: Floats) -> Floats:
