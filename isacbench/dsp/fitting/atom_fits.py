@@ -105,11 +105,6 @@ class AtomFit:
     def __len__(self) -> int:
         return self.amplitude.size
 
-    @property
-    def periods(self) -> Floats:
-        """Rayleigh cells after which an atom is the same (`AtomMap.periods`)."""
-        return self.atom_map.periods
-
     @cached_property
     def products(self) -> tuple[LineProducts, ...]:
         """Products of the atoms with each other (`AtomMap.products`)."""
@@ -236,7 +231,7 @@ class AtomFit:
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: AtomFit | None = None) -> AtomFit:
-    """Fit the amplitudes of atoms at places (n, 4), n at least 1, in Rayleigh cells; prepare a step of them.
+    """Fit the amplitudes of atoms at places (n, 4) in Rayleigh cells; prepare a step of them.
 
     With a `ridge` above 0, the weight of the energies |amplitude|² against that of the misfit, atoms that
     nearly coincide share an amplitude instead of cancelling. The energy of the fit is what the atoms explain,
@@ -255,7 +250,7 @@ def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: Atom
 
 def _correlations(atom_map: AtomMap, places: Floats, lines: Lines, known: AtomFit | None) -> Correlations:
     """Products of atoms with the map, those in the same places taken from another fit."""
-    if known is None:
+    if not known:
         return atom_map.correlate(lines)
     same = (places[:, None] == known.places).all(axis=2)
     fresh, index = ~same.any(axis=1), same.argmax(axis=1)

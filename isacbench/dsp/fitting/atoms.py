@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -221,13 +222,7 @@ class AtomMap:
         amplitude : ndarray of complex128, shape (n,)
             Of the unit-energy atoms.
         """
-        along_range, along_doppler, along_u, along_w = (line.value for line in lines)
-        echoes = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
-        surfaces = along_doppler[:, :, None, None] * echoes[:, None]
-        # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
-        rest = along_range.T @ surfaces.reshape(len(echoes), self.cells[0].size).view(np.float64)
-        np.subtract(self._real_rows, rest, out=rest)
-        return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
+        return replace(self, cells=self.cells - sum_of_echoes(amplitude, *(line.value for line in lines)))
 
     def along(self, basis: Floats) -> AtomMap:
         """The map in the dimensions along range that a basis (n_range, d) spans, for factors times it."""
@@ -286,13 +281,6 @@ class AtomMap:
             LineProducts(value @ value.T, value @ slope.T, slope @ slope.T) for value, slope, _ in lines
         )
 
-    def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
-        """Products of the second derivatives of atoms along each coordinate: range, Doppler, u and w.
-
-        For each, products (n, n) with the atoms themselves along that coordinate, and energies (n,).
-        """
-        return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
-
     def _snapshots(self, along_range: Floats, *along_doppler: Floats) -> Complex:
         """Array snapshots (n, k, n_u, n_w) that factors along range and k factors along Doppler see."""
         seen = np.stack(along_doppler, axis=1) @ self.ranges(along_range)
@@ -313,6 +301,17 @@ class AtomMap:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
         rows = np.ascontiguousarray(self.cells).reshape(len(self.cells), -1)
         return rows.view(np.float64)
+
+
+def sum_of_echoes(
+    amplitude: Complex, along_range: Floats, along_doppler: Floats, along_u: Floats, along_w: Floats
+) -> Complex:
+    """Sum (r, d, g, h) of n echoes of amplitudes (n,) with the factors (n, r), (n, d), (n, g) and (n, h)."""
+    directions = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
+    surfaces = along_doppler[:, :, None, None] * directions[:, None]
+    # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
+    parts = surfaces.reshape(len(surfaces), prod(surfaces.shape[1:])).view(np.float64)
+    return (along_range.T @ parts).view(np.complex128).reshape(along_range.shape[1], *surfaces.shape[1:])
 
 
 def _mirror_transform(n: int) -> Complex:
