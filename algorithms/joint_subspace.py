@@ -204,8 +204,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         waves = replace(waves, found=waves.found & (power > LEAST_EXPLAINED * white / 2)[:, None])
         if self.polish:
             with stage("refinement"):
-                data = snapshots[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
-                waves = resolve_directions(data, waves, white, self.angle_pfa, self.polish)
+                waves = resolve_directions(snapshots[:, None], waves, white, self.angle_pfa, self.polish)
         unexplained = waves.unexplained(snapshots, self.aperture(observation))
         resolved = (unexplained < MOST_LEFT_OF_CELL * white) & (power > LEAST_EXPLAINED * unexplained)
         return replace(waves, resolved=resolved)

@@ -127,7 +127,7 @@ class PlaneWaves:
         Stoica and Nehorai, "MUSIC, maximum likelihood, and Cramér-Rao bound", IEEE
         Trans. ASSP 37 (1989), for the concentrated information.
         """
-        snapshots, k = snapshots.astype(np.complex128, copy=False), self.u.shape[1]
+        k = self.u.shape[1]
         responses, found = aperture.towards(self.u, self.w), self.found
         products, both = responses.slope_gram(), np.tile(found, (1, 2))
         response_slopes = np.where(found[:, :, None] & both[:, None, :], products[:, :k, k:], 0)
@@ -250,8 +250,7 @@ def pair_directions(
     n, n_w = len(snapshots), w.place.shape[1]
     n_pairs = u.place.shape[1] * n_w
     responses = aperture.towards(u.place, w.place)
-    # From here on in double precision: these arrays are small.
-    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs).astype(np.complex128, copy=False)
+    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs)
     gram = responses.intersections_gram().reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
     chosen = np.zeros((n, min(n_most, n_pairs)), dtype=np.int64)

@@ -221,7 +221,7 @@ def _outputs(snapshots: Floats, along_u: Floats, along_w: Floats, k: int) -> Flo
 
 def _line(n_elements: int, cosine: Floats, found: Mask) -> Floats:
     """Real responses of unit norm, their first and second derivatives (n, 3 k, elements); 0 for fillers."""
-    slopes = real_steering_slopes(n_elements, cosine, axis=1)
+    slopes = real_steering_slopes(n_elements, cosine)
     slopes *= (found / np.sqrt(n_elements))[:, None, :, None]
     return slopes.reshape(len(found), 3 * found.shape[1], n_elements)
 
