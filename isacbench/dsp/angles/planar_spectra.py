@@ -176,10 +176,10 @@ def _lowest_samples(
     lowest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
     is_minimum &= (inner <= lowest) | (inner < highest)
     depth = np.where(is_minimum, inner, np.inf).reshape(len(level), inner.shape[1] * inner.shape[2])
-    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
+    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=1))]
     found = np.isfinite(np.take_along_axis(depth, index, axis=1))
     found &= np.arange(index.shape[1]) < n_minima[:, None]
-    most = int(found.sum(axis=1).max(initial=0))
+    most = int(found.sum(axis=1).max(initial=1))
     row, column = np.divmod(index[:, :most], inner.shape[2])
     return row + 1, column + 1, found[:, :most]
 
