@@ -372,25 +372,18 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """
     n, power, places = len(fit), fit.power, fit.places.copy()
     drop = np.zeros(n, dtype=np.bool_)
-    covariance = fit.covariance(noise)
-    variance = np.einsum("inin->ni", covariance)
-    lost = np.flatnonzero((variance > LOST**2).any(axis=1))
+    root = np.sqrt(noise / 2) * fit.bound_root.reshape(N_COORDINATES, n, -1)
+    lost = np.flatnonzero((np.sum(root**2, axis=2) > LOST**2).any(axis=0))
     if lost.size:
         drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
         return drop, places
     apart = unwrapped(places[:, None], places, fit.atom_map.periods) - places
     first, second = np.nonzero(np.triu(np.all(np.abs(apart) < 1, axis=2), 1))
     apart = apart[first, second]
-    joint = (
-        covariance[:, first, :, first]
-        + covariance[:, second, :, second]
-        - covariance[:, first, :, second]
-        - covariance[:, second, :, first]
-    )
     length = np.sum(apart**2, axis=1)
-    along = np.einsum("pi,pij,pj->p", apart, joint, apart)
-    blurred = fit.blurred
     # Variance of the distance along the line between the two.
+    along = np.sum(np.einsum("pi,ipk->pk", apart, root[:, first] - root[:, second]) ** 2, axis=1)
+    blurred = fit.blurred
     is_resolved = (length**2 >= RESOLVED_VARIANCES * along) & ~(blurred[first] & blurred[second])
     for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
         pair = np.array([first[k], second[k]])
