@@ -3,7 +3,6 @@
 import multiprocessing
 import operator
 import os
-import sys
 import time
 from functools import partial
 from pathlib import Path
