@@ -57,7 +57,6 @@ from isacbench.dsp.fitting.pursuit import (
     MOST_LEFT,
     TIE_DIGITS,
     BeamSpace,
-    above_sidelobes,
     are_near,
     are_split,
     choose_moves,
@@ -67,6 +66,7 @@ from isacbench.dsp.fitting.pursuit import (
     noise_maximum,
     reachable_places,
     redundant_pairs,
+    sidelobe_energy,
     split_gains,
     strongest_around,
 )
@@ -353,7 +353,9 @@ class Nomp4d:
         eligible[eligible] = gain[eligible] > self._weakest(strongest)
         candidates, others = np.flatnonzero(eligible), np.flatnonzero(~eligible)
         left = drop_lobe_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
-        return above_sidelobes(places, gain, candidates, left, bursts), len(left)
+        # Peaks that no move explains have sidelobes, too.
+        shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
+        return candidates[gain[candidates] >= shown], len(left)
 
     def _round(self, pursuit: Pursuit, moves: _Moves) -> None:
         """Make the moves of a round (possibly none), refine all atoms, and remember the moves that failed."""

@@ -298,9 +298,14 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     """Damped Gauss-Newton step (n, 4), no atom farther than the kernels are known."""
     diagonal = fit.information.diagonal()
     load = damping * diagonal + np.finfo(np.float64).eps * diagonal.max()
+    return loaded_step(fit, load, LONGEST_STEP_CELLS)
+
+
+def loaded_step(fit: AtomFit, load: Floats, most_cells: float) -> Floats:
+    """Gauss-Newton step (n, 4) with a load (4 n,) on the information, shortened along the line it leads."""
     step = solve_positive(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
-    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
+    return step * (most_cells / np.maximum(longest, most_cells))
 
 
 def polish_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:

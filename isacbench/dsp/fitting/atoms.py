@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats
-from isacbench.dsp.bursts import SymbolBursts
+from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.model.kernels import dirichlet_slopes, sine_cosine
+from isacbench.model.kernels import sine_cosine
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
@@ -183,20 +183,18 @@ class AtomMap:
         if axis > 1:
             basis = self.bases[axis - 2]
             return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
-        if axis == 0:
-            value, slope, curvature = dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers)
-            return AtomFactors(value, -slope, curvature)
-        value, slope, curvature = self.bursts.slopes(self.doppler_bins - places[:, None])
-        scale = 1 / self.bin_gain
-        return AtomFactors(scale * value, -scale * slope, scale * curvature)
+        return AtomFactors(*self._kernels(places, axis, 2))
 
     def factors(self, places: Floats, axis: int) -> Floats:
         """Factors of atoms along one coordinate as of `line`, without derivatives, (n, size)."""
-        if axis > 1:
-            return self.line(places, axis).value
-        if axis == 0:
-            return dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers, 0)[0]
-        return self.bursts.slopes(self.doppler_bins - places[:, None], 0)[0] / self.bin_gain
+        return self.line(places, axis).value if axis > 1 else self._kernels(places, axis, 0)[0]
+
+    def _kernels(self, places: Floats, axis: int, order: int) -> tuple[Floats, ...]:
+        """Kernels along range or Doppler, and their derivatives up to an order (0 or 2)."""
+        bins = (self.range_bins, self.doppler_bins)[axis]
+        kernel = (whole_frame(self.n_subcarriers), self.bursts)[axis]
+        slopes = kernel.slopes(places[:, None] - bins, order)
+        return tuple(slope / np.sqrt(kernel.redundancy) for slope in slopes)
 
     def lines(self, places: Floats) -> Lines:
         """Factors of atoms along range, Doppler, u and w.
@@ -234,13 +232,6 @@ class AtomMap:
         return (factors @ self._real_rows).reshape(
             len(factors), self.doppler_bins.size, 2 * self.cells[0, 0].size
         )
-
-    def matched(self, factors: list[Floats]) -> Complex:
-        """Products (n,) of atoms with the map, from their factors (n, size) along the four coordinates."""
-        along_range, along_doppler, along_u, along_w = factors
-        seen = (along_doppler[:, None] @ self.ranges(along_range)).view(np.complex128)
-        beams = seen.reshape(len(seen), *self.cells.shape[2:]) @ along_w[:, :, None]
-        return np.asarray(along_u[:, None] @ beams, dtype=np.complex128)[:, 0, 0]
 
     def matched_separably(self, factors: list[Floats]) -> Complex:
         """Products (r, d, g, h) with atoms at all combinations of factors (r, n_range), (d, n_doppler) ..."""

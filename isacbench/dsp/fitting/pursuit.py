@@ -206,7 +206,7 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
         dense[::2, 1::2] = np.sqrt(0.5) * (outputs[:, :-1] + outputs[:, 1:])
         dense[1::2] = np.sqrt(0.5) * (dense[:-2:2] + dense[2::2])
         energy = dense.real**2 + dense.imag**2
-        here = _highest_of_three(_highest_of_three(energy, 0), 1) / (1 + 10.0**-TIE_DIGITS)
+        here = _highest_of_three(_highest_of_three(energy).T).T / (1 + 10.0**-TIE_DIGITS)
         highest[w + 1, u + 1] = here
         is_candidate = (energy >= here) & (energy > least_energy)
         found.append(np.flatnonzero(is_candidate) + ((w + 1) * (n_directions[1] + 2) + u + 1) * here.size)
@@ -219,12 +219,11 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
     return (w - 1, u - 1, doppler_bin, range_bin), level
 
 
-def _highest_of_three(values: Floats, axis: int) -> Floats:
-    """The highest of each value and its two neighbours along an axis."""
-    highest = values.copy()
-    along, there = np.moveaxis(values, axis, 0), np.moveaxis(highest, axis, 0)
-    np.maximum(there[1:], along[:-1], out=there[1:])
-    np.maximum(there[:-1], along[1:], out=there[:-1])
+def _highest_of_three(rows: Floats) -> Floats:
+    """The highest of each value and those of the rows before and after it."""
+    highest = rows.copy(order="K")
+    np.maximum(highest[1:], rows[:-1], out=highest[1:])
+    np.maximum(highest[:-1], rows[1:], out=highest[:-1])
     return highest
 
 
@@ -408,25 +407,14 @@ def reachable_places(places: Floats, gate: Gate) -> Mask:
     return inside
 
 
-def above_sidelobes(
-    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
-) -> Integers:
-    """Keep the candidates that are not sidelobes of peaks which no move explains.
-
-    Places (n, 4) and gains (n,) are of the peaks of the residual; candidates are indices of those that can
-    become atoms, by descending gain, and `left` of those that no move explains, at most `MOST_LEFT`.
-    """
-    shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
-    return candidates[gain[candidates] >= shown]
-
-
 def drop_lobe_images(
     places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
     """Drop the peaks in `left` that are grating lobes of the best candidates.
 
-    Arguments are those of `above_sidelobes`. If the whole frame is used for sensing there are no grating
-    lobes, and all peaks stay.
+    Places (n, 4) and gains (n,) are of the peaks of the residual; candidates are indices of those that can
+    become atoms, by descending gain, and `left` of those that no move explains. If the whole frame is used
+    for sensing there are no grating lobes, and all peaks stay.
     """
     if bursts.is_whole_frame:
         return left

@@ -17,10 +17,9 @@ squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms
+from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, loaded_step
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
 from isacbench.dsp.floating_point import round_step
@@ -137,6 +136,4 @@ def damped_step(fit: AtomFit, damping: float) -> Floats:
     """
     diagonal = fit.information.diagonal()
     load = damping * (diagonal + np.tile(fit.power, N_COORDINATES)) + 1e-12 * diagonal.max()
-    step = cho_solve(cho_factor(fit.information + np.diag(load)), fit.score).reshape(N_COORDINATES, -1).T
-    longest = np.abs(step).max(axis=1, keepdims=True)
-    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
+    return loaded_step(fit, load, LONGEST_STEP_CELLS)
