@@ -22,11 +22,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, cast, get_args
+from math import prod
+from typing import Any, ClassVar, get_args
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.ndimage import rank_filter
 
 from isacbench.checked_arrays import Floats, Mask
 from isacbench.dsp.cfar.factors import (
@@ -49,6 +50,7 @@ from isacbench.dsp.cfar.training_cells import (
     checked_list,
     checked_power,
     share_of,
+    sums_along,
     total_of,
     training_sums,
     window_axes,
@@ -61,13 +63,14 @@ from isacbench.errors import InputError, require_option
 Power = NDArray[np.floating[Any]]
 
 
+@dataclass(frozen=True)
 class _Cfar(ABC):
-    """Base class: the test that all detectors share."""
+    """Base class: the test and the parameters that all detectors share; `CaCfar` describes these."""
 
-    pfa: float
-    training: CellsPerSide
-    guard: Any
-    threshold: Threshold
+    pfa: float = 1e-3
+    training: CellsPerSide = 3
+    guard: CellsPerSide = 1
+    threshold: Threshold = "exact"
 
     _axis: ClassVar[str] = ""
     """Parameter with the axis that is moved to the front before the test; empty if no axis is special."""
@@ -167,17 +170,7 @@ class _PlacewiseCfar(_Cfar):
 
 
 @dataclass(frozen=True)
-class _WindowCfar(_Cfar):
-    """Base class: the parameters that most detectors share, described at `CaCfar`."""
-
-    pfa: float = 1e-3
-    training: CellsPerSide = 3
-    guard: CellsPerSide = 1
-    threshold: Threshold = "exact"
-
-
-@dataclass(frozen=True)
-class CaCfar(_WindowCfar):
+class CaCfar(_Cfar):
     """Cell averaging: the noise is the mean of the training cells.
 
     Attributes
@@ -226,7 +219,7 @@ class CaCfar(_WindowCfar):
 
 
 @dataclass(frozen=True)
-class _HalvedCfar(_WindowCfar, _PlacewiseCfar):
+class _HalvedCfar(_PlacewiseCfar):
     """Base class: the noise is one of the means of the two halves of the window.
 
     The leading half holds the training cells before the cell under test along
@@ -320,7 +313,7 @@ class SocaCfar(_HalvedCfar):
 
 
 @dataclass(frozen=True)
-class TmCfar(_WindowCfar, _PlacewiseCfar):
+class TmCfar(_PlacewiseCfar):
     """Trimmed mean: the noise is the mean of the training cells without the smallest and the largest.
 
     It lies between `ca` (nothing trimmed) and `os` (all but one cell trimmed).
@@ -371,7 +364,7 @@ class TmCfar(_WindowCfar, _PlacewiseCfar):
 
 
 @dataclass(frozen=True)
-class OsCfar(_WindowCfar, _PlacewiseCfar):
+class OsCfar(_PlacewiseCfar):
     """Order statistic: the noise is the k-th smallest of n training cells, k = max(1, ⌊`rank_fraction` n⌋).
 
     Up to n - k echoes in the window do not mask another. At a clutter edge the
@@ -495,10 +488,8 @@ class OscaCfar(_PlacewiseCfar):
 
     name: ClassVar[str] = "osca"
 
-    pfa: float = 1e-3
     training: CellsPerSide = 4
-    guard: CellsPerSide | None = None
-    threshold: Threshold = "exact"
+    guard: CellsPerSide | None = None  # type: ignore[assignment]  # it may be none here alone
     order_axis: int = 0
 
     _axis: ClassVar[str] = "order_axis"
@@ -507,42 +498,46 @@ class OscaCfar(_PlacewiseCfar):
         if self.guard is not None:
             super()._check_guard()
 
-    def _test(self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int) -> Detection:
-        if self.guard is None and axes[0].training == 0:
+    def _thresholds(
+        self, power: Floats, axes: tuple[Axis, ...], cells: Cells | None, looks: int
+    ) -> tuple[Floats, Floats]:
+        if self.guard is not None:
+            return super()._thresholds(power, axes, cells, looks)
+        along, *across = axes
+        if along.training == 0:
             raise InputError(
                 f"training = 0 along axis {self.order_axis}: "
                 "with guard = None it must be at least 1 per side there"
             )
-        return super()._test(power, axes, cells, looks)
+        n_cells, n_columns = along.n_window, prod(axis.n_window for axis in across)
+        rank = _column_rank(n_cells)
+        # Windows share columns, whose order statistics are the same for all of them.
+        orders = rank_filter(power, rank - 1, (n_cells, *(1 for _ in across)))
+        sums = orders[along.start(np.arange(along.length)) + along.reach]
+        for number, axis in enumerate(across, start=1):
+            sums = sums_along(number, axis, sums, sums)
+        noise = sums / n_columns if cells is None else sums[cells] / n_columns
+        # The column of the cell under test has one training cell less.
+        columns = (*((rank, n_cells),) * (n_columns - 1), (rank, n_cells - 1))
+        exact = self.threshold == "exact"
+        factor = osca_factor(self.pfa, columns, looks) if exact else paper_factor(self.pfa, n_cells)
+        return noise, factor * noise
 
     def _noise(self, power: Floats, windows: Windows) -> Floats:
-        if self.guard is None and isinstance(windows.cells[0], slice):
-            return _mean(_shared_orders(power, windows))
         window = windows.whole(power)
-        columns = window.reshape(*window.shape[: -power.ndim], windows.axes[0].n_window, -1)
-        if self.guard is None:
-            return _mean(_orders(columns))
+        columns = window.reshape(*window.shape[: -power.ndim], len(windows.trains), -1)
         trains = windows.trains.reshape(len(windows.trains), -1)
-        is_whole = trains.all(axis=0)
-        kept = trains[:, ~is_whole].any(axis=1)
-        orders = [_orders(columns[..., is_whole])]
-        if kept.any():
-            orders.append(_orders(columns[..., kept, :][..., ~is_whole]))
-        return _mean(np.concatenate(orders, axis=-1))
+        ascending = np.sort(np.where(trains, columns, np.inf), axis=-2)
+        counts = np.count_nonzero(trains, axis=0)
+        orders = ascending[..., _column_rank(counts) - 1, np.arange(counts.size)]
+        return _mean(orders[..., counts > 0])
 
     def _n_printed(self, windows: Windows) -> int:
         return windows.axes[0].n_window
 
     def _exact_factor(self, windows: Windows, looks: int) -> float:
-        n_cells = windows.axes[0].n_window
-        n_columns = windows.n_window // n_cells
-        if self.guard is None:
-            # The column of the cell under test has one training cell less.
-            rank = _column_rank(n_cells)
-            columns = (*((rank, n_cells),) * (n_columns - 1), (rank, n_cells - 1))
-        else:
-            counts = windows.trains.sum(axis=0).ravel().tolist()
-            columns = tuple((_column_rank(count), count) for count in sorted(counts, reverse=True) if count)
+        counts = windows.trains.sum(axis=0).ravel().tolist()
+        columns = tuple((_column_rank(count), count) for count in sorted(counts, reverse=True) if count)
         return osca_factor(self.pfa, columns, looks)
 
 
@@ -610,27 +605,6 @@ def _mean(values: Floats) -> Floats:
     return total_of(np.moveaxis(values, -1, 0)) / values.shape[-1]
 
 
-def _orders(columns: Floats) -> Floats:
-    """Order statistic of columns (..., cells of a column, columns)."""
-    rank = _column_rank(columns.shape[-2])
-    return np.partition(columns, rank - 1, axis=-2)[..., rank - 1, :]
-
-
-def _shared_orders(power: Floats, windows: Windows) -> Floats:
-    """Order statistics of the columns of a block's windows, each column sorted once for all windows."""
-    seen = tuple(
-        slice(cell.start - place, cell.stop - place + axis.n_window - 1)
-        for cell, place, axis in zip(
-            cast("tuple[slice, ...]", windows.cells), windows.place, windows.axes, strict=True
-        )
-    )
-    n_cells, *across = (axis.n_window for axis in windows.axes)
-    columns = sliding_window_view(power[seen], n_cells, axis=0)
-    orders = _orders(columns[..., np.newaxis])[..., 0]
-    in_windows = sliding_window_view(orders, tuple(across), axis=tuple(range(1, power.ndim)))
-    return in_windows.reshape(*in_windows.shape[: power.ndim], -1)
-
-
-def _column_rank(n_cells: int) -> int:
+def _column_rank(n_cells: Any) -> Any:
     """Rank of the paper, ⌊0.75 n⌋ of n cells: the 6th smallest of 9."""
-    return max(1, 3 * n_cells // 4)
+    return np.maximum(1, 3 * n_cells // 4)

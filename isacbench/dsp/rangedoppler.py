@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import prod
 from typing import Any
 
 import numpy as np
 import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 
-from isacbench.checked_arrays import Complex, Integers, checked_array, parts_of
+from isacbench.checked_arrays import Complex, checked_array, parts_of
 from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture, Plane
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
-from isacbench.dsp.windows import Window, reach, relative_taper, require_bins, taps
+from isacbench.dsp.windows import Window, reach, require_bins, taper, taps
 from isacbench.instrument.stages import stage
 from isacbench.model.gate import Bins, Gate
 from isacbench.model.observation import Observation
@@ -155,33 +154,18 @@ class GatedMap:
         neighbours : int
             Bins that such an axis repeats from its other end, at either end.
         """
-        reaches = reach(range_window), reach(doppler_window)
-        with stage("rdm"):
-            wrapped = self.wrapped(reaches, neighbours)
-        for n_bins, window in zip(wrapped.gate.shape, (range_window, doppler_window), strict=True):
+        windows = range_window, doppler_window
+        for n_bins, window in zip(self.gate.shape, windows, strict=True):
             require_bins(n_bins, window)
-        windows, gate = (range_window, doppler_window), wrapped.gate.trim(*reaches)
-        return TaperedMap(wrapped, windows, gate, self.cells.dtype.type)
-
-    def wrapped(self, reaches: tuple[int, int], neighbours: int = 0) -> GatedMap:
-        """Repeat bins from the other end of axes whose last bin is next to their first.
-
-        Parameters
-        ----------
-        reaches : (int, int)
-            Neighbours to either side that a taper mixes in, along range and Doppler.
-        neighbours : int
-            Bins to repeat beyond these.
-        """
-        cells, added = self.cells, [0, 0]
-        for axis, n_side in enumerate(reaches):
-            n_bins = self.gate.shape[axis]
-            # `taper` refuses axes shorter than the window.
-            if self.gate.wraps[axis] and n_bins > 2 * n_side:
-                added[axis] = n_side + neighbours
-                index = np.arange(-added[axis], n_bins + added[axis]) % n_bins
-                cells = np.take(cells, index, axis=axis)
-        return self if added == [0, 0] else replace(self, cells=cells, gate=self.gate.extend(*added))
+        reaches = reach(range_window), reach(doppler_window)
+        repeated = [(n + neighbours) * wraps for n, wraps in zip(reaches, self.gate.wraps, strict=True)]
+        untapered = self
+        if any(repeated):
+            n_added = *repeated, *(0 for _ in self.cells.shape[2:])
+            with stage("rdm"):
+                cells = np.pad(self.cells, [(n, n) for n in n_added], mode="wrap")
+            untapered = replace(self, cells=cells, gate=self.gate.extend(*repeated))
+        return TaperedMap(untapered, windows, untapered.gate.trim(*reaches), self.cells.dtype.type)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,44 +219,27 @@ class TaperedMap:
         n_more = [2 * reach(window) for window in self.windows]
         rows, columns = (slice(bins.start, bins.stop + n) for bins, n in zip(kept, n_more, strict=True))
         cells = self.untapered.cells[rows, columns]
-        gain = prod(taps(window)[reach(window)] for window in self.windows)
         for some in parts_of(len(kept[0]), CACHED_SAMPLES // cells[0].size - n_more[0]):
             with stage("rdm"):
                 block = cells[some.start : some.stop + n_more[0]]
-                block = block.astype(self.dtype, order="C")
-                parts = block.view(block.real.dtype)
-                parts *= gain
-                block = relative_taper(block, self.windows[1], axis=1)
-                block = relative_taper(block, self.windows[0], axis=0)
+                # Along range first, to which blocks have more bins than are kept.
+                block = taper(block.astype(self.dtype, order="C", copy=False), self.windows[0], axis=0)
+                block = taper(block, self.windows[1], axis=1)
             yield block
 
     def around(self, bins: Bins) -> Complex:
         """Cells (n, 5, *elements) at absolute bins, and the next nearer, farther, slower and faster ones."""
-        rows, columns = self.gate.index(bins)
-        return self.at(
-            rows[:, None] + np.array([0, -1, 1, 0, 0]), columns[:, None] + np.array([0, 0, 0, -1, 1])
-        )
-
-    def at(self, rows: Integers, columns: Integers) -> Complex:
-        """Tapered cells at indices of the map, each computed once.
-
-        Parameters
-        ----------
-        rows, columns : ndarray of int64, same shape (...)
-
-        Returns
-        -------
-        ndarray of complex, shape (..., *elements)
-        """
-        source = self.untapered.cells
-        n_columns, elements = self.gate.shape[1], source.shape[2:]
-        index, where = np.unique(rows * n_columns + columns, return_inverse=True)
-        row, column = np.divmod(index, n_columns)
+        source, n_columns = self.untapered.cells, self.gate.shape[1]
+        row, column = self.gate.index(bins)
+        cell = (row * n_columns + column)[:, None] + np.array([0, -n_columns, n_columns, -1, 1])
+        # Neighbours share cells, each of which is computed once.
+        once, where = np.unique(cell, return_inverse=True)
+        row, column = np.divmod(once, n_columns)
         weights = np.multiply.outer(*map(taps, self.windows))
         parts = np.ascontiguousarray(source).reshape(*source.shape[:2], -1).view(source.real.dtype)
-        around = sliding_window_view(parts, weights.shape, axis=(0, 1)).transpose(0, 1, 3, 4, 2)
-        tapered = np.empty((index.size, prod(elements)), self.dtype)
-        for some in parts_of(index.size, CACHED_SAMPLES // (weights.size * prod(elements))):
-            taken = around[row[some], column[some]].reshape(len(row[some]), weights.size, -1)
+        mixed = sliding_window_view(parts, weights.shape, axis=(0, 1)).transpose(0, 1, 3, 4, 2)
+        tapered = np.empty((once.size, parts.shape[2] // 2), self.dtype)
+        for some in parts_of(once.size, CACHED_SAMPLES // (weights.size * tapered.shape[1])):
+            taken = mixed[row[some], column[some]].reshape(-1, weights.size, parts.shape[2])
             tapered[some] = (weights.ravel().astype(parts.dtype) @ taken).view(source.dtype)
-        return tapered[where].reshape(*rows.shape, *elements)
+        return tapered[where].reshape(*cell.shape, *source.shape[2:])

@@ -101,21 +101,17 @@ def taper(cells: Complex, window: Window, axis: int) -> Complex:
     if n_side == 0:
         return cells
     require_bins(cells.shape[axis], window)
-    return taps(window)[n_side] * relative_taper(cells, window, axis)
-
-
-def relative_taper(cells: Complex, window: Window, axis: int) -> Complex:
-    """The same as `taper` with windows that have a middle tap of 1, in as few passes as possible."""
-    n_side, kernel = reach(window), taps(window)
-    n_kept = cells.shape[axis] - 2 * n_side
+    kernel, n_kept = taps(window), cells.shape[axis] - 2 * n_side
     before = (slice(None),) * (axis % cells.ndim)
     shifted = [cells[(*before, slice(k, k + n_kept))] for k in range(2 * n_side + 1)]
+    # Relative to the middle tap, sums take the fewest passes through memory.
     tapered: Complex = shifted[n_side]
     for k in range(n_side):
         pair = shifted[k] + shifted[-1 - k]
         pair *= kernel[k] / kernel[n_side]
         pair += tapered
         tapered = pair
+    tapered *= kernel[n_side]
     return tapered
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import suppress
 from importlib import import_module
-from threading import Event
+from threading import Timer
 from typing import Self
 
 from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
@@ -19,41 +20,47 @@ class DrawingProcess(GuardedProcess):
 
     def __init__(self, module: str) -> None:
         super().__init__(_import, module)
-        self._module, self._is_due = module, Event()
-        self._thread = ThreadPoolExecutor(1)
+        self._start = Timer(START_S, self._prepare, [module])
 
     def __enter__(self) -> Self:
-        self._thread.submit(self._prepare)
+        self._start.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._is_due.set()
+        self._start.cancel()
         self.stop()
-        self._thread.shutdown()
+        self._start.join()
 
     def share(self, function: Callable[..., object], calls: Iterable[tuple[object, ...]]) -> None:
         """Call a function with all arguments of a list, some here, others in the process if it is ready."""
         todo, lost = iter(list(calls)), []
 
         def call_there() -> None:
-            for arguments in todo if self.has_begun else ():
+            for arguments in todo:
                 try:
                     self.call(function, *arguments)
                 except ProcessLostError:
                     lost.append(arguments)
 
-        self._is_due.set()
-        there = self._thread.submit(call_there)
-        for arguments in todo:
-            function(*arguments)
-        there.result()
+        self._start.cancel()
+        self._start.join()
+        with ThreadPoolExecutor(1) as thread:
+            try:
+                there = thread.submit(call_there) if self.has_begun else None
+                for arguments in todo:
+                    function(*arguments)
+                if there is not None:
+                    there.result()
+            except BaseException:
+                self.stop()
+                raise
         for arguments in lost:
             function(*arguments)
 
-    def _prepare(self) -> None:
-        if not self._is_due.wait(START_S):
-            _import(self._module)
-            self.call(_import, self._module)  # where this fails, all is drawn here
+    def _prepare(self, module: str) -> None:
+        _import(module)
+        with suppress(CancelledError, ProcessLostError):  # nobody needs it
+            self.call(_import, module)
 
 
 def _import(module: str) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from isacbench.dsp.angles.aperture import Cross, Plane
 from isacbench.dsp.rangedoppler import GatedMap, range_doppler_map
@@ -39,13 +40,15 @@ def test_a_tapered_map_keeps_cells_bins_and_reachable_ones_together():
     gate = Gate(np.arange(40, 52), np.arange(-10, 10), slice(4, 9), slice(6, 15))
     tapered = GatedMap(cells, gate).tapered("hann", "blackman")
     expected = taper(taper(cells, "hann", 0), "blackman", 1)
-    np.testing.assert_allclose(tapered.cells, expected, rtol=1e-12)
-    np.testing.assert_allclose(np.concatenate([*tapered.blocks()]), expected, rtol=1e-12)
+    assert_allclose(tapered.cells, expected, rtol=1e-12)
+    assert_allclose(np.concatenate([*tapered.blocks()]), expected, rtol=1e-12)
     part = slice(2, None), slice(3, 9)
-    np.testing.assert_allclose(np.concatenate([*tapered.blocks(part)]), expected[part], rtol=1e-12)
-    rows, columns = np.array([[0, 9, 3], [3, 0, 3]]), np.array([[15, 0, 4], [4, 0, 4]])
-    np.testing.assert_allclose(tapered.at(rows, columns), expected[rows, columns], rtol=1e-12)
-    assert tapered.at(rows[:, :0], columns[:, :0]).shape == (2, 0, 2, 3)
+    assert_allclose(np.concatenate([*tapered.blocks(part)]), expected[part], rtol=1e-12)
+    rows, columns = np.array([[8], [1], [3]]), np.array([[14], [1], [4]])
+    expected = expected[rows + np.array([0, -1, 1, 0, 0]), columns + np.array([0, 0, 0, -1, 1])]
+    assert_allclose(tapered.around((rows[:, 0] + 41, columns[:, 0] - 8)), expected, rtol=1e-12)
+    none = np.empty(0, dtype=int)
+    assert tapered.around((none, none)).shape == (0, 5, 2, 3)
     assert tapered.gate.shape == tapered.cells.shape[:2] == (10, 16)
     np.testing.assert_array_equal(tapered.gate.reachable, gate.reachable[1:-1, 2:-2])
     assert tapered.aperture == Plane(2, 3)
@@ -82,7 +85,7 @@ def test_a_whole_axis_is_tapered_as_the_window_times_the_grid_and_loses_no_bin(w
     tapered = GatedMap(shifted, gate).tapered(window, "rect")
     np.testing.assert_array_equal(tapered.gate.range_bins, gate.range_bins)
     np.testing.assert_array_equal(tapered.gate.reachable, gate.reachable)
-    np.testing.assert_allclose(tapered.cells, expected, atol=1e-12)
+    assert_allclose(tapered.cells, expected, atol=1e-12)
 
 
 def test_a_whole_axis_repeats_its_far_end_as_neighbours():

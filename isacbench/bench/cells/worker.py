@@ -150,13 +150,17 @@ def _taken(todo: dict[str, deque[tuple[Block, ...]]], taking: Lock) -> Iterator[
 
     What follows from a scenario alone, as the scores of its oracle, is then seldom made by several workers.
     """
-    own: deque[tuple[Block, ...]] = deque()
+    scenario = ""
     while True:
         with taking:
-            own = own or max(todo.values(), key=len)
-            if not own:
-                return
-            piece = own.popleft()
+            if scenario not in todo:
+                if not todo:
+                    return
+                scenario = next(iter(todo))
+                todo[scenario] = todo.pop(scenario)  # at the end, so that others begin with another one
+            piece = todo[scenario].popleft()
+            if not todo[scenario]:
+                del todo[scenario]
         yield from piece
 
 

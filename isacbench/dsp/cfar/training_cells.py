@@ -324,12 +324,12 @@ def training_sums(
         return _listed_sums(power, axes, cells, guards), n_all - prod(n_guarded)
     lines, sums = power, np.zeros(power.shape)
     for number, axis in reversed([*enumerate(axes)]):
-        sums = _sums_along(number, axis, lines, sums)
-        lines = _sums_along(number, axis, lines, lines) if number else lines
+        sums = sums_along(number, axis, lines, sums)
+        lines = sums_along(number, axis, lines, lines) if number else lines
     return sums, n_all - prod(np.ix_(*n_guarded))
 
 
-def _sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Floats:
+def sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Floats:
     """Sums of windows along an axis of C-contiguous `lines`; guard cells are taken from `guarded`."""
     sums, step = np.zeros(lines.shape), prod(lines.shape[number + 1 :])
     n_inner = lines.size - 2 * axis.reach * step
