@@ -160,6 +160,8 @@ class CellSnapshots:
         Map with the tapers of the rule.
     around : ndarray of complex, shape (n, 5, *elements)
         Samples of each cell, and of the next nearer, farther, slower and faster ones.
+    pairs : Eigenpairs or None
+        Those of the covariances of the cells, once an estimator has decomposed them.
     """
 
     rule: SnapshotRule
@@ -167,6 +169,7 @@ class CellSnapshots:
     tapered: TaperedMap
     around: Complex
     levels: Levels
+    pairs: Eigenpairs | None = None
 
     def __len__(self) -> int:
         return len(self.around)
@@ -314,6 +317,7 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
             estimator.local_dynamic_range_db,
             # Grating lobes put echoes of all speeds into every bin: hardly any then looks like one echo.
             cells.rule.one_doppler and not cells.tapered.sees_lobes,
+            cells.rule.resolved_only,
             cells.levels.min_power,
         )
 

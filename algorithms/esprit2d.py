@@ -36,13 +36,14 @@ Trans. SP 44 (1996).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from isacbench.checked_arrays import Mask
-from isacbench.dsp.angles.planar_subspaces import unitary_esprit
+from isacbench.dsp.angles.planar_subspaces import EspritDirections, unitary_esprit
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.model.observation import Observation
 
@@ -76,33 +77,29 @@ class Esprit2d(JointSubspaceEstimator):
     subarray_fraction: float = 0.625
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
-        """Find the directions of all cells, those of one order together."""
-        basis, order = subspaces[0], subspaces[1].copy()
-        u, w = np.zeros((2, len(basis), basis.shape[3]))
-        # From above, so that a cell that is unreliable joins those of the order below.
-        for k in range(int(order.max(initial=1)), 0, -1):
-            cells = np.flatnonzero(order == k)
-            found = unitary_esprit(basis[cells, :, :, :k])
-            u[cells, :k], w[cells, :k] = found.u, found.w
-            order[cells[~found.reliable]] -= 1
-        return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])
+        """Find the directions of the most sources that noise has not separated along the wrong axis."""
+        return _most_directions(subspaces, lambda found: found.reliable)
 
     def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find directions of the most sources that all lie in the region: ghosts of crowds often do not."""
-        basis, order = subspaces
-        waves = self.directions(observation, subspaces)
-        while np.any(outside := (order > 1) & np.any(waves.found & ~_inside(waves, observation), axis=1)):
-            order = order - outside
-            fewer = self.directions(observation, Subspaces(basis[outside], order[outside]))
-            for values, new in zip(
-                (waves.u, waves.w, waves.found), (fewer.u, fewer.w, fewer.found), strict=True
-            ):
-                values[outside] = new
-        return PlaneWaves(waves.u, waves.w, waves.found & _inside(waves, observation))
+        (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
+
+        def inside(waves: EspritDirections | PlaneWaves) -> Mask:
+            in_u: Mask = (waves.u >= lowest_u) & (waves.u <= highest_u)
+            return in_u & (waves.w >= lowest_w) & (waves.w <= highest_w)
+
+        waves = _most_directions(subspaces, lambda found: found.reliable & inside(found).all(axis=1))
+        return replace(waves, found=waves.found & inside(waves))
 
 
-def _inside(waves: PlaneWaves, observation: Observation) -> Mask:
-    """Mask (n, k) of the plane waves from directions that the region spans."""
-    (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
-    inside: Mask = (waves.u >= lowest_u) & (waves.u <= highest_u)
-    return inside & (waves.w >= lowest_w) & (waves.w <= highest_w)
+def _most_directions(subspaces: Subspaces, accepted: Callable[[EspritDirections], Mask]) -> PlaneWaves:
+    """Directions of the most sources of each cell that are accepted together; a lone one always is."""
+    basis, order = subspaces[0], subspaces[1].copy()
+    u, w = np.zeros((2, len(basis), basis.shape[3]))
+    # From above, so that a cell that is refused joins those of the order below.
+    for k in range(int(order.max(initial=1)), 0, -1):
+        cells = np.flatnonzero(order == k)
+        found = unitary_esprit(basis[cells, :, :, :k])
+        u[cells, :k], w[cells, :k] = found.u, found.w
+        order[cells[~accepted(found)]] = max(k - 1, 1)
+    return PlaneWaves(u, w, np.arange(basis.shape[3]) < order[:, None])

@@ -34,8 +34,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import iaa_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
@@ -88,8 +86,8 @@ class Iaa2d(AngularSpectrumEstimator):
         if not self.polish:
             return waves
         with stage("refinement"):
-            data = cells.own[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
-            return resolve_directions(data, waves, cells.levels.floor, self.angle_pfa, self.polish)
+            floor = cells.levels.floor
+            return resolve_directions(cells.own[:, None], waves, floor, self.angle_pfa, self.polish)
 
     def angular_spectrum(self, cells: CellSnapshots, u: Floats, w: Floats) -> AngularSpectrum:
         """Compute the spectrum of each cell by the iterative adaptive approach.

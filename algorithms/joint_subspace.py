@@ -97,13 +97,6 @@ class Subspaces(NamedTuple):
     order: Integers
 
 
-@dataclass(frozen=True, eq=False)
-class DecomposedSnapshots(CellSnapshots):
-    """Snapshots of cells with the eigenpairs of their covariances."""
-
-    pairs: Eigenpairs
-
-
 @dataclass(frozen=True)
 class JointSubspaceEstimator(CellwiseEstimator):
     """Parameters and steps that the planar subspace methods share; subclasses find the directions.
@@ -163,8 +156,8 @@ class JointSubspaceEstimator(CellwiseEstimator):
         """Read the cells by each snapshot rule; single cells are read and decomposed once."""
         resolved, crowds, single = self.snapshot_rules()
         alone = read_cells(rdm, detected, resolved)
-        decomposed = DecomposedSnapshots(**vars(alone), pairs=self.eigenpairs(alone))
-        return decomposed, read_cells(rdm, detected, crowds), replace(decomposed, rule=single)
+        alone = replace(alone, pairs=self.eigenpairs(alone))
+        return alone, read_cells(rdm, detected, crowds), replace(alone, rule=single)
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find directions down to the noise in snapshots of resolved cells, and those of crowds in others.
@@ -174,19 +167,18 @@ class JointSubspaceEstimator(CellwiseEstimator):
         PlaneWaves
             One row a cell.
         """
-        pairs = cells.pairs if isinstance(cells, DecomposedSnapshots) else self.eigenpairs(cells)
+        pairs = cells.pairs or self.eigenpairs(cells)
         with stage("peaks"):
             if cells.rule.resolved_only:
                 waves = self.resolved_waves(observation, cells, pairs)
             else:
-                waves = self.unresolved_waves(observation, cells, pairs)
+                subspaces = self.subspaces(cells, pairs, cells.levels.floor)
+                waves = self.unresolved_directions(observation, subspaces)
             power = np.abs(waves.amplitudes(cells.own[None], self.aperture(observation))[0]) ** 2
             strongest = power.max(axis=1, keepdims=True, initial=0)
             found = waves.found & (power > cells.levels.min_power)
             found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
             found &= waves.u**2 + waves.w**2 <= 1
-            if cells.rule.resolved_only and waves.resolved is not None:
-                found &= waves.resolved[:, None]
             return replace(waves, found=found)
 
     def resolved_waves(self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs) -> PlaneWaves:
@@ -195,7 +187,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
         Returns
         -------
         PlaneWaves
-            Resolved are the cells that it explains down to the noise.
+            None in cells that they do not explain down to the noise.
         """
         white, snapshots = cells.levels.white, cells.own
         power = np.mean(np.abs(snapshots) ** 2, axis=(1, 2))
@@ -204,19 +196,10 @@ class JointSubspaceEstimator(CellwiseEstimator):
         waves = replace(waves, found=waves.found & (power > LEAST_EXPLAINED * white / 2)[:, None])
         if self.polish:
             with stage("refinement"):
-                data = snapshots[:, None].astype(np.complex128, copy=False)  # its steps converge to 1e-10
-                waves = resolve_directions(data, waves, white, self.angle_pfa, self.polish)
+                waves = resolve_directions(snapshots[:, None], waves, white, self.angle_pfa, self.polish)
         unexplained = waves.unexplained(snapshots, self.aperture(observation))
         resolved = (unexplained < MOST_LEFT_OF_CELL * white) & (power > LEAST_EXPLAINED * unexplained)
-        return replace(waves, resolved=resolved)
-
-    def unresolved_waves(
-        self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs
-    ) -> PlaneWaves:
-        """Find directions in cells that may hold more sources than can be resolved."""
-        subspaces = self.subspaces(cells, pairs, cells.levels.floor)
-        waves = self.unresolved_directions(observation, subspaces)
-        return replace(waves, resolved=np.zeros(len(cells), dtype=np.bool_))
+        return replace(waves, found=waves.found & resolved[:, None])
 
     def snapshot_rules(self) -> tuple[SnapshotRule, ...]:
         """Resolved cells first, then crowds: means of three range cells, then single cells."""

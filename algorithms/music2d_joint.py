@@ -97,23 +97,19 @@ class Music2dJoint(JointSubspaceEstimator):
 
     def directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, split in cells with fewer nulls than sources."""
-        basis, order = subspaces
-        nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
-        n_p, n_q = observation.array.shape
-        return _split(nulls, order, np.array([2 / n_p, 2 / n_q]))
+        rayleigh = 2 / np.array(observation.array.shape)
+        return _split(self._nulls(observation, subspaces), subspaces.order, rayleigh)
 
     def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, none of them split."""
-        basis, order = subspaces
-        nulls = null_minima(basis, *self._grid(observation, basis.shape[1:3]), order)
+        nulls = self._nulls(observation, subspaces)
         return PlaneWaves(nulls.u, nulls.w, nulls.found)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction."""
-        basis, order = self.subspaces(cells, self.eigenpairs(cells), cells.levels.white)
+        subspaces = self.subspaces(cells, self.eigenpairs(cells), cells.levels.white)
+        nulls, basis = self._nulls(observation, subspaces), subspaces.basis
         n_sensors = basis.shape[1] * basis.shape[2]
-        grid = self._grid(observation, basis.shape[1:3])
-        nulls = null_minima(basis, *grid, order)
         waves = self.all_waves(observation, cells)
         if not nulls.found[0].any():
             return ()
@@ -122,23 +118,24 @@ class Music2dJoint(JointSubspaceEstimator):
             level_db = -10 * np.log10(np.maximum(null / n_sensors, SMALLEST_NULL))
             return Spectrum(cosine, level_db, None, places[0][waves.found[0]], label)
 
-        u, w = grid
+        u, w = self._grid(observation, subspaces)
         return (
             cut(u, planar_null_spectrum(basis, u, nulls.w[0, :1])[0, :, 0], waves.u, "u"),
             cut(w, planar_null_spectrum(basis, nulls.u[0, :1], w)[0, 0], waves.w, "w"),
         )
 
-    def _grid(self, observation: Observation, subarray: tuple[int, ...]) -> tuple[Floats, Floats]:
+    def _nulls(self, observation: Observation, subspaces: Subspaces) -> Minima:
+        """As many of the deepest nulls of each joint spectrum as its subspace has dimensions, or fewer."""
+        return null_minima(subspaces.basis, *self._grid(observation, subspaces), subspaces.order)
+
+    def _grid(self, observation: Observation, subspaces: Subspaces) -> tuple[Floats, Floats]:
         """Samples over the directions that the region spans."""
-        widest = [4 / (n * self.samples_per_lobe) for n in subarray]
+        widest = [4 / (n * self.samples_per_lobe) for n in subspaces.basis.shape[1:3]]
         return direction_samples(observation.cosine_limits, widest)
 
 
 def _split(nulls: Minima, order: Integers, rayleigh: Floats) -> PlaneWaves:
     """Directions of nulls, as many as the order of each cell, the flattest nulls split along a line."""
-    if not nulls.found.size:  # of no cell is a subspace separated
-        nowhere = np.zeros((len(order), 1))
-        return PlaneWaves(nowhere, nowhere, np.zeros(nowhere.shape, dtype=np.bool_))
     n_nulls = nulls.found.sum(axis=1, keepdims=True)
     missing = np.where(n_nulls > 0, order[:, None] - n_nulls, 0)
     # In Rayleigh cells, so that both axes count alike.

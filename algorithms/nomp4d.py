@@ -57,7 +57,6 @@ from isacbench.dsp.fitting.pursuit import (
     MOST_LEFT,
     TIE_DIGITS,
     BeamSpace,
-    above_sidelobes,
     are_near,
     are_split,
     choose_moves,
@@ -67,6 +66,7 @@ from isacbench.dsp.fitting.pursuit import (
     noise_maximum,
     reachable_places,
     redundant_pairs,
+    sidelobe_energy,
     split_gains,
     strongest_around,
 )
@@ -153,10 +153,10 @@ class Pursuit:
         Least energy of a new atom.
     highest_noise : float
         Highest energy of noise at any place, on or off the grid.
-    places, origins : ndarray of float64, shape (n, 4)
-        Present places of the atoms, and the centres of their boxes.
-    fit : AtomFit or None
-        Fit of the atoms, None without atoms.
+    fit : AtomFit
+        Fit of the atoms.
+    origins : ndarray of float64, shape (n, 4)
+        Centres of their boxes.
     failed, unsplit : ndarray of float64, shape (m, 4)
         Places of failed new atoms, and of failed splits.
     around : ndarray of float64, shape (n,)
@@ -169,9 +169,8 @@ class Pursuit:
     noise: float
     threshold: float
     highest_noise: float
-    places: Floats = field(default_factory=NO_PLACES.copy)
+    fit: AtomFit
     origins: Floats = field(default_factory=NO_PLACES.copy)
-    fit: AtomFit | None = None
     failed: Floats = field(default_factory=NO_PLACES.copy)
     unsplit: Floats = field(default_factory=NO_PLACES.copy)
     around: Floats = field(default_factory=lambda: np.empty(0))
@@ -180,51 +179,51 @@ class Pursuit:
         """Outputs of the beams minus the echoes of all atoms; measures `around`."""
         with stage("spectrum"):
             residual = self.space.residual(self.fit)
-            self.around = self.space.mean_around(residual, self.places)
+            self.around = self.space.mean_around(residual, self.fit.places)
             return residual
 
     def release(self) -> None:
         """Centre new boxes on the atoms that explain almost all energy around them."""
-        if self.fit is not None:
-            is_flat = (self.around < FLAT * self.fit.power) | (self.around < FLAT_NOISE * self.noise)
-            self.origins = np.where(is_flat[:, None], self.places, self.origins)
+        is_flat = (self.around < FLAT * self.fit.power) | (self.around < FLAT_NOISE * self.noise)
+        self.origins = np.where(is_flat[:, None], self.fit.places, self.origins)
 
-    def apply(self, moves: _Moves) -> None:
-        """Add the new atoms, and replace those that are split by two."""
+    def apply(self, moves: _Moves) -> Floats:
+        """Places of all atoms after the new ones are added, and those that are split replaced by two."""
         parts = [moves.centres - moves.offsets, moves.centres + moves.offsets, moves.new]
-        self.places, self.origins = (
+        places, origins = (
             np.concatenate([np.delete(old, moves.split, axis=0), *parts])
-            for old in (self.places, self.origins)
+            for old in (self.fit.places, self.origins)
         )
         # Two splits a cell apart may meet in one place, where rounding would decide between them.
-        _, first = np.unique(np.round(self.places, TIE_DIGITS), axis=0, return_index=True)
+        _, first = np.unique(np.round(places, TIE_DIGITS), axis=0, return_index=True)
         single = np.sort(first)
-        self.places, self.origins = self.places[single], self.origins[single]
+        self.origins = origins[single]
+        return places[single]
 
-    def move_to_best_lobes(self) -> None:
+    def move_to_best_lobes(self, places: Floats) -> Floats:
         """Move each atom, with its box, to the grating lobe that fits the map best."""
         atom_map = self.space.atom_map
-        owner, doppler = lobes_within(self.places[:, 1], atom_map.bursts, self.observation.gate)
-        places = self.places[owner]
-        places[:, 1] = doppler
-        lines = atom_map.lines(places)
+        owner, doppler = lobes_within(places[:, 1], atom_map.bursts, self.observation.gate)
+        at_lobes = places[owner]
+        at_lobes[:, 1] = doppler
+        lines = atom_map.lines(at_lobes)
         gram = product_matrix(atom_map.products(lines), None, None)
         # Relative to the energy within the gate: of two lobes the one that explains more is chosen.
         scale = 1 / np.sqrt(gram.diagonal())
         gram *= np.multiply.outer(scale, scale)
-        moved = places[best_lobes(scale * atom_map.correlate(lines).value, gram, owner)]
-        self.places, self.origins = moved, self.origins + moved - self.places
+        moved = at_lobes[best_lobes(scale * atom_map.correlate(lines).value, gram, owner)]
+        self.origins = self.origins + moved - places
+        return moved
 
     def finish(self) -> None:
         """Give atoms that have all settled their last digits."""
-        if self.fit is None:
+        if not len(self.fit):
             return
         with stage("refinement"):
-            atom_map = self.space.atom_map
-            fit = refine_atoms(atom_map, self.places, FINISHING_STEPS, damping=LEAST_DAMPING)
-            if np.abs(fit.places - self.places).max() < CONVERGED_CELLS:
+            atom_map, places = self.space.atom_map, self.fit.places
+            fit = refine_atoms(atom_map, places, FINISHING_STEPS, damping=LEAST_DAMPING)
+            if np.abs(fit.places - places).max() < CONVERGED_CELLS:
                 self.fit = polish_atoms(atom_map, fit, FINISHING_STEPS)
-                self.places = self.fit.places
 
     @property
     def explains_all(self) -> bool:
@@ -234,11 +233,8 @@ class Pursuit:
 
     def to_cloud(self) -> PointCloud:
         """Points at the places of the atoms, with their powers."""
-        fit, observation = self.fit, self.observation
-        if fit is None:
-            return PointCloud.empty()
         with stage("peaks"):
-            return atoms_as_cloud(observation, self.space.atom_map, fit, self.unit)
+            return atoms_as_cloud(self.observation, self.fit, self.unit)
 
     def remember(self, moves: _Moves, n_before: int) -> None:
         """Note the moves of a round that failed.
@@ -250,9 +246,9 @@ class Pursuit:
         n_before : int
             Atoms before it.
         """
-        is_pair = are_split(moves.centres, self.places)
+        is_pair = are_split(moves.centres, self.fit.places)
         self.unsplit = np.concatenate([self.unsplit, moves.centres[~is_pair]])
-        if len(self.places) == n_before and not is_pair.any():
+        if len(self.fit) == n_before and not is_pair.any():
             self.failed = np.concatenate([self.failed, moves.new])
 
 
@@ -312,7 +308,7 @@ class Nomp4d:
             moves = self._moves(pursuit, residual)  # new atoms, and atoms that become two
             if not moves.number:
                 break
-            n_sought = len(pursuit.places) + moves.number
+            n_sought = len(pursuit.fit) + moves.number
             self._round(pursuit, moves)  # joint Newton steps, pruning
             if n_sought >= self.max_scatterers:
                 break
@@ -327,13 +323,13 @@ class Nomp4d:
         with stage("peaks"):
             new_places, new_gain = self._new_atoms(pursuit, residual)
             offsets, split_gain = _splits(pursuit)
-            places = np.concatenate([new_places, pursuit.places])
+            places = np.concatenate([new_places, pursuit.fit.places])
             is_new = np.arange(len(places)) < len(new_places)
-            room = max(self.max_scatterers - len(pursuit.places), 0)
+            room = max(self.max_scatterers - len(pursuit.fit), 0)
             gain = np.concatenate([new_gain, split_gain])
             chosen = choose_moves(places, gain, is_new, pursuit.space.atom_map, room)
             split = chosen[~is_new[chosen]] - len(new_places)
-            return _Moves(places[chosen[is_new[chosen]]], split, pursuit.places[split], offsets[split])
+            return _Moves(places[chosen[is_new[chosen]]], split, pursuit.fit.places[split], offsets[split])
 
     def _new_atoms(self, pursuit: Pursuit, residual: Complex) -> tuple[Floats, Floats]:
         """Places (n, 4) and gains (n,) of new atoms: peaks of the residual that are not sidelobes."""
@@ -353,43 +349,44 @@ class Nomp4d:
         bursts = pursuit.space.atom_map.bursts
         eligible = reachable_places(places, pursuit.observation.gate)
         eligible &= ~are_near(places, pursuit.failed, FAILED_CELLS)
-        if pursuit.fit is not None:
-            strongest = strongest_around(places[eligible], pursuit.fit, bursts)
-            eligible[eligible] = gain[eligible] > self._weakest(strongest)
+        strongest = strongest_around(places[eligible], pursuit.fit)
+        eligible[eligible] = gain[eligible] > self._weakest(strongest)
         candidates, others = np.flatnonzero(eligible), np.flatnonzero(~eligible)
         left = drop_lobe_images(places, gain, candidates, others, bursts)[:MOST_LEFT]
-        return above_sidelobes(places, gain, candidates, left, bursts), len(left)
+        # Peaks that no move explains have sidelobes, too.
+        shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
+        return candidates[gain[candidates] >= shown], len(left)
 
     def _round(self, pursuit: Pursuit, moves: _Moves) -> None:
         """Make the moves of a round (possibly none), refine all atoms, and remember the moves that failed."""
         with stage("refinement"):
-            n_before = len(pursuit.places)
+            n_before = len(pursuit.fit)
             pursuit.release()
-            pursuit.apply(moves)
-            if len(pursuit.places):
-                self._refine(pursuit)
+            places = pursuit.apply(moves)
+            if len(places):
+                self._refine(pursuit, places)
             pursuit.remember(moves, n_before)
 
-    def _refine(self, pursuit: Pursuit) -> None:
-        """Move all atoms, each within its box, and drop weak and redundant ones."""
+    def _refine(self, pursuit: Pursuit, places: Floats) -> None:
+        """Move all atoms from places (n, 4), each within its box, and drop weak and redundant ones."""
         atom_map = pursuit.space.atom_map
         if not atom_map.bursts.is_whole_frame:
-            pursuit.move_to_best_lobes()
+            places = pursuit.move_to_best_lobes(places)
         box = pursuit.origins - BOX_CELLS, pursuit.origins + BOX_CELLS
-        fit = refine_atoms(atom_map, pursuit.places, STEPS, box, known=pursuit.fit)
-        while True:
+        fit = refine_atoms(atom_map, places, STEPS, box, known=pursuit.fit)
+        while len(fit):
             places = fit.places
-            weakest = self._weakest(strongest_around(places, fit, atom_map.bursts))
+            weakest = self._weakest(strongest_around(places, fit))
             stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
             stays &= np.all(np.abs(places[:, 2:] * atom_map.cell_size[2:]) <= 1, axis=1)
             if stays.all():
                 drop, places = redundant_pairs(fit, pursuit.noise)
                 stays = ~drop
-            pursuit.places, pursuit.origins = places[stays], pursuit.origins[stays]
-            pursuit.fit = fit if stays.any() else None
-            if stays.all() or not stays.any():
-                return
-            fit = fit_atoms(atom_map, pursuit.places, known=fit)
+            if stays.all():
+                break
+            pursuit.origins = pursuit.origins[stays]
+            fit = fit_atoms(atom_map, places[stays], known=fit)
+        pursuit.fit = fit
 
     def _weakest(self, strongest: Floats) -> Floats:
         """Least energy of an atom near a stronger one."""
@@ -402,18 +399,15 @@ def _begin(observation: Observation, pfa: float) -> Pursuit:
     with stage("spectrum"):
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
     threshold = noise * np.log(space.n_independent / pfa)
-    return Pursuit(
-        observation, space, unit, noise, threshold, noise * noise_maximum(space.n_independent, pfa)
-    )
+    highest_noise = noise * noise_maximum(space.n_independent, pfa)
+    no_atoms = fit_atoms(atom_map, NO_PLACES)
+    return Pursuit(observation, space, unit, noise, threshold, highest_noise, no_atoms)
 
 
 def _splits(pursuit: Pursuit) -> tuple[Floats, Floats]:
     """Offsets (n, 4) of the two parts of each atom, and the energy (n,) that each split gains."""
-    space, fit = pursuit.space, pursuit.fit
-    if fit is None:
-        return NO_PLACES, np.empty(0)
-    offsets, gain = split_gains(space.atom_map, fit, pursuit.around, SPLIT_CERTAINTY * pursuit.threshold)
-    return offsets, np.where(are_near(fit.places, pursuit.unsplit, FAILED_SPLIT_CELLS), 0, gain)
+    offsets, gain = split_gains(pursuit.fit, pursuit.around, SPLIT_CERTAINTY * pursuit.threshold)
+    return offsets, np.where(are_near(pursuit.fit.places, pursuit.unsplit, FAILED_SPLIT_CELLS), 0, gain)
 
 
 def read_atom_map(observation: Observation) -> tuple[AtomMap, float, float]:
@@ -426,17 +420,9 @@ def read_atom_map(observation: Observation) -> tuple[AtomMap, float, float]:
         return atom_map, unit, white_noise(gated)
 
 
-def atoms_as_cloud(observation: Observation, atom_map: AtomMap, fit: AtomFit, unit: float) -> PointCloud:
-    """Points at the places of atoms, with their powers.
-
-    Parameters
-    ----------
-    atom_map : AtomMap
-        Of the observation.
-    unit : float
-        Amplitude in the observation that is 1 in the map.
-    """
-    range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T
+def atoms_as_cloud(observation: Observation, fit: AtomFit, unit: float) -> PointCloud:
+    """Points at the places of atoms, with their powers; `unit` is the amplitude that is 1 in their map."""
+    range_bin, doppler_bin, u, w = (fit.places * fit.atom_map.cell_size).T
     gain = prod(observation.array.shape) * observation.system.processing_gain
     # Unit by unit: its square may overflow where the power does not.
     return observation.cloud(range_bin, doppler_bin, u, w, fit.power / gain * unit * unit)

@@ -150,7 +150,7 @@ class Omp4d(MapEstimator):
             return LocatedScatterers.empty()
         with stage("refinement"):
             fit = fit_atoms(atom_map, places)
-            strongest = strongest_around(places, fit, atom_map.bursts)
+            strongest = strongest_around(places, fit)
             stays = fit.shown_energy >= strongest * 10 ** (-self.local_dynamic_range_db / 10)
             fit = fit_atoms(atom_map, places[stays], known=fit)
         range_bin, doppler_bin, u, w = (fit.places * atom_map.cell_size).T

@@ -134,21 +134,20 @@ class Sbl4d:
         if not scene.noise:
             return PointCloud.empty()  # all cells are 0
         fit = self._first_image(scene)
-        fit = None if fit is None else self._second_image(scene, fit)
-        return self._checked(scene, fit)
+        return self._checked(scene, self._second_image(scene, fit) if len(fit) else fit)
 
-    def _first_image(self, scene: _Scene) -> AtomFit | None:
+    def _first_image(self, scene: _Scene) -> AtomFit:
         """Learn the tapered map, and let its atoms settle."""
         with stage("spectrum"):
             taper = BinTaper.hann(scene.atom_map.range_bins)
             places, strength = first_atoms(scene.atom_map, scene.reach, scene.grid, scene.noise, taper)
         return self._settled(scene, self._strongest(places, strength))
 
-    def _second_image(self, scene: _Scene, fit: AtomFit) -> AtomFit | None:
+    def _second_image(self, scene: _Scene, fit: AtomFit) -> AtomFit:
         """Learn the residual, then all atoms block by block, and let them settle again."""
         atom_map = scene.atom_map
         with stage("spectrum"):
-            rest = atom_map.without(atom_map.lines(fit.places), fit.amplitude)
+            rest = atom_map.without(fit.lines, fit.amplitude)
             taper = BinTaper.none(atom_map.range_bins)
             places, strength = first_atoms(rest, scene.reach, scene.grid, scene.noise, taper)
             distance = np.abs(places[:, None] - fit.places)
@@ -159,14 +158,10 @@ class Sbl4d:
             loaded = fit_atoms(atom_map, found, FIRST_RIDGE)
             atoms = learn_blocks(Atoms.of(atom_map, found, loaded.amplitude), scene.reach, scene.noise)
         settled = self._settled(scene, self._strongest(atoms.places, np.abs(atoms.amplitude)))
-        if settled is None:
-            return None
         with stage("refinement"):
-            return drop_model_error(settled, atom_map, scene.reach)
+            return drop_model_error(settled, scene.reach)
 
-    def _settled(self, scene: _Scene, places: Floats) -> AtomFit | None:
-        if not len(places):
-            return None
+    def _settled(self, scene: _Scene, places: Floats) -> AtomFit:
         with stage("refinement"):
             return refine_on_map(scene.atom_map, scene.reach, places, scene.noise)
 
@@ -176,19 +171,17 @@ class Sbl4d:
         chosen = np.argsort(-strength, kind="stable")[: self.max_scatterers]
         return places[np.sort(chosen)]
 
-    def _checked(self, scene: _Scene, fit: AtomFit | None) -> PointCloud:
+    def _checked(self, scene: _Scene, fit: AtomFit) -> PointCloud:
         """The atoms as an image, or that of `esprit2d` where they leave too much of the map."""
         atom_map = scene.atom_map
-        rest = atom_map if fit is None else atom_map.without(atom_map.lines(fit.places), fit.amplitude)
+        rest = atom_map.without(fit.lines, fit.amplitude)
         shown = _energy_above_noise(atom_map.cells, scene.noise)
         fails = _energy_above_noise(rest.cells, scene.noise) > MOST_UNEXPLAINED * shown
         remark("unexplained", int(fails), 1)
         if fails:
             return Esprit2d().estimate(scene.observation)
-        if fit is None:
-            return PointCloud.empty()
         with stage("peaks"):
-            return atoms_as_cloud(scene.observation, atom_map, fit, scene.unit)
+            return atoms_as_cloud(scene.observation, fit, scene.unit)
 
 
 def _scene_of(observation: Observation) -> _Scene:

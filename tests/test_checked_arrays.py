@@ -63,7 +63,7 @@ DOORS = {
     "a grid": lambda make: observe_cube(FRAME, EMPTY, make(np.ones(SHAPE[:2]))),
     "cells": lambda make: replace(OBSERVATION, cells=make(OBSERVATION.cells.real)),
     "snapshots of lines": lambda make: smoothed_covariance(make(np.ones((1, 4, 2))), 3),
-    "snapshots of planes": lambda make: planar_covariance(make(np.ones((1, 4, 4))), (3, 3)),
+    "snapshots of planes": lambda make: planar_covariance(make(np.ones((1, 1, 4, 4))), (3, 3)),
     "bins of a gate": lambda make: Gate(make(np.arange(3)), np.arange(3), slice(3), slice(3)),
     "bins of a transform": lambda make: range_rows(make(np.arange(3)), 8),
     "points of a region": lambda make: EMPTY.region.contains(make(np.ones((2, 3)))),
@@ -255,7 +255,7 @@ WAVES = PlaneWaves(np.full((2, 1), 0.1), np.full((2, 1), 0.2), np.ones((2, 1), d
     "of",
     [
         lambda x: smoothed_covariance(x, 4),
-        lambda x: planar_covariance(x, (4, 4)),
+        lambda x: planar_covariance(x[None], (4, 4)),
         lambda x: bartlett_spectrum(x, COSINES, COSINES).power,
         lambda x: capon_spectrum(x, (3, 3), 0.1, COSINES, COSINES).power,
         lambda x: WAVES.amplitudes(x[None], Plane(6, 6)),

@@ -143,8 +143,6 @@ class SymbolBursts:
         >>> quarters.slopes([0.0, 4.0])[0].round(3).tolist()
         [1.0, -0.927]
         """
-        if self.is_whole_frame:
-            return dirichlet_slopes(distance, self.n_symbols, order)
         distance = np.asarray(distance, dtype=np.float64)
         one = self._stretched(distance, self.length, self.length, order)
         if self.n_bursts == 1:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv, dpotrf, dpotri, dtrtri
+from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 
 from isacbench.checked_arrays import Floats, Mask
 
@@ -41,13 +41,16 @@ def _invert_upper(factors: Floats) -> None:
     np.matmul(first, -between @ second, out=between)
 
 
-def inverse_of_positive(matrix: Floats) -> NDArray[Any]:
-    """Inverse of one matrix (d, d), by pivots where rounding leaves it indefinite."""
-    factor, failed = dpotrf(matrix.T)
-    if failed:
-        return np.linalg.inv(matrix)
-    upper = np.triu(dpotri(factor, overwrite_c=True)[0])
-    return upper + np.triu(upper, 1).T
+def root_of_inverse(matrix: Floats, least: float) -> Floats:
+    """Root W of the inverse W Wᵀ of one matrix (d, d).
+
+    Where rounding leaves it indefinite, eigenvalues count as `least` at least.
+    """
+    try:
+        return roots_of_inverses(matrix[None].copy())[0]
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix)
+        return vectors / np.sqrt(np.maximum(values, least))
 
 
 def solve_positive(matrix: Floats, right: Floats) -> NDArray[Any]:

@@ -226,6 +226,7 @@ def locate_waves(
     bins: Bins,
     dynamic_range_db: float,
     one_doppler: bool = False,
+    resolved: bool = False,
     min_power: float = 0.0,
 ) -> ScatterersInCells:
     """Locate plane waves in range and Doppler by their amplitudes in the neighbouring cells.
@@ -251,6 +252,8 @@ def locate_waves(
     one_doppler : bool, default False
         Keep only plane waves that look like one echo along Doppler. This drops
         waves between two movers, which have the direction of neither.
+    resolved : bool, default False
+        Whether the plane waves explain their cells down to the noise, so that even close ones are apart.
     min_power : float, default 0
         Power per element that a plane wave must exceed.
     """
@@ -273,7 +276,6 @@ def locate_waves(
     bursts = tapered.untapered.bursts if tapered.sees_lobes else None
     doppler_offset = _offset(own, faster, slower, windows[1], bursts)
     loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
-    is_resolved = np.zeros(len(cell), dtype=np.bool_) if waves.resolved is None else waves.resolved[cell]
     found = ScatterersInCells(
         LocatedScatterers(
             bins[0][cell] + range_offset,
@@ -281,7 +283,7 @@ def locate_waves(
             waves.u[cell, entry],
             waves.w[cell, entry],
             (own / loss) ** 2,
-            np.where(is_resolved, cell, -1),
+            np.where(resolved, cell, -1),
         ),
         np.column_stack(bins)[cell],
         levels[[1, 0, 2]].T,

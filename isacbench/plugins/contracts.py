@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import (
     TYPE_CHECKING,
     ClassVar,
@@ -60,14 +59,12 @@ class Needs:
     cells: Literal["gate", "detected", "none"] = "gate"
 
     def __post_init__(self) -> None:
-        for name, allowed in _options_of_needs().items():
+        for name, allowed in _OPTIONS_OF_NEEDS.items():
             value = getattr(self, name)
             require(value in allowed, f"needs.{name}", value, f"one of {', '.join(map(str, allowed))}")
 
 
-@lru_cache
-def _options_of_needs() -> dict[str, tuple[str | None, ...]]:
-    return {name: get_args(hint) for name, hint in get_type_hints(Needs).items()}
+_OPTIONS_OF_NEEDS = {name: get_args(hint) for name, hint in get_type_hints(Needs).items()}
 
 
 @runtime_checkable

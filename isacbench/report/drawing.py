@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-from threading import Timer
+from threading import Event
 from typing import Self
 
 from isacbench.bench.cells.process import GuardedProcess, ProcessLostError
@@ -20,47 +19,41 @@ class DrawingProcess(GuardedProcess):
 
     def __init__(self, module: str) -> None:
         super().__init__(_import, module)
-        self._start = Timer(START_S, self._prepare, [module])
+        self._module, self._is_due = module, Event()
+        self._thread = ThreadPoolExecutor(1)
 
     def __enter__(self) -> Self:
-        self._start.start()
+        self._thread.submit(self._prepare)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._start.cancel()
+        self._is_due.set()
         self.stop()
-        self._start.join()
+        self._thread.shutdown()
 
     def share(self, function: Callable[..., object], calls: Iterable[tuple[object, ...]]) -> None:
         """Call a function with all arguments of a list, some here, others in the process if it is ready."""
         todo, lost = iter(list(calls)), []
 
         def call_there() -> None:
-            for arguments in todo:
+            for arguments in todo if self.has_begun else ():
                 try:
                     self.call(function, *arguments)
                 except ProcessLostError:
                     lost.append(arguments)
 
-        self._start.cancel()
-        self._start.join()
-        with ThreadPoolExecutor(1) as thread:
-            try:
-                there = thread.submit(call_there) if self.has_begun else None
-                for arguments in todo:
-                    function(*arguments)
-                if there is not None:
-                    there.result()
-            except BaseException:
-                self.stop()
-                raise
+        self._is_due.set()
+        there = self._thread.submit(call_there)
+        for arguments in todo:
+            function(*arguments)
+        there.result()
         for arguments in lost:
             function(*arguments)
 
-    def _prepare(self, module: str) -> None:
-        _import(module)
-        with suppress(CancelledError, ProcessLostError):  # nobody needs it
-            self.call(_import, module)
+    def _prepare(self) -> None:
+        if not self._is_due.wait(START_S):
+            _import(self._module)
+            self.call(_import, self._module)  # where this fails, all is drawn here
 
 
 def _import(module: str) -> None:

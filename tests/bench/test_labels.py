@@ -30,33 +30,18 @@ def test_a_label_is_a_specification_that_means_the_same(spec):
     assert (label == "music2d") == (spec == "music2d")
 
 
-def test_the_default_has_the_bare_name_where_another_variant_has_a_detector_of_its_name():
-    assert labels("music2d", "music2d[detector=osca]") == [
-        "music2d",
-        "music2d[detector=osca]",
-    ]
-    assert labels("music2d", "music2d[detector=osca]", "music2d[pfa=0.01]") == [
-        "music2d",
-        "music2d[detector=osca]",
-        "music2d[pfa=0.01]",
-    ]
-
-
-def test_a_default_is_left_out_whatever_the_other_variants_are():
-    assert labels("music2d", "music2d[grid_points=[75,101]]") == [
-        "music2d",
-        "music2d[grid_points=75]",
-        "music2d[grid_points=101]",
-    ]
-    assert labels("music2d", "music2d[pfa=0.01]", "music2d[grid_points=101]") == [
-        "music2d",
-        "music2d[pfa=0.01]",
-        "music2d[grid_points=101]",
-    ]
-
-
-def test_of_two_variants_the_default_has_the_bare_name():
-    assert labels("music2d[search=root]", "music2d") == ["music2d[search=root]", "music2d"]
+@pytest.mark.parametrize(
+    "specs",
+    [
+        ("music2d", "music2d[detector=osca]"),
+        ("music2d", "music2d[detector=osca]", "music2d[pfa=0.01]"),
+        ("music2d", "music2d[grid_points=75]", "music2d[grid_points=101]"),
+        ("music2d", "music2d[pfa=0.01]", "music2d[grid_points=101]"),
+        ("music2d[search=root]", "music2d"),
+    ],
+)
+def test_the_default_has_the_bare_name_and_is_left_out_whatever_the_other_variants_are(specs):
+    assert labels(*specs) == [*specs]
 
 
 def test_what_is_not_registered_is_told_apart_from_its_namesakes():

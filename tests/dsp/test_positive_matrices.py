@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from isacbench.dsp.positive_matrices import (
-    inverse_of_positive,
     is_positive,
+    root_of_inverse,
     roots_of_inverses,
     solve_positive,
 )
@@ -18,16 +18,16 @@ def test_inverses_are_those_of_elimination(size):
     np.testing.assert_array_equal(roots, np.triu(roots))
     inverses = roots @ roots.transpose(0, 2, 1)
     np.testing.assert_allclose(inverses @ matrices, np.tile(np.eye(size), (3, 1, 1)), atol=1e-12)
-    inverse = inverse_of_positive(matrices[0])
-    np.testing.assert_allclose(inverse @ matrices[0], np.eye(size), atol=1e-12)
-    np.testing.assert_array_equal(inverse, inverse.T)
+    np.testing.assert_array_equal(root_of_inverse(matrices[0], 0.0), roots[0])
 
 
-def test_indefinite_matrices_are_solved_all_the_same_but_have_no_real_roots():
+def test_indefinite_matrices_are_solved_all_the_same_but_have_no_real_roots_unless_they_are_raised():
     matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(np.linalg.LinAlgError):
         roots_of_inverses(matrix[None].copy())
-    np.testing.assert_allclose(inverse_of_positive(matrix) @ matrix, np.eye(2), atol=1e-15)
+    root = root_of_inverse(matrix, 0.5)
+    # Of the eigenvalues 3 and -1 the second counts as 0.5.
+    np.testing.assert_allclose(root @ root.T, np.linalg.inv(matrix + 0.75 * np.array([[1, -1], [-1, 1]])))
     np.testing.assert_allclose(matrix @ solve_positive(matrix, np.array([3.0, 0.0])), [3, 0], atol=1e-15)
 
 

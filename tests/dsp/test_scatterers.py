@@ -27,11 +27,11 @@ def waves_in(cells, u, w):
     return waves(*(np.broadcast_to(cosine, len(cells[0]))[:, None] for cosine in (u, w)))
 
 
-def placed(gated, plane_waves, cells, windows=("rect", "soft"), dynamic_range_db=60.0):
+def placed(gated, plane_waves, cells, windows=("rect", "soft"), dynamic_range_db=60.0, **rule):
     """Places of waves of cells, by the map behind the windows."""
     bins = tuple(np.array(part) for part in cells)
     tapered = gated.tapered(*windows)
-    return locate_waves(plane_waves, tapered.around(bins), tapered, bins, dynamic_range_db)
+    return locate_waves(plane_waves, tapered.around(bins), tapered, bins, dynamic_range_db, **rule)
 
 
 def located(gated, cells, u=0.05, w=0.15, window="soft", excess=(3.0, 1.0), dynamic_range_db=16.5):
@@ -172,8 +172,7 @@ def test_waves_of_one_cell_are_no_sidelobes_of_each_other():
 def test_of_a_close_pair_that_two_cells_resolve_one_cell_keeps_both():
     u, w = np.array([0.01, 0.1]), np.array([0.15, 0.15])
     gated = gated_map([33.5, 33.5], [0, 0], u, w, [1.0, 0.9])
-    resolved = replace(waves([u, u], [w, w]), resolved=np.ones(2, dtype=bool))
-    found = placed(gated, resolved, ([33, 34], [0, 0]))
+    found = placed(gated, waves([u, u], [w, w]), ([33, 34], [0, 0]), resolved=True)
     # The same pair seen twice: by power alone, the order of its halves would be left to rounding.
     for power in ([4.0, 3.0, 3.9, 3.1], [4.0, 3.1, 3.9, 3.0], [3.9, 3.1, 4.0, 3.0]):
         seen = replace(found, scatterers=replace(found.scatterers, power=np.array(power)))
@@ -194,9 +193,11 @@ def test_waves_of_a_resolved_cell_are_one_family_and_those_of_others_none():
     gated = gated_map([33, 33, 36, 39], [0] * 4, [-0.1, 0.1, 0.05, 0.0], [0.1, 0.2, 0.1, 0.2], [1.0] * 4)
     u, w = np.array([[-0.1, 0.1], [0.05, 0], [0, 0]]), np.array([[0.1, 0.2], [0.1, 0], [0.2, 0]])
     found = np.array([[True, True], [True, False], [True, False]])
-    for resolved, family in ((np.array([True, False, True]), [0, 0, -1, 2]), (None, [-1] * 4)):
-        some = PlaneWaves(u, w, found, resolved)
-        places = placed(gated, some, ([33, 36, 39], [0] * 3), ("rect", "rect"), 20.0).scatterers
+    some = PlaneWaves(u, w, found)
+    for resolved, family in ((True, [0, 0, 1, 2]), (False, [-1] * 4)):
+        places = placed(
+            gated, some, ([33, 36, 39], [0] * 3), ("rect", "rect"), 20.0, resolved=resolved
+        ).scatterers
         assert places.family.tolist() == family
 
 

@@ -209,17 +209,3 @@ def test_parameters_are_positive_numbers(name):
 def test_an_image_without_points_has_no_groups():
     assert group_points(TOWN, PointCloud.empty()).size == 0
     assert len(described(PointCloud.empty(), np.empty(0, dtype=int))) == 0
-
-
-@given(st.lists(st.integers(0, 5), min_size=1, max_size=30))
-def test_objects_are_boxes_and_mean_velocities_of_their_points(numbers):
-    group = np.unique(numbers, return_inverse=True)[1] + 1
-    rng = np.random.default_rng(0)
-    cloud = PointCloud(rng.uniform(0, 9, (group.size, 3)), rng.uniform(-5, 5, group.size))
-    found = described(cloud, group)
-    for k in range(len(found)):
-        xyz, velocity = cloud.xyz[group == k + 1], cloud.velocity[group == k + 1]
-        np.testing.assert_array_equal(found.extent_m[k], np.ptp(xyz, axis=0))
-        np.testing.assert_array_equal(found.centre_m[k], (xyz.min(axis=0) + xyz.max(axis=0)) / 2)
-        assert found.velocity_mps[k] == pytest.approx(velocity.mean(), rel=1e-12, abs=1e-12)
-    assert len(found) == group.max()

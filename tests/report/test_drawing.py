@@ -1,9 +1,10 @@
 """The process that draws beside this one: calls are shared, and none is lost with it."""
 
 import multiprocessing
+import operator
 import os
-import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,21 +20,14 @@ GROUPS = [
 ]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def importable():
-    """Let the other process import this module, also where tests run from no folder on the path."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [*sys.path, str(Path(__file__).parents[2])])
-        yield
-
-
-@pytest.fixture(scope="module")
-def ready(importable):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawing, "START_S", 0.0)
-        process = DrawingProcess("isacbench.report.figures")
-    with process:
+@pytest.fixture
+def ready(monkeypatch):
+    """Process that has begun; it imports this module also where tests run from no folder on the path."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])
+    monkeypatch.setattr(drawing, "START_S", 0.0)
+    with DrawingProcess("isacbench.report.figures") as process:
         wait_for(lambda: process.has_begun)
+        process.share(str, [])  # which comes after all that makes it ready
         yield process
 
 
@@ -44,45 +38,23 @@ def wait_for(is_so):
         time.sleep(0.01)
 
 
-def place():
-    """Say where a call is made: in the process of the tests or in the other one."""
-    return "there" if multiprocessing.parent_process() else "here"
-
-
-def note(folder, number):
-    """Write which process has made a call; the first ones wait for each other."""
-    (folder / f"{number}-{place()}").touch()
-    wait_for(lambda: list(folder.glob("*-here")))
-    wait_for(lambda: list(folder.glob("*-there")))
-
-
-def note_or_end(folder, number):
-    """Make a call here, once a process has ended in one."""
-    (folder / f"{number}-{place()}").touch()
-    if place() == "there":
-        os._exit(1)
-    wait_for(lambda: list(folder.glob("*-there")))
-
-
-def fail_here(folder):
-    if place() == "here":
-        wait_for(lambda: list(folder.glob("there")))
-        raise ZeroDivisionError
-    (folder / "there").touch()
-    time.sleep(60)
-    (folder / "waited").touch()
+def note(folder, number, here=None, there=None):
+    """Write which process makes a call, wait for a call in the other, and go on as this one shall."""
+    place, deed = ("there", there) if multiprocessing.parent_process() else ("here", here)
+    (folder / f"{number}-{place}").touch()
+    wait_for(lambda: {path.name[2:] for path in folder.iterdir()} == {"here", "there"})
+    if deed is not None:
+        deed()
 
 
 def test_calls_are_shared_and_each_is_made_once(ready, tmp_path):
     ready.share(note, [(tmp_path, number) for number in range(6)])
-    made = [path.name.split("-") for path in tmp_path.iterdir()]
-    assert sorted(number for number, _ in made) == [*"012345"]
-    assert {name for _, name in made} == {"here", "there"}
+    assert sorted(path.name[0] for path in tmp_path.iterdir()) == [*"012345"]
 
 
 def test_what_a_process_was_lost_with_is_called_here(ready, tmp_path):
-    ready.share(note_or_end, [(tmp_path, number) for number in range(4)])
-    assert {path.name for path in tmp_path.glob("*-here")} == {f"{number}-here" for number in range(4)}
+    ready.share(note, [(tmp_path, number, None, partial(os._exit, 1)) for number in range(4)])
+    assert {path.name[0] for path in tmp_path.glob("*-here")} == {*"0123"}
 
 
 def test_the_process_draws_the_same_picture(ready, tmp_path):
@@ -94,16 +66,14 @@ def test_the_process_draws_the_same_picture(ready, tmp_path):
     assert [path.name for path in paths if path.exists()] == ["first.png", "second.png"]
 
 
-def test_an_error_here_ends_the_process_at_once(tmp_path):
-    with DrawingProcess("isacbench.report.figures") as process:
-        process.call(str)
-        with pytest.raises(ZeroDivisionError):
-            process.share(fail_here, [(tmp_path,)] * 4)
-        assert not process.has_begun
-    assert not (tmp_path / "waited").exists()
+def test_an_error_here_ends_the_process_at_once(ready, tmp_path):
+    deeds = partial(operator.truediv, 1, 0), partial(time.sleep, 600)
+    with pytest.raises(ZeroDivisionError), ready:
+        ready.share(note, [(tmp_path, number, *deeds) for number in range(4)])
+    assert not ready.has_begun
 
 
-def test_a_short_run_starts_no_process(tmp_path):
+def test_a_short_run_starts_no_process():
     called = []
     with DrawingProcess("isacbench.report.figures") as process:
         process.share(called.append, [(1,), (2,)])

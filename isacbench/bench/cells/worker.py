@@ -150,17 +150,13 @@ def _taken(todo: dict[str, deque[tuple[Block, ...]]], taking: Lock) -> Iterator[
 
     What follows from a scenario alone, as the scores of its oracle, is then seldom made by several workers.
     """
-    scenario = ""
+    own: deque[tuple[Block, ...]] = deque()
     while True:
         with taking:
-            if scenario not in todo:
-                if not todo:
-                    return
-                scenario = next(iter(todo))
-                todo[scenario] = todo.pop(scenario)  # at the end, so that others begin with another one
-            piece = todo[scenario].popleft()
-            if not todo[scenario]:
-                del todo[scenario]
+            own = own or max(todo.values(), key=len)
+            if not own:
+                return
+            piece = own.popleft()
         yield from piece
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,11 +17,12 @@ from isacbench.bench.kinds.scores import MANY_SCENARIOS, SCORES, average_scenari
 from isacbench.bench.labels import references_in
 from isacbench.bench.run_times import time_charts
 from isacbench.bench.suites.suite import Suite
-from isacbench.charts import ChartGroup, Column, Line, Table, Variant
+from isacbench.charts import VARIANT, ChartGroup, Column, Line, Table, Variant
 from isacbench.metrics.realisations import SPREAD_COLUMNS
 from isacbench.model.radio_coordinates import median_gain_db
 from isacbench.model.scene import Scenario
 
+TIME = f"{statistics.TIME}_median"
 ESTIMATORS_A_TABLE = 4
 
 IN_TABLES = (
@@ -59,11 +60,12 @@ class ImagingKind(Kind):
         is_detail = n_scenarios > MANY_SCENARIOS
         if is_detail:
             title = f"mean over {statistics.trials_and_band(n_scenarios, 'scenario')}; {words}"
-            tables += self._estimators_over_snr(average_scenarios(rows), title, labels, _times_s(rows))
-        times_s = _times_s(rows, "scenario")
+            times_s = statistics.median_times(rows, VARIANT)[TIME].to_dict()
+            tables += self._estimators_over_snr(average_scenarios(rows), title, labels, times_s)
+        times_s = statistics.median_times(rows, ["scenario", *VARIANT])[TIME].unstack("scenario").to_dict()
         for scenario, part in summarise_scores(rows).groupby("scenario", sort=False):
             title = f"{scenario}: mean of {statistics.trials_and_band(part['n_cells'].max())}; {words}"
-            own_tables = self._estimators_over_snr(part, title, labels, times_s, scenario)
+            own_tables = self._estimators_over_snr(part, title, labels, times_s.get(scenario, {}))
             tables += [replace(table, is_detail=is_detail) for table in own_tables]
         return [*tables, *scores.object_tables(rows, scores.with_references(labels, references_in(rows)))]
 
@@ -72,31 +74,23 @@ class ImagingKind(Kind):
         summary: pd.DataFrame,
         title: str,
         labels: Mapping[Variant, str],
-        times_s: Mapping[Hashable, float],
-        *group: Hashable,
+        times_s: Mapping[Any, float],
     ) -> list[Table]:
         """Tables of one scenario, or of a mean over scenarios, a few estimators in each, with their times."""
-        further = [name for name in (*IN_TABLES, *self.columns) if f"{name}_mean" in summary]
-        by_snr: dict[float, dict[Any, Any]] = {}
-        for row in summary.to_dict("records"):
-            variant = row["estimator"], row["params"]
-            line = by_snr.setdefault(row["snr_db"], {"snr_db": f"{row['snr_db']:g}"})
-            line["deviation", *variant] = deviation_text(row)
-            line |= {(name, *variant): row[name] for name in (f"{one}_mean" for one in further)}
-        lines = [by_snr[snr_db] for snr_db in sorted(by_snr)]
-        variants, tables = charts.variants_in(summary), []
-        timed = {variant: times_s.get((*group, *variant)) for variant in variants}
-        times = {
-            ("deviation", *one): f"{1e3 * time_s:.1f}" for one, time_s in timed.items() if time_s is not None
-        }
-        lines.append({"snr_db": "time [ms]"} | times)
-        for batch in charts.batched(variants, ESTIMATORS_A_TABLE):
-            columns = [Column("SNR [dB]", "snr_db", part=0)]
+        names = [name for name in (*IN_TABLES, *self.columns) if f"{name}_mean" in summary]
+        further = [(score_of(name), f"{name}_mean") for name in names]
+        lines = charts.spread_rows(summary.sort_values("snr_db", kind="stable"), ["snr_db"], VARIANT)
+        lines.append({"snr_db": "time [ms]"} | {one: {"time_s": time_s} for one, time_s in times_s.items()})
+        tables = []
+        for batch in charts.batched(charts.variants_in(summary), ESTIMATORS_A_TABLE):
+            columns = [Column("SNR [dB]", "snr_db", "{:g}", part=0)]
             for place, variant in enumerate(batch, start=1):
-                columns.append(Column(f"{labels[variant]}: deviation", ("deviation", *variant), part=place))
-                for name in further:
-                    one, key = score_of(name), (f"{name}_mean", *variant)
-                    columns.append(Column(one.name, key, one.form, optional=one.optional, part=place))
+                columns.append(
+                    Column(f"{labels[variant]}: deviation", variant, _deviation_or_time, part=place)
+                )
+                for one, key in further:
+                    form = Column("", key, one.form).text
+                    columns.append(Column(one.name, variant, form, optional=one.optional, part=place))
             tables.append(Table(title, columns, lines))
         return tables
 
@@ -119,12 +113,6 @@ class ImagingKind(Kind):
             names = [score for score in SCORES if f"{score}_mean" in part]
             groups.append(score_charts(part, names, f"curves-{stem}", lines, scenarios.get(name)))
         return [*groups, *time_charts(rows, lines)]
-
-
-def _times_s(rows: pd.DataFrame, *by: str) -> dict[Hashable, float]:
-    """Median times of an image, by columns, name and parameters of the estimator."""
-    medians = statistics.median_times(rows, [*by, *charts.VARIANT])
-    return dict(medians[f"{statistics.TIME}_median"].to_dict())
 
 
 def deviation_charts(summary: pd.DataFrame, lines: Mapping[Variant, Line], note: str) -> ChartGroup:
@@ -152,6 +140,13 @@ def score_charts(
         scores.score_chart(one.name, one, f"{name}_mean", part, lines, part) for name, one in ones.items()
     ]
     return ChartGroup(stem, title, panels)
+
+
+def _deviation_or_time(entry: Mapping[Any, Any]) -> str:
+    """Text of some trials, or in the last line of a table of the time of an image in ms."""
+    if "time_s" in entry:
+        return charts.number_or_blank(1e3 * entry["time_s"], "{:.1f}")
+    return deviation_text(entry)
 
 
 def deviation_text(entry: Mapping[Any, Any]) -> str:

@@ -26,9 +26,6 @@ from isacbench.model.kernels import steering
 class Responses(ABC):
     """Responses of the elements to plane waves, from direction cosines u and w apart.
 
-    Products with snapshots have the precision of the snapshots; products of
-    responses with each other are always double.
-
     Attributes
     ----------
     along_u : ndarray of complex128, shape (..., i, P)
@@ -116,24 +113,15 @@ class Responses(ABC):
     def _joined(along_u: Complex, along_w: Complex) -> Complex:
         """Products over all elements from the products over each line."""
 
-    def _filters(self, snapshots: Complex) -> tuple[Complex, Complex]:
-        """Conjugate responses in the precision of snapshots."""
-        dtype = np.result_type(np.complex64, snapshots.dtype)
-        a, b = (line.conj().astype(dtype, copy=False) for line in (self.along_u, self.along_w))
-        return a, b
-
 
 class _PlaneResponses(Responses):
     """Responses of all P x Q elements, which are touched along one axis and then along the other."""
 
     def matched(self, snapshots: Complex) -> Complex:
-        a, b = self._filters(snapshots)
-        # The product conjugates its first factor.
-        return np.vecdot(b.conj(), a @ snapshots) / self.n_elements
+        return np.vecdot(self.along_w, self.along_u.conj() @ snapshots) / self.n_elements
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
-        a, b = self._filters(snapshots)
-        return a @ snapshots @ b.transpose(0, 2, 1) / self.n_elements
+        return self.along_u.conj() @ snapshots @ self.along_w.conj().transpose(0, 2, 1) / self.n_elements
 
     def about_middle(self) -> tuple[Complex, Floats]:
         a, b = (
@@ -161,21 +149,22 @@ class _CrossResponses(Responses):
     other_line = 0.0
 
     def matched(self, snapshots: Complex) -> Complex:
-        both = np.concatenate(self._filters(snapshots), axis=-1)
-        return (both @ snapshots[..., None])[..., 0] / self.n_elements
+        return (self._whole().conj() @ snapshots[..., None])[..., 0] / self.n_elements
 
     def matched_intersections(self, snapshots: Complex) -> Complex:
-        a, b = self._filters(snapshots)
-        n_p = a.shape[-1]
-        along_u, along_w = a @ snapshots[:, :n_p, None], b @ snapshots[:, n_p:, None]
+        column, row = np.split(snapshots[:, :, None], [self.along_u.shape[-1]], axis=1)
+        along_u, along_w = self.along_u.conj() @ column, self.along_w.conj() @ row
         return self._joined(along_u, along_w.transpose(0, 2, 1)) / self.n_elements
 
     def about_middle(self) -> tuple[Complex, Complex]:
-        return np.concatenate([self.along_u, self.along_w], axis=-1), self.gram()
+        return self._whole(), self.gram()
 
     def synthesis(self, amplitude: Complex) -> Complex:
-        both = np.concatenate([self.along_u, self.along_w], axis=-1)
-        return (amplitude[:, None, :] @ both)[:, 0]
+        return (amplitude[:, None, :] @ self._whole())[:, 0]
+
+    def _whole(self) -> Complex:
+        """Responses (..., elements) to directions."""
+        return np.concatenate([self.along_u, self.along_w], axis=-1)
 
     @staticmethod
     def _joined(along_u: Complex, along_w: Complex) -> Complex:

@@ -23,7 +23,12 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, checked_array, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
-from isacbench.dsp.angles.planar_spectra import AngularSpectrum, BeamformerSpectrum, squared_projections
+from isacbench.dsp.angles.planar_spectra import (
+    AngularSpectrum,
+    BeamformerSpectrum,
+    projections,
+    squared_projections,
+)
 from isacbench.dsp.angles.planar_subspaces import planar_covariance
 from isacbench.dsp.positive_matrices import roots_of_inverses
 
@@ -67,11 +72,10 @@ def capon_spectrum(
     and `loading` is added to its diagonal. In white noise of power σ² (loading included) the spectrum is σ² /
     (L M).
     """
-    data = checked_array("snapshots", snapshots, np.complex128)
     n_sensors = subarray[0] * subarray[1]
-    columns = np.empty((len(data), *subarray, n_sensors))
-    for some in parts_of(len(data), CHUNK_VALUES // n_sensors**2):
-        covariance = planar_covariance(data[some], subarray)
+    columns = np.empty((len(snapshots), *subarray, n_sensors))
+    for some in parts_of(len(snapshots), CHUNK_VALUES // n_sensors**2):
+        covariance = planar_covariance(snapshots[some, None], subarray)
         diagonal = np.einsum("nii->ni", covariance)
         mean = diagonal.mean(axis=1, keepdims=True)
         # A cell without any power has no spectrum; 1 in place of 0 keeps its matrix regular.
@@ -98,7 +102,7 @@ def iaa_spectrum(
     columns = np.einsum("npqs,pi,qj->nijs", real_columns(snapshots), into_u, into_w, optimize=True)
     power = np.empty((len(snapshots), u.size, w.size))
     for some in parts_of(len(snapshots), CHUNK_VALUES // (len(a) * len(b)) ** 2):
-        level = np.sum(_beams(columns[some], a, b) ** 2, axis=3)
+        level = np.sum(projections(columns[some], a, b) ** 2, axis=3)
         level /= (snapshots.shape[1] * snapshots.shape[2]) ** 2
         for _ in range(n_iterations):
             level = _adapted_power(level, columns[some], a, b, noise)
@@ -120,16 +124,9 @@ def _adapted_power(power: Floats, columns: Floats, a: Floats, b: Floats, noise: 
     # R^-1 = W W^T, and a^T R^-1 x = (W^T a)^T (W^T x).
     roots = roots_of_inverses(model)
     whitened = roots.transpose(0, 2, 1) @ columns.reshape(n, n_sensors, -1)
-    beams = _beams(roots.reshape(n, n_u, n_w, n_sensors), a, b)
+    beams = projections(roots.reshape(n, n_u, n_w, n_sensors), a, b)
     output = beams.reshape(n, n_g * n_h, n_sensors) @ whitened
     return np.sum(output**2, axis=2).reshape(n, n_g, n_h) / np.vecdot(beams, beams) ** 2
-
-
-def _beams(columns: Floats, a: Floats, b: Floats) -> Floats:
-    """Projections (n, g, h, s) of columns (n, i, j, s) on steering vectors."""
-    n, n_u, _, n_columns = columns.shape
-    along_w = (b.T @ columns).reshape(n, n_u, b.shape[1] * n_columns)
-    return (a.T @ along_w).reshape(n, a.shape[1], b.shape[1], n_columns)
 
 
 def _spanned(steering: Floats) -> tuple[Floats, Floats]:
@@ -141,9 +138,6 @@ def _spanned(steering: Floats) -> tuple[Floats, Floats]:
 
 def real_columns(snapshots: Complex) -> Floats:
     """Real and imaginary parts (n, P, Q, 2) of complex snapshots (n, P, Q), after the unitary transform."""
-    snapshots = checked_array("snapshots", snapshots, np.complex64)
-    into_u, into_w = (
-        unitary_transform(n).conj().astype(snapshots.dtype, copy=False) for n in snapshots.shape[1:]
-    )
-    turned = into_u.T @ snapshots @ into_w
+    into_u, into_w = (unitary_transform(n).conj() for n in snapshots.shape[1:])
+    turned = into_u.T @ checked_array("snapshots", snapshots, np.complex128) @ into_w
     return np.stack([turned.real, turned.imag], axis=-1)

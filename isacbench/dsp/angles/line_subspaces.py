@@ -122,16 +122,16 @@ def smoothed_covariance(snapshots: Complex, n_subarray: int) -> Floats:
     Returns
     -------
     ndarray of float64, shape (n, n_subarray, n_subarray)
-        Real, symmetric, non-negative definite, in the precision of the
-        snapshots. Mean eigenvalue in noise of power σ² is σ².
+        Real, symmetric, non-negative definite. Mean eigenvalue in noise of
+        power σ² is σ².
     """
-    snapshots = checked_array("snapshots", snapshots, np.complex64)
+    snapshots = checked_array("snapshots", snapshots, np.complex128)
     n_shifts = snapshots.shape[1] - n_subarray + 1
     whole = snapshots @ snapshots.conj().transpose(0, 2, 1)
     # The covariance of a subarray is a diagonal block of the whole array's.
     blocks = (whole[:, k : k + n_subarray, k : k + n_subarray] for k in range(n_shifts))
-    forward = sum(blocks, start=np.zeros((), dtype=whole.dtype)) / (n_shifts * snapshots.shape[2])
-    transform = unitary_transform(n_subarray).astype(whole.dtype, copy=False)
+    forward = sum(blocks, start=np.zeros(())) / (n_shifts * snapshots.shape[2])
+    transform = unitary_transform(n_subarray)
     # The real part is the forward-backward average: the backward half adds the conjugate.
     return (transform.conj().T @ forward @ transform).real
 
@@ -182,28 +182,21 @@ def real_steering(n_subarray: int, cosine: ArrayLike) -> Floats:
     return np.concatenate([np.sqrt(2) * cosine, middle, np.sqrt(2) * sine])
 
 
-def real_steering_slopes(n_subarray: int, cosine: Floats, axis: int = -2) -> Floats:
-    """Real steering vectors (..., 3, n_subarray) of cosines (...), with their first and second derivatives.
-
-    These are stacked along an axis.
-    """
+def real_steering_slopes(n_subarray: int, cosine: Floats) -> Floats:
+    """Real steering vectors of cosines (n, ...), with two derivatives of each: (n, 3, ..., n_subarray)."""
     half = n_subarray // 2
     rate = np.pi * ((n_subarray - 1) / 2 - np.arange(half))
-    phase = np.multiply.outer(cosine, rate)
-    steered = np.ones((*cosine.shape, n_subarray))
-    cosines, sines = steered[..., :half], steered[..., n_subarray - half :]
-    for part, out in zip(sine_cosine(phase), (sines, cosines), strict=True):
-        np.multiply(part, np.sqrt(2), out=out)
-    shape = list(steered.shape)
-    shape.insert(axis % (len(shape) + 1), 3)
-    slopes = np.empty(shape)
-    value, first, second = np.moveaxis(slopes, axis, 0)
-    middle = np.zeros(n_subarray - 2 * half)
-    value[...] = steered
-    np.multiply(sines, -rate, out=first[..., :half])
-    first[..., half : n_subarray - half] = middle
-    np.multiply(cosines, rate, out=first[..., n_subarray - half :])
-    np.multiply(steered, np.concatenate([-(rate**2), middle, -(rate**2)]), out=second)
+    odd, even = (np.sqrt(2) * part for part in sine_cosine(np.multiply.outer(cosine, rate)))
+    slopes = np.zeros((len(cosine), 3, *cosine.shape[1:], n_subarray))
+    value, first, second = slopes.swapaxes(0, 1)
+    head, middle, tail = (
+        np.s_[..., :half],
+        np.s_[..., half : n_subarray - half],
+        np.s_[..., n_subarray - half :],
+    )
+    value[head], value[middle], value[tail] = even, 1, odd
+    first[head], first[tail] = -rate * odd, rate * even
+    second[head], second[tail] = -(rate**2) * even, -(rate**2) * odd
     return slopes
 
 
@@ -227,7 +220,7 @@ def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats)
         0 on a source, L in empty directions.
     """
     basis = _signal_basis(eigenvectors, order)
-    projection = basis.transpose(0, 2, 1) @ steering.astype(np.result_type(np.float32, basis), copy=False)
+    projection = basis.transpose(0, 2, 1) @ steering
     null: Floats = len(steering) - np.einsum("nkg,nkg->ng", projection, projection)
     return np.maximum(null, 0.0)
 

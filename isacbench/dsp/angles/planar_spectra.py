@@ -60,15 +60,19 @@ def squared_projections(columns: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
         squared norms L and M.
     """
     n, n_u, n_w, k = columns.shape
-    dtype = np.result_type(np.float32, columns)
-    towards_u, towards_w = (real_steering(*line).astype(dtype) for line in ((n_u, u), (n_w, w)))
-    towards_u = towards_u.T
-    matrices = np.ascontiguousarray(columns.transpose(0, 3, 1, 2))
-    total = np.empty((n, len(towards_u), towards_w.shape[1]), dtype=dtype)
+    towards_u, towards_w = real_steering(n_u, u), real_steering(n_w, w)
+    total = np.empty((n, towards_u.shape[1], towards_w.shape[1]))
     for some in parts_of(n, CHUNK_VALUES // max(k * total[:1].size, 1)):
-        projection = towards_u @ (matrices[some] @ towards_w)
-        total[some] = np.einsum("nkgh,nkgh->ngh", projection, projection)
+        projection = projections(columns[some], towards_u, towards_w)
+        total[some] = np.vecdot(projection, projection)
     return total
+
+
+def projections(columns: Floats, a: Floats, b: Floats) -> Floats:
+    """Projections (n, g, h, k) of real matrices (n, L, M, k) on steering vectors a (L, g) and b (M, h)."""
+    n, n_u, _, k = columns.shape
+    along_w = (b.T @ columns).reshape(n, n_u, b.shape[1] * k)
+    return (a.T @ along_w).reshape(n, a.shape[1], b.shape[1], k)
 
 
 class Minima(NamedTuple):
@@ -172,10 +176,10 @@ def _lowest_samples(
     lowest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
     is_minimum &= (inner <= lowest) | (inner < highest)
     depth = np.where(is_minimum, inner, np.inf).reshape(len(level), inner.shape[1] * inner.shape[2])
-    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=0))]
+    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=1))]
     found = np.isfinite(np.take_along_axis(depth, index, axis=1))
     found &= np.arange(index.shape[1]) < n_minima[:, None]
-    most = int(found.sum(axis=1).max(initial=0))
+    most = int(found.sum(axis=1).max(initial=1))
     row, column = np.divmod(index[:, :most], inner.shape[2])
     return row + 1, column + 1, found[:, :most]
 

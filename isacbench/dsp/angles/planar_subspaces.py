@@ -51,10 +51,6 @@ CHUNK_VALUES = 2**17
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
 
-ITERATIONS = 4
-"""Steps of a subspace iteration. A source at the edge of the noise is then right to 1e-3 of its eigenvector,
-far below the effect of the noise; a strong one to rounding."""
-
 DEEP_NULL = 0.5
 """Share of a steering vector outside the subspace from which a minimum is no source: half of it."""
 
@@ -87,26 +83,22 @@ def planar_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
 
     Parameters
     ----------
-    snapshots : ndarray of complex, shape (n, P, Q)
+    snapshots : ndarray of complex, shape (n, s, P, Q)
+        One set of s snapshots a cell.
     subarray : (int, int)
         Elements L, M of a subarray, 1 to P and 1 to Q.
 
     Returns
     -------
     ndarray of float64, shape (n, L M, L M)
-        Real, symmetric, non-negative definite, in the precision of the
-        snapshots. Mean eigenvalue in noise of power σ² is σ².
+        Real, symmetric, non-negative definite. Mean eigenvalue in noise of
+        power σ² is σ².
     """
-    return _shared_covariance(checked_array("snapshots", snapshots, np.complex64)[:, None], subarray)
-
-
-def _shared_covariance(snapshots: Complex, subarray: tuple[int, int]) -> Floats:
-    """Smoothed covariances (n, L M, L M) of snapshots (n, s, P, Q), one of the s of each cell."""
+    snapshots = checked_array("snapshots", snapshots, np.complex128)
     n, n_snapshots, n_p, n_q = snapshots.shape
     n_u, n_w = subarray
     n_subarrays = n_snapshots * (n_p - n_u + 1) * (n_q - n_w + 1)
-    into_u = (_into_subarrays(n_p, n_u) / np.sqrt(n_subarrays)).astype(snapshots.real.dtype)
-    into_w = _into_subarrays(n_q, n_w).astype(snapshots.real.dtype)
+    into_u, into_w = _into_subarrays(n_p, n_u) / np.sqrt(n_subarrays), _into_subarrays(n_q, n_w)
     parts = np.stack([snapshots.real, snapshots.imag], axis=3).reshape(n * n_snapshots * n_p, 2 * n_q)
     along_w = (parts @ into_w.T).reshape(n, n_snapshots, n_p, n_q - n_w + 1, 2, n_w)
     lines = along_w.transpose(0, 1, 3, 4, 2, 5).reshape(n, n_snapshots * (n_q - n_w + 1), 2 * n_p, n_w)
@@ -123,12 +115,8 @@ def _into_subarrays(n: int, n_subarray: int) -> Floats:
     From the n real parts, then the n imaginary parts, to those of each subarray.
     """
     transform = unitary_transform(n_subarray).conj().T
-    both = np.block([[transform.real, -transform.imag], [transform.imag, transform.real]])
-    shifts = range(n - n_subarray + 1)
-    reading = np.zeros((len(shifts), 2, n_subarray, 2, n))
-    for shift in shifts:
-        reading[shift, :, :, :, shift : shift + n_subarray] = both.reshape(2, n_subarray, 2, n_subarray)
-    return reading.reshape(len(shifts) * 2 * n_subarray, 2 * n)
+    shifted = [transform @ np.eye(n_subarray, n, k=shift) for shift in range(n - n_subarray + 1)]
+    return np.concatenate([np.block([[one.real, -one.imag], [one.imag, one.real]]) for one in shifted])
 
 
 def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: int) -> Eigenpairs:
@@ -136,12 +124,10 @@ def planar_eigenpairs(snapshots: Complex, subarray: tuple[int, int], n_pairs: in
 
     The s snapshots of a cell share a covariance; subarrays have 1 to P and 1 to Q elements.
     """
-    snapshots = checked_array("snapshots", snapshots, np.complex64)
     n_cells, n_sensors = len(snapshots), subarray[0] * subarray[1]
-    values: Floats = np.empty((n_cells, n_pairs), dtype=snapshots.real.dtype)
-    vectors: Floats = np.empty((n_cells, n_sensors, n_pairs), dtype=values.dtype)
+    values, vectors = np.empty((n_cells, n_pairs)), np.empty((n_cells, n_sensors, n_pairs))
     for some in parts_of(n_cells, CHUNK_VALUES // n_sensors**2):
-        covariance = _shared_covariance(snapshots[some], subarray)
+        covariance = planar_covariance(snapshots[some], subarray)
         values[some], vectors[some] = leading_eigenpairs(covariance, n_pairs)
     return with_rounding(values, vectors)
 
@@ -152,22 +138,20 @@ def leading_eigenpairs(covariance: Floats, n_pairs: int) -> tuple[Floats, Floats
     Covariances (n, L, L) are symmetric and non-negative definite. Errors fall as (d / λ)^4, d the eigenvalue
     four places behind the last one asked for.
     """
-    covariance = checked_array("covariance", covariance, np.float32)
+    covariance = checked_array("covariance", covariance)
     n_sensors = covariance.shape[1]
     n_basis = n_pairs + SPARE_DIMENSIONS
     if 2 * n_basis >= n_sensors:
         values, vectors = np.linalg.eigh(covariance)
         return values[:, ::-1][:, :n_pairs], vectors[:, :, ::-1][:, :, :n_pairs]
     # Random directions: no source is orthogonal to them. The same in every run.
-    start = (
-        np.random.default_rng(0).standard_normal((n_sensors, n_basis)).astype(covariance.dtype, copy=False)
-    )
-    basis = np.broadcast_to(start, (len(covariance), n_sensors, n_basis))
-    for step in range(ITERATIONS):
-        basis = covariance @ basis
-        # Once a basis is in the order of the eigenvalues, a second product costs it no digits.
-        if step != ITERATIONS - 2:
-            basis = np.linalg.qr(basis)[0]
+    start = np.random.default_rng(0).standard_normal((n_sensors, n_basis))
+    # Four steps: a source at the edge of the noise is then right to 1e-3 of its eigenvector, far below the
+    # effect of the noise, and a strong one to rounding.
+    basis = np.linalg.qr(covariance @ start)[0]
+    basis = np.linalg.qr(covariance @ basis)[0]
+    # Once a basis is in the order of the eigenvalues, a second product costs it no digits.
+    basis = np.linalg.qr(covariance @ (covariance @ basis))[0]
     values, vectors = np.linalg.eigh(basis.transpose(0, 2, 1) @ covariance @ basis)
     return values[:, ::-1][:, :n_pairs], basis @ vectors[:, :, ::-1][:, :, :n_pairs]
 
@@ -189,9 +173,8 @@ def planar_null_spectrum(basis: Floats, u: ArrayLike, w: ArrayLike) -> Floats:
     ndarray of float64, shape (n, g, h)
         0 on a source, L M in empty directions.
     """
-    null = squared_projections(basis, u, w)
-    np.subtract(basis.shape[1] * basis.shape[2], null, out=null)
-    return np.maximum(null, 0.0, out=null)
+    null = basis.shape[1] * basis.shape[2] - squared_projections(basis, u, w)
+    return np.maximum(null, 0.0)
 
 
 def null_minima(basis: Floats, u: Floats, w: Floats, n_minima: Integers) -> Minima:
@@ -263,13 +246,10 @@ def unitary_esprit(basis: Floats) -> EspritDirections:
 
 def _reliable(along_u: Floats, along_w: Floats, paired: NDArray[np.inexact[Any]]) -> Mask:
     """Mask (n,) of the cells with imaginary parts, made by noise, far below the distances of the pairs."""
-    n, k = paired.shape
-    reliable: Mask = np.ones(n, dtype=np.bool_)
-    if k > 1:
-        distance = np.abs(paired[:, :, None] - paired[:, None, :]) + np.where(np.eye(k) > 0, np.inf, 0)
-        for one in (along_u, along_w):
-            imaginary = np.abs(np.linalg.eigvals(one).imag).max(axis=1)
-            reliable &= imaginary < UNRELIABLE * distance.min(axis=(1, 2))
+    to_itself = np.diag(np.full(paired.shape[1], np.inf))
+    distance = np.abs(paired[:, :, None] - paired[:, None, :]) + to_itself
+    imaginary = np.abs(np.linalg.eigvals(np.stack([along_u, along_w])).imag).max(axis=(0, 2))
+    reliable: Mask = imaginary < UNRELIABLE * distance.min(axis=(1, 2))
     return reliable
 
 

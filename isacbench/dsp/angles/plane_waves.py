@@ -39,15 +39,11 @@ class PlaneWaves:
         Direction cosines, from -1 to 1 whatever period they are given in.
     found : ndarray of bool, shape (n, k)
         Mask of the plane waves.
-    resolved : ndarray of bool, shape (n,), or None
-        Mask of the cells that their plane waves explain down to the noise, so
-        that even close ones are apart; None before that is tested.
     """
 
     u: Floats
     w: Floats
     found: Mask
-    resolved: Mask | None = None
 
     __repr__ = short_repr
 
@@ -63,8 +59,7 @@ class PlaneWaves:
         keep : ndarray of bool or int64
             Mask or indices of the cells.
         """
-        resolved = None if self.resolved is None else self.resolved[keep]
-        return PlaneWaves(self.u[keep], self.w[keep], self.found[keep], resolved)
+        return PlaneWaves(self.u[keep], self.w[keep], self.found[keep])
 
     def compact(self, count: int) -> tuple[PlaneWaves, Integers]:
         """Keep the first `count` waves of each cell, at entries (n, count), which are returned as well.
@@ -74,7 +69,7 @@ class PlaneWaves:
         entries = np.argsort(~self.found, axis=1, kind="stable")[:, :count]
         u, w = (np.take_along_axis(cosine, entries, axis=1) for cosine in (self.u, self.w))
         found = np.take_along_axis(self.found, entries, axis=1)
-        return PlaneWaves(u, w, found, self.resolved), entries
+        return PlaneWaves(u, w, found), entries
 
     def unexplained(self, snapshots: Complex, aperture: Aperture) -> Floats:
         """Power that the waves leave of snapshots, amplitudes fitted.
@@ -127,7 +122,7 @@ class PlaneWaves:
         Stoica and Nehorai, "MUSIC, maximum likelihood, and Cramér-Rao bound", IEEE
         Trans. ASSP 37 (1989), for the concentrated information.
         """
-        snapshots, k = snapshots.astype(np.complex128, copy=False), self.u.shape[1]
+        k = self.u.shape[1]
         responses, found = aperture.towards(self.u, self.w), self.found
         products, both = responses.slope_gram(), np.tile(found, (1, 2))
         response_slopes = np.where(found[:, :, None] & both[:, None, :], products[:, :k, k:], 0)
@@ -250,8 +245,7 @@ def pair_directions(
     n, n_w = len(snapshots), w.place.shape[1]
     n_pairs = u.place.shape[1] * n_w
     responses = aperture.towards(u.place, w.place)
-    # From here on in double precision: these arrays are small.
-    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs).astype(np.complex128, copy=False)
+    matched = responses.matched_intersections(snapshots).reshape(n, n_pairs)
     gram = responses.intersections_gram().reshape(n, n_pairs, n_pairs)
     eligible = (u.found[:, :, None] & w.found[:, None, :]).reshape(n, n_pairs)
     chosen = np.zeros((n, min(n_most, n_pairs)), dtype=np.int64)

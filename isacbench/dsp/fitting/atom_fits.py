@@ -40,7 +40,7 @@ from isacbench.dsp.fitting.atoms import (
     product_matrix,
 )
 from isacbench.dsp.floating_point import round_step
-from isacbench.dsp.positive_matrices import inverse_of_positive, solve_positive
+from isacbench.dsp.positive_matrices import root_of_inverse, solve_positive
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Error of the product of two unit atoms, which is one of four products along the coordinates."""
@@ -105,11 +105,6 @@ class AtomFit:
     def __len__(self) -> int:
         return self.amplitude.size
 
-    @property
-    def periods(self) -> Floats:
-        """Rayleigh cells after which an atom is the same (`AtomMap.periods`)."""
-        return self.atom_map.periods
-
     @cached_property
     def products(self) -> tuple[LineProducts, ...]:
         """Products of the atoms with each other (`AtomMap.products`)."""
@@ -132,7 +127,7 @@ class AtomFit:
     @property
     def own(self) -> Floats:
         """Energy of each unit atom that the other atoms do not explain, shape (n,)."""
-        return 1 / np.maximum(self._eliminated.diagonal(), 1)
+        return 1 / np.maximum(np.sum(self._gram_root**2, axis=1), 1)
 
     @cached_property
     def score(self) -> Floats:
@@ -143,7 +138,7 @@ class AtomFit:
     @cached_property
     def information(self) -> Floats:
         """Fisher information of the places (4 n, 4 n), amplitudes eliminated, in noise of power 2."""
-        information: Floats = self._slopes - self._mixed.T @ self._eliminated[:, len(self) :]
+        information: Floats = self._slopes - self._explained.T @ self._explained
         coherence = (self.amplitude.conj()[:, None] * self.amplitude).real
         n = len(self)
         blocks = information.reshape(N_COORDINATES, n, N_COORDINATES, n)
@@ -175,15 +170,14 @@ class AtomFit:
             In Rayleigh cells squared.
         """
         n = len(self)
-        bound: Floats = noise / 2 * self._inverse_information
+        bound: Floats = noise / 2 * self.bound_root @ self.bound_root.T
         return bound.reshape(N_COORDINATES, n, N_COORDINATES, n)
 
     @property
     def blurred(self) -> Mask:
         """Mask (n,) of atoms with a coordinate whose variance is rounding: the true one may be larger."""
-        share = self._inverse_information.diagonal() * self.rounding
-        known = (share >= 0) & (share <= BLURRED)
-        return np.logical_not(known.reshape(N_COORDINATES, -1).all(axis=0))
+        share = np.sum(self.bound_root**2, axis=1) * self.rounding
+        return (share > BLURRED).reshape(N_COORDINATES, -1).any(axis=0)
 
     def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
         """Undamped Gauss-Newton steps of the amplitudes and of the places.
@@ -199,12 +193,11 @@ class AtomFit:
         places : ndarray of float64, shape (n, 4)
             In Rayleigh cells.
         """
-        matched = np.stack([rest.value.real, rest.value.imag], axis=1)
-        own: Complex = np.linalg.solve(self.gram, matched) @ np.array([1, 1j])
+        own = self._gram_root @ (self._gram_root.T @ rest.value)
         turning = np.tile(self.amplitude, N_COORDINATES)
         score = (turning.conj() * (rest.slope.T.ravel() - self._mixed.T @ own)).real
-        along = self._inverse_information @ score
-        amplitude: Complex = own - self._eliminated[:, len(self) :] @ (turning * along)
+        along = self.bound_root @ (self.bound_root.T @ score)
+        amplitude: Complex = own - self._gram_root @ (self._explained @ (turning * along))
         return amplitude, along.reshape(N_COORDINATES, -1).T
 
     @cached_property
@@ -221,22 +214,27 @@ class AtomFit:
         return np.block([[product_matrix(self.products, left, right) for right in axes] for left in axes])
 
     @cached_property
-    def _eliminated(self) -> Floats:
-        """Inverse of the Gram matrix, and behind it its product with that of atoms and slopes, (n, 5 n)."""
-        return np.linalg.solve(self.gram, np.concatenate([np.eye(len(self)), self._mixed], axis=1))
+    def _gram_root(self) -> Floats:
+        """Root W (n, n) of the inverse W Wᵀ of the Gram matrix: sums of atoms orthonormal to each other."""
+        return root_of_inverse(self.gram, ROUNDING)
 
     @cached_property
-    def _inverse_information(self) -> Floats:
-        size = self.information.shape[0]
+    def _explained(self) -> Floats:
+        """Products (n, 4 n) of these sums with all slopes."""
+        return self._gram_root.T @ self._mixed
+
+    @cached_property
+    def bound_root(self) -> Floats:
+        """Root W (4 n, 4 n) of the places' Cramér-Rao bound W Wᵀ in noise of power 2; see `covariance`."""
         # Unit diagonal: strong and weak atoms are rounded alike.
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale
-        loaded[np.diag_indices(size)] += self.rounding * scale**2
-        return inverse_of_positive(loaded) * scale[:, None] * scale
+        loaded[np.diag_indices(len(loaded))] += self.rounding * scale**2
+        return root_of_inverse(loaded, ROUNDING) * scale[:, None]
 
 
 def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: AtomFit | None = None) -> AtomFit:
-    """Fit the amplitudes of atoms at places (n, 4), n at least 1, in Rayleigh cells; prepare a step of them.
+    """Fit the amplitudes of atoms at places (n, 4) in Rayleigh cells; prepare a step of them.
 
     With a `ridge` above 0, the weight of the energies |amplitude|² against that of the misfit, atoms that
     nearly coincide share an amplitude instead of cancelling. The energy of the fit is what the atoms explain,
@@ -255,7 +253,7 @@ def fit_atoms(atom_map: AtomMap, places: Floats, ridge: float = 0.0, known: Atom
 
 def _correlations(atom_map: AtomMap, places: Floats, lines: Lines, known: AtomFit | None) -> Correlations:
     """Products of atoms with the map, those in the same places taken from another fit."""
-    if known is None:
+    if not known:
         return atom_map.correlate(lines)
     same = (places[:, None] == known.places).all(axis=2)
     fresh, index = ~same.any(axis=1), same.argmax(axis=1)
@@ -300,9 +298,14 @@ def _step(fit: AtomFit, damping: float) -> Floats:
     """Damped Gauss-Newton step (n, 4), no atom farther than the kernels are known."""
     diagonal = fit.information.diagonal()
     load = damping * diagonal + np.finfo(np.float64).eps * diagonal.max()
+    return loaded_step(fit, load, LONGEST_STEP_CELLS)
+
+
+def loaded_step(fit: AtomFit, load: Floats, most_cells: float) -> Floats:
+    """Gauss-Newton step (n, 4) with a load (4 n,) on the information, shortened along the line it leads."""
     step = solve_positive(fit.information + np.diag(load), fit.score).reshape(N_COORDINATES, -1).T
     longest = np.abs(step).max(axis=1, keepdims=True)
-    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
+    return step * (most_cells / np.maximum(longest, most_cells))
 
 
 def polish_atoms(atom_map: AtomMap, fit: AtomFit, n_steps: int) -> AtomFit:

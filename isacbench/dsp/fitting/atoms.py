@@ -19,14 +19,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats
-from isacbench.dsp.bursts import SymbolBursts
+from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.rangedoppler import GatedMap
-from isacbench.model.kernels import dirichlet_slopes, sine_cosine
+from isacbench.model.kernels import sine_cosine
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval
 
@@ -182,20 +183,18 @@ class AtomMap:
         if axis > 1:
             basis = self.bases[axis - 2]
             return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
-        if axis == 0:
-            value, slope, curvature = dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers)
-            return AtomFactors(value, -slope, curvature)
-        value, slope, curvature = self.bursts.slopes(self.doppler_bins - places[:, None])
-        scale = 1 / self.bin_gain
-        return AtomFactors(scale * value, -scale * slope, scale * curvature)
+        return AtomFactors(*self._kernels(places, axis, 2))
 
     def factors(self, places: Floats, axis: int) -> Floats:
         """Factors of atoms along one coordinate as of `line`, without derivatives, (n, size)."""
-        if axis > 1:
-            return self.line(places, axis).value
-        if axis == 0:
-            return dirichlet_slopes(self.range_bins - places[:, None], self.n_subcarriers, 0)[0]
-        return self.bursts.slopes(self.doppler_bins - places[:, None], 0)[0] / self.bin_gain
+        return self.line(places, axis).value if axis > 1 else self._kernels(places, axis, 0)[0]
+
+    def _kernels(self, places: Floats, axis: int, order: int) -> tuple[Floats, ...]:
+        """Kernels along range or Doppler, and their derivatives up to an order (0 or 2)."""
+        bins = (self.range_bins, self.doppler_bins)[axis]
+        kernel = (whole_frame(self.n_subcarriers), self.bursts)[axis]
+        slopes = kernel.slopes(places[:, None] - bins, order)
+        return tuple(slope / np.sqrt(kernel.redundancy) for slope in slopes)
 
     def lines(self, places: Floats) -> Lines:
         """Factors of atoms along range, Doppler, u and w.
@@ -221,13 +220,7 @@ class AtomMap:
         amplitude : ndarray of complex128, shape (n,)
             Of the unit-energy atoms.
         """
-        along_range, along_doppler, along_u, along_w = (line.value for line in lines)
-        echoes = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
-        surfaces = along_doppler[:, :, None, None] * echoes[:, None]
-        # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
-        rest = along_range.T @ surfaces.reshape(len(echoes), self.cells[0].size).view(np.float64)
-        np.subtract(self._real_rows, rest, out=rest)
-        return replace(self, cells=rest.view(np.complex128).reshape(self.cells.shape))
+        return replace(self, cells=self.cells - sum_of_echoes(amplitude, *(line.value for line in lines)))
 
     def along(self, basis: Floats) -> AtomMap:
         """The map in the dimensions along range that a basis (n_range, d) spans, for factors times it."""
@@ -239,13 +232,6 @@ class AtomMap:
         return (factors @ self._real_rows).reshape(
             len(factors), self.doppler_bins.size, 2 * self.cells[0, 0].size
         )
-
-    def matched(self, factors: list[Floats]) -> Complex:
-        """Products (n,) of atoms with the map, from their factors (n, size) along the four coordinates."""
-        along_range, along_doppler, along_u, along_w = factors
-        seen = (along_doppler[:, None] @ self.ranges(along_range)).view(np.complex128)
-        beams = seen.reshape(len(seen), *self.cells.shape[2:]) @ along_w[:, :, None]
-        return np.asarray(along_u[:, None] @ beams, dtype=np.complex128)[:, 0, 0]
 
     def matched_separably(self, factors: list[Floats]) -> Complex:
         """Products (r, d, g, h) with atoms at all combinations of factors (r, n_range), (d, n_doppler) ..."""
@@ -286,13 +272,6 @@ class AtomMap:
             LineProducts(value @ value.T, value @ slope.T, slope @ slope.T) for value, slope, _ in lines
         )
 
-    def curvature_products(self, lines: Lines) -> tuple[tuple[Floats, Floats], ...]:
-        """Products of the second derivatives of atoms along each coordinate: range, Doppler, u and w.
-
-        For each, products (n, n) with the atoms themselves along that coordinate, and energies (n,).
-        """
-        return tuple((curvature @ value.T, np.sum(curvature**2, axis=1)) for value, _, curvature in lines)
-
     def _snapshots(self, along_range: Floats, *along_doppler: Floats) -> Complex:
         """Array snapshots (n, k, n_u, n_w) that factors along range and k factors along Doppler see."""
         seen = np.stack(along_doppler, axis=1) @ self.ranges(along_range)
@@ -313,6 +292,17 @@ class AtomMap:
         """The map as real rows, one a range bin: the kernels are real, and so is the product with them."""
         rows = np.ascontiguousarray(self.cells).reshape(len(self.cells), -1)
         return rows.view(np.float64)
+
+
+def sum_of_echoes(
+    amplitude: Complex, along_range: Floats, along_doppler: Floats, along_u: Floats, along_w: Floats
+) -> Complex:
+    """Sum (r, d, g, h) of n echoes of amplitudes (n,) with the factors (n, r), (n, d), (n, g) and (n, h)."""
+    directions = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
+    surfaces = along_doppler[:, :, None, None] * directions[:, None]
+    # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
+    parts = surfaces.reshape(len(surfaces), prod(surfaces.shape[1:])).view(np.float64)
+    return (along_range.T @ parts).view(np.complex128).reshape(along_range.shape[1], *surfaces.shape[1:])
 
 
 def _mirror_transform(n: int) -> Complex:

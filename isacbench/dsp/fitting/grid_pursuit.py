@@ -250,7 +250,7 @@ class _Search:
     def matched(self, atom: tuple[int, ...], factors: list[Floats]) -> complex:
         """Product of the map with an atom within a step of one of the grid, from its factors (1, size)."""
         basis, near = self._near(self._block(atom))
-        return complex(near.matched([factors[0] @ basis, *factors[1:]])[0])
+        return complex(near.matched_separably([factors[0] @ basis, *factors[1:]])[0, 0, 0, 0])
 
     def _block(self, atom: tuple[int, ...]) -> int:
         """Number of the range bins that an atom of the grid lies in."""

@@ -96,8 +96,8 @@ class MatchedFilters:
     gated : GatedMap
         Without tapers.
     system : System
-    beam : ndarray of complex128, shape (m, r, d), optional
-        That of the first m scatterers, if it is known.
+    beam : ndarray of complex128, shape (n, r, d), optional
+        Of all scatterers, if it is known.
 
     Attributes
     ----------
@@ -114,28 +114,22 @@ class MatchedFilters:
         self.doppler = gated.doppler_kernel(system.n_symbols)
         self.rows = _around(scatterers.range_bin, gated.gate.range_bins, PATCH[0])
         self.columns = _around(scatterers.doppler_bin, gated.gate.doppler_bins, PATCH[1])
-        n_known = 0 if beam is None else len(beam)
-        fresh = self._read(np.arange(n_known, len(scatterers)))
-        self.beam = fresh if beam is None else np.concatenate([beam, fresh])
+        self.beam = self._read() if beam is None else beam
 
     def __len__(self) -> int:
         return len(self.scatterers)
 
-    def select(self, keep: Mask) -> MatchedFilters:
-        """Select scatterers."""
-        return MatchedFilters(self.scatterers.select(keep), self.gated, self.system, self.beam[keep])
-
     def join(self, others: LocatedScatterers) -> MatchedFilters:
         """Append scatterers."""
-        return MatchedFilters(self.scatterers.join(others), self.gated, self.system, self.beam)
+        beam = np.concatenate([self.beam, MatchedFilters(others, self.gated, self.system).beam])
+        return MatchedFilters(self.scatterers.join(others), self.gated, self.system, beam)
 
-    def _read(self, which: Integers) -> Complex:
-        """Beams (m, r, d) of some scatterers."""
-        gate, found = self.gated.gate, self.scatterers
-        rows, columns = self.rows[which], self.columns[which]
-        directions, _ = self.gated.aperture.towards(found.u[which], found.w[which]).about_middle()
-        filters, cells = directions.conj() / self.gated.n_elements, self.gated.cells.reshape(*gate.shape, -1)
-        beam = np.empty((len(which), rows.shape[1], columns.shape[1]), dtype=np.complex128)
+    def _read(self) -> Complex:
+        """Beams (n, r, d) of the map."""
+        gate, rows, columns = self.gated.gate, self.rows, self.columns
+        filters = self._directions[0].conj() / self.gated.n_elements
+        cells = self.gated.cells.reshape(*gate.shape, self.gated.n_elements)
+        beam = np.empty((len(self), rows.shape[1], columns.shape[1]), dtype=np.complex128)
         # One by one: all patches together are many times the map.
         for row, column, direction, output in zip(rows, columns, filters, beam, strict=True):
             np.matmul(cells[row[0] : row[-1] + 1, column[0] : column[-1] + 1], direction, out=output)
@@ -144,18 +138,18 @@ class MatchedFilters:
         return beam * turn[rows][:, :, None] * turn_back[columns][:, None, :]
 
     @cached_property
-    def direction_response(self) -> NDArray[np.inexact[Any]]:
-        """Responses (n, n) of beam i to a unit echo from the direction of scatterer j."""
-        return self.gated.aperture.towards(self.scatterers.u, self.scatterers.w).about_middle()[1]
+    def _directions(self) -> tuple[Complex, NDArray[np.inexact[Any]]]:
+        """Array responses (n, elements), and responses (n, n) of beam i to a unit echo from direction j."""
+        return self.gated.aperture.towards(self.scatterers.u, self.scatterers.w).about_middle()
 
     @cached_property
-    def kernels(self) -> tuple[Floats, Floats]:
-        """Unit echoes (n_range, n) and (n_doppler, n) of all scatterers in the gate."""
+    def _unit_echoes(self) -> tuple[Floats, Floats]:
+        """Echoes (n_range, n) and (n_doppler, n) of all scatterers in the gate."""
         gate, found = self.gated.gate, self.scatterers
-        (along_range,) = dirichlet_slopes(
-            gate.range_bins[:, None] - found.range_bin, self.system.n_subcarriers, 0
-        )
-        return along_range, self.doppler.slopes(gate.doppler_bins[:, None] - found.doppler_bin, 0)[0]
+        in_range, in_doppler = gate.range_bins[:, None], gate.doppler_bins[:, None]
+        along_range = dirichlet_slopes(in_range - found.range_bin, self.system.n_subcarriers, 0)[0]
+        along_doppler = self.doppler.slopes(in_doppler - found.doppler_bin, 0)[0]
+        return along_range, along_doppler
 
     @cached_property
     def outputs(self) -> tuple[Complex, NDArray[np.inexact[Any]]]:
@@ -163,28 +157,26 @@ class MatchedFilters:
 
         A filter has 1 of its own.
         """
-        along_range, along_doppler = self.kernels
+        along_range, along_doppler = self._unit_echoes
         in_range, range_filter = _filters(along_range, self.rows)
         in_doppler, doppler_filter = _filters(along_doppler, self.columns)
-        response = (in_range @ along_range) * (in_doppler @ along_doppler) * self.direction_response
+        response = (in_range @ along_range) * (in_doppler @ along_doppler) * self._directions[1]
         gain = response.diagonal().real.copy()
-        output = (range_filter[:, None, :] @ self.beam @ doppler_filter[:, :, None])[:, 0, 0]
+        output = (range_filter[:, None] @ self.beam @ doppler_filter[:, :, None])[:, 0, 0]
         return output / gain, response / gain[:, None]
 
     def echoes(self, amplitude: Complex) -> Complex:
         """Sums (n, r, d) of the echoes of all scatterers in each beam."""
-        along_range, along_doppler = self.kernels
-        weighted = along_range[self.rows] * self.direction_response[:, None, :]
-        along = (along_doppler[self.columns] * amplitude).transpose(0, 2, 1)
-        echoes: Complex = weighted @ along.real + 1j * (weighted @ along.imag)
-        return echoes
+        along_range, along_doppler = self._unit_echoes
+        weighted = along_range[self.rows] * (self._directions[1] * amplitude)[:, None]
+        return weighted @ along_doppler[self.columns].transpose(0, 2, 1)
 
     def amplitudes(self, member: Mask | None = None, loading: float = LOADING) -> Complex:
         """Amplitudes (n,) that explain the outputs of all members' filters together, 0 for the others."""
         matched, response = self.outputs
         members = np.arange(len(self)) if member is None else np.flatnonzero(member)
         square = response[np.ix_(members, members)] + loading * np.eye(members.size)
-        target = np.stack([matched[members].real, matched[members].imag], axis=1)
+        target = matched[members].view(np.float64).reshape(-1, 2)
         amplitude = np.zeros_like(matched)
         amplitude[members] = np.linalg.solve(square, target) @ np.array([1, 1j])
         return amplitude
@@ -243,7 +235,7 @@ def select_among(
     member = np.arange(len(filters)) < n_members
     amplitude = filters.amplitudes(member)
     for _ in range(MAX_ROUNDS):
-        explained = response @ np.stack([amplitude.real, amplitude.imag], axis=1) @ np.array([1, 1j])
+        explained = response @ amplitude.view(np.float64).reshape(-1, 2) @ np.array([1, 1j])
         residual = np.abs(matched - explained)
         candidate = np.where(member, 0, residual)
         strongest = np.maximum.reduceat(np.maximum(np.abs(amplitude), candidate)[second], starts)
@@ -334,10 +326,9 @@ def _most_unexplained(filters: MatchedFilters) -> float:
 
 def _filters(echoes: Floats, cells: Integers) -> tuple[Floats, Floats]:
     """Filters (n, b) matched to echoes (b, n) in k cells of each, and what they have there (n, k)."""
-    scatterer = np.arange(len(cells))[:, None]
-    filters = np.zeros_like(echoes.T, order="C")
-    filters[scatterer, cells] = echoes[cells, scatterer]
-    return filters, filters[scatterer, cells]
+    filters, own = np.zeros_like(echoes.T, order="C"), np.take_along_axis(echoes.T, cells, axis=1)
+    np.put_along_axis(filters, cells, own, axis=1)
+    return filters, own
 
 
 def _around(places: Floats, bins: Integers, n_side: int) -> Integers:

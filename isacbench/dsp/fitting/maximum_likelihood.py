@@ -221,7 +221,7 @@ def _outputs(snapshots: Floats, along_u: Floats, along_w: Floats, k: int) -> Flo
 
 def _line(n_elements: int, cosine: Floats, found: Mask) -> Floats:
     """Real responses of unit norm, their first and second derivatives (n, 3 k, elements); 0 for fillers."""
-    slopes = real_steering_slopes(n_elements, cosine, axis=1)
+    slopes = real_steering_slopes(n_elements, cosine)
     slopes *= (found / np.sqrt(n_elements))[:, None, :, None]
     return slopes.reshape(len(found), 3 * found.shape[1], n_elements)
 
@@ -254,19 +254,13 @@ def resolve_directions(
         Most steps of the first refinement; a cell that is explained to 70 dB by then takes up to 30 more.
     """
     found, data = waves.found.copy(), real_snapshots(snapshots)
-    fit = refined(data, fit_waves(data, waves.u, waves.w, found), found, n_steps, FINISHING_STEPS)
+    fit = refined(data, waves.u, waves.w, found, n_steps)
     changing = np.arange(len(found))
     while changing.size:
         u, w, fewer = _without_one(fit.at(changing), found[changing], noise, -np.log(pfa) * noise)
         changed = (fewer != found[changing]).any(axis=1)
         changing, fewer = changing[changed], fewer[changed]
-        cells = data[changing]
-        fit.put(
-            changing,
-            refined(
-                cells, fit_waves(cells, u[changed], w[changed], fewer), fewer, REFIT_STEPS, FINISHING_STEPS
-            ),
-        )
+        fit.put(changing, refined(data[changing], u[changed], w[changed], fewer, REFIT_STEPS))
         found[changing] = fewer
     return PlaneWaves(fit.u, fit.w, found)
 
@@ -316,15 +310,16 @@ def _nearest_pair(fit: WaveFit, found: Mask) -> tuple[Floats, Integers, Integers
     return square.min(axis=1), first, second
 
 
-def refined(snapshots: Floats, fit: WaveFit, found: Mask, n_steps: int, n_finishing: int = 0) -> WaveFit:
+def refined(snapshots: Floats, u: Floats, w: Floats, found: Mask, n_steps: int) -> WaveFit:
     """Fit after damped Gauss-Newton and Newton steps; cells that are nearly explained take more."""
+    fit = fit_waves(snapshots, u, w, found)
     half_cells = np.repeat(snapshots.shape[1::2], found.shape[1]) / 2
     damping = np.full(len(snapshots), FIRST_DAMPING)
     near = np.zeros(len(snapshots), dtype=np.bool_)
     power = _energy(snapshots)
     least_gain = CONVERGED * power
     moving = np.flatnonzero(found.any(axis=1))
-    for n_done in range(n_steps + n_finishing):
+    for n_done in range(n_steps + FINISHING_STEPS):
         if n_done == n_steps:
             moving = moving[fit.unexplained[moving] < NEARLY_EXPLAINED * power[moving]]
         if not moving.size:

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
-from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix, sum_of_echoes
 from isacbench.dsp.floating_point import round_mantissa
 from isacbench.model.gate import Gate
 from isacbench.model.region import Interval
@@ -131,30 +131,14 @@ class BeamSpace:
         in_range, in_doppler = self.reach
         return self.atom_map.range_bins[in_range], self.atom_map.doppler_bins[in_doppler], self.u, self.w
 
-    def residual(self, fit: AtomFit | None) -> Complex:
-        """Subtract the echoes of atoms from the beams.
-
-        Parameters
-        ----------
-        fit : AtomFit or None
-            Of the atoms; None without any.
-
-        Returns
-        -------
-        ndarray of complex128, shape of `beams`
-        """
-        if fit is None:
-            return self.beams
-        atom_map, n = self.atom_map, len(fit)
+    def residual(self, fit: AtomFit) -> Complex:
+        """Subtract the echoes of atoms from the beams."""
+        atom_map, (in_range, in_doppler) = self.atom_map, self.reach
         along_range, along_doppler, along_u, along_w = (line.value for line in fit.lines)
-        towards_u = along_u @ (atom_map.bin_gain * atom_map.line(self.u, 2).value.T)
-        towards_w = along_w @ atom_map.line(self.w, 3).value.T
-        along_range, along_doppler = along_range[:, self.reach[0]].T, along_doppler[:, self.reach[1]]
-        directions = (towards_u[:, :, None] * towards_w[:, None, :]).reshape(n, 1, -1)
-        rest = (along_doppler[:, :, None] * directions).reshape(n, -1)
-        # All factors but the amplitudes are real.
-        echoes = (along_range * fit.amplitude.real) @ rest + 1j * ((along_range * fit.amplitude.imag) @ rest)
-        return self.beams - echoes.reshape(self.beams.shape)
+        beams_u = along_u @ (atom_map.bin_gain * atom_map.line(self.u, 2).value.T)
+        beams_w = along_w @ atom_map.line(self.w, 3).value.T
+        seen = along_range[:, in_range], along_doppler[:, in_doppler], beams_u, beams_w
+        return self.beams - sum_of_echoes(fit.amplitude, *seen)
 
     def peaks(self, residual: Complex, least_energy: float) -> tuple[Floats, Floats]:
         """Find the local maxima of a residual, sampled twice a Rayleigh cell along all coordinates.
@@ -222,7 +206,7 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
         dense[::2, 1::2] = np.sqrt(0.5) * (outputs[:, :-1] + outputs[:, 1:])
         dense[1::2] = np.sqrt(0.5) * (dense[:-2:2] + dense[2::2])
         energy = dense.real**2 + dense.imag**2
-        here = _highest_of_three(_highest_of_three(energy, 0), 1) / (1 + 10.0**-TIE_DIGITS)
+        here = _highest_of_three(_highest_of_three(energy).T).T / (1 + 10.0**-TIE_DIGITS)
         highest[w + 1, u + 1] = here
         is_candidate = (energy >= here) & (energy > least_energy)
         found.append(np.flatnonzero(is_candidate) + ((w + 1) * (n_directions[1] + 2) + u + 1) * here.size)
@@ -235,12 +219,11 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
     return (w - 1, u - 1, doppler_bin, range_bin), level
 
 
-def _highest_of_three(values: Floats, axis: int) -> Floats:
-    """The highest of each value and its two neighbours along an axis."""
-    highest = values.copy()
-    along, there = np.moveaxis(values, axis, 0), np.moveaxis(highest, axis, 0)
-    np.maximum(there[1:], along[:-1], out=there[1:])
-    np.maximum(there[:-1], along[1:], out=there[:-1])
+def _highest_of_three(rows: Floats) -> Floats:
+    """The highest of each value and those of the rows before and after it."""
+    highest = rows.copy(order="K")
+    np.maximum(highest[1:], rows[:-1], out=highest[1:])
+    np.maximum(highest[:-1], rows[1:], out=highest[:-1])
     return highest
 
 
@@ -320,32 +303,32 @@ def _distances(places: Floats, others: Floats) -> Floats:
     return np.moveaxis(places.T[:, :, None] - others.T[:, None, :], 0, -1)
 
 
-def strongest_around(places: Floats, fit: AtomFit, bursts: SymbolBursts = UNGAPPED) -> Floats:
+def strongest_around(places: Floats, fit: AtomFit) -> Floats:
     """Bound the energy that the strongest atom of a fit shows at places (n, 4), in Rayleigh cells.
 
     The larger of two: sidelobes of an atom anywhere, and all of the energy of one within two bins in range
     and Doppler, whose misfit has every direction. The energy of an atom is what the map shows of it
     (`AtomFit.shown_energy`). Atoms do not count at their own place.
     """
-    if len(places) > (most := MOST_PAIRS // len(fit)):
+    if len(places) > (most := MOST_PAIRS // max(len(fit), 1)):
         parts = np.split(places, range(most, len(places), most))
-        return np.concatenate([strongest_around(part, fit, bursts) for part in parts])
-    distance = _distances(places, fit.places)
+        return np.concatenate([strongest_around(part, fit) for part in parts])
+    if not len(places):
+        return np.empty(0)
+    distance, periods = _distances(places, fit.places), fit.atom_map.periods
     span = np.ptp(np.concatenate([places, fit.places]), axis=0)
-    for axis in np.flatnonzero(span > fit.periods / 2):
-        distance[..., axis] -= fit.periods[axis] * np.rint(distance[..., axis] / fit.periods[axis])
+    for axis in np.flatnonzero(span > periods / 2):
+        distance[..., axis] -= periods[axis] * np.rint(distance[..., axis] / periods[axis])
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
-    share = np.where(near, 1.0, sidelobe_envelope(distance, bursts) ** 2)
+    share = np.where(near, 1.0, sidelobe_envelope(distance, fit.atom_map.bursts) ** 2)
     itself = near & (along_range == 0) & (along_doppler == 0)
     itself[itself] = (distance[itself] == 0).all(axis=1)
     share[itself] = 0
     return (share * fit.shown_energy).max(axis=1, initial=0)
 
 
-def split_gains(
-    atom_map: AtomMap, fit: AtomFit, residual_around: Floats, least_energy: float
-) -> tuple[Floats, Floats]:
+def split_gains(fit: AtomFit, residual_around: Floats, least_energy: float) -> tuple[Floats, Floats]:
     """Energy that two atoms for one would explain, from the products of the residual with its derivatives.
 
     Two echoes less than a Rayleigh cell apart differ from one by its first derivative in quadrature, and by
@@ -357,9 +340,10 @@ def split_gains(
     """
     n = len(fit)
     lines, products, axes = fit.lines, fit.products, range(N_COORDINATES)
-    curvature_outputs = atom_map.correlate_curvatures(lines)
+    curvature_outputs = fit.atom_map.correlate_curvatures(lines)
     gain, separation = np.zeros((2, n, N_COORDINATES))
-    for axis, (curved, energy) in enumerate(atom_map.curvature_products(lines)):
+    for axis, (value, _, second) in enumerate(lines):
+        curved, energy = second @ value.T, np.sum(second**2, axis=1)
         others = np.prod([products[k].value for k in axes if k != axis], axis=0)
         slope = fit.correlations.slope[:, axis] - product_matrix(products, axis, None) @ fit.amplitude
         curvature = curvature_outputs[:, axis] - (others * curved) @ fit.amplitude
@@ -387,25 +371,18 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """
     n, power, places = len(fit), fit.power, fit.places.copy()
     drop = np.zeros(n, dtype=np.bool_)
-    covariance = fit.covariance(noise)
-    variance = np.einsum("inin->ni", covariance)
-    lost = np.flatnonzero((variance > LOST**2).any(axis=1))
+    root = np.sqrt(noise / 2) * fit.bound_root.reshape(N_COORDINATES, n, -1)
+    lost = np.flatnonzero((np.sum(root**2, axis=2) > LOST**2).any(axis=0))
     if lost.size:
         drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
         return drop, places
-    apart = unwrapped(places[:, None], places, fit.periods) - places
+    apart = unwrapped(places[:, None], places, fit.atom_map.periods) - places
     first, second = np.nonzero(np.triu(np.all(np.abs(apart) < 1, axis=2), 1))
     apart = apart[first, second]
-    joint = (
-        covariance[:, first, :, first]
-        + covariance[:, second, :, second]
-        - covariance[:, first, :, second]
-        - covariance[:, second, :, first]
-    )
     length = np.sum(apart**2, axis=1)
-    along = np.einsum("pi,pij,pj->p", apart, joint, apart)
-    blurred = fit.blurred
     # Variance of the distance along the line between the two.
+    along = np.sum(np.einsum("pi,ipk->pk", apart, root[:, first] - root[:, second]) ** 2, axis=1)
+    blurred = fit.blurred
     is_resolved = (length**2 >= RESOLVED_VARIANCES * along) & ~(blurred[first] & blurred[second])
     for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
         pair = np.array([first[k], second[k]])
@@ -414,7 +391,7 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
         stronger, weaker = pair[descending(power[pair])]
         drop[weaker] = True
         # The two ends of a coordinate meet at the stronger one's, not in the middle.
-        near = unwrapped(places[pair], places[stronger], fit.periods)
+        near = unwrapped(places[pair], places[stronger], fit.atom_map.periods)
         places[stronger] = np.average(near, axis=0, weights=power[pair])
     return drop, places
 
@@ -430,25 +407,14 @@ def reachable_places(places: Floats, gate: Gate) -> Mask:
     return inside
 
 
-def above_sidelobes(
-    places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
-) -> Integers:
-    """Keep the candidates that are not sidelobes of peaks which no move explains.
-
-    Places (n, 4) and gains (n,) are of the peaks of the residual; candidates are indices of those that can
-    become atoms, by descending gain, and `left` of those that no move explains, at most `MOST_LEFT`.
-    """
-    shown = sidelobe_energy(places[candidates], places[left], gain[left], bursts)
-    return candidates[gain[candidates] >= shown]
-
-
 def drop_lobe_images(
     places: Floats, gain: Floats, candidates: Integers, left: Integers, bursts: SymbolBursts
 ) -> Integers:
     """Drop the peaks in `left` that are grating lobes of the best candidates.
 
-    Arguments are those of `above_sidelobes`. If the whole frame is used for sensing there are no grating
-    lobes, and all peaks stay.
+    Places (n, 4) and gains (n,) are of the peaks of the residual; candidates are indices of those that can
+    become atoms, by descending gain, and `left` of those that no move explains. If the whole frame is used
+    for sensing there are no grating lobes, and all peaks stay.
     """
     if bursts.is_whole_frame:
         return left

@@ -140,10 +140,8 @@ def _learn_block(atoms: Atoms, reach: Reach, noise: float, start: float) -> Atom
     found = found[strength > strongest_near(found, strength, NEAR_BINS) * 10 ** (-DYNAMIC_RANGE_DB / 20)]
     others = np.setdiff1d(np.arange(atoms.amplitude.size), members)
     places = np.concatenate([found, atoms.places[beside]])
-    amplitude = (
-        fit_atoms(window, places, RIDGE).amplitude if len(places) else np.empty(0, dtype=np.complex128)
-    )
-    rest = own_map.without(own_map.lines(places), amplitude) if len(places) else own_map
+    amplitude = fit_atoms(window, places, RIDGE).amplitude
+    rest = own_map.without(own_map.lines(places), amplitude)
     return Atoms(
         np.concatenate([atoms.places[others], places]),
         np.concatenate([atoms.amplitude[others], amplitude]),

@@ -17,10 +17,9 @@ squares problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms
+from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, loaded_step
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
 from isacbench.dsp.floating_point import round_step
@@ -69,19 +68,14 @@ MOST_ROUNDS = 3
 """Rounds of dropping atoms at the end."""
 
 
-def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> AtomFit | None:
-    """Move atoms from places (n, 4) to where they explain the map best, and drop those of its misfit.
-
-    None is returned if no atom stands out.
-    """
+def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float) -> AtomFit:
+    """Move atoms from places (n, 4) to where they explain the map best, and drop those of its misfit."""
     fit, damping = fit_atoms(atom_map, places, RIDGES[0]), FIRST_DAMPING
-    keep = significant_atoms(fit, atom_map, reach, RIDGES[0])
-    if not keep.any():
-        return None
-    fit = fit_atoms(atom_map, fit.places[keep], RIDGES[0], fit)
-    origins = fit.places
+    origins = places = places[significant_atoms(fit, reach, RIDGES[0])]
     for ridge in RIDGES:
-        fit = fit_atoms(atom_map, fit.places, ridge, fit)
+        fit = fit_atoms(atom_map, places, ridge, fit)
+        if not len(fit):
+            break
         step = damped_step(fit, damping)
         moved = np.clip(round_step(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
         tried = fit_atoms(atom_map, moved, ridge)
@@ -90,56 +84,48 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
             fit, damping = tried, max(damping / 3, LEAST_DAMPING)
         else:
             damping *= 5
-        keep = significant_atoms(fit, atom_map, reach, ridge)
-        if not keep.any():
-            return None
-        fit, origins = fit_atoms(atom_map, fit.places[keep], ridge, fit), origins[keep]
+        keep = significant_atoms(fit, reach, ridge)
+        places, origins = fit.places[keep], origins[keep]
     for _ in range(MOST_ROUNDS):
-        keep = significant_atoms(fit, atom_map, reach, RIDGES[-1], LEAST_POWER * noise)
-        if keep.all():
+        fit = fit_atoms(atom_map, places, RIDGES[-1], fit)
+        places = places[significant_atoms(fit, reach, RIDGES[-1], LEAST_POWER * noise)]
+        if len(places) == len(fit):
             break
-        if not keep.any():
-            return None
-        fit = fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit)
-    return fit
+    return fit_atoms(atom_map, places, RIDGES[-1], fit)
 
 
-def significant_atoms(
-    fit: AtomFit, atom_map: AtomMap, reach: Reach, ridge: float, least_power: float = 0.0
-) -> Mask:
+def significant_atoms(fit: AtomFit, reach: Reach, ridge: float, least_power: float = 0.0) -> Mask:
     """Tell which atoms lie in the region, have a least power and are no misfit of others."""
     size = np.abs(_weighed(fit, ridge))
     power = size**2
-    far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
+    far = sidelobe_energy(fit.places, fit.places, power, fit.atom_map.bursts, FAR_BINS)
     keep: Mask = reach.contains(fit.places, REGION_TOLERANCE_M) & (power >= least_power)
     keep &= size > strongest_near(fit.places, size, NEAR_BINS) * 10 ** (-LOCAL_RANGE_DB / 20)
     return keep & (power > far * 10 ** (-FAR_RANGE_DB / 10))
 
 
-def drop_model_error(fit: AtomFit, atom_map: AtomMap, reach: Reach) -> AtomFit | None:
+def drop_model_error(fit: AtomFit, reach: Reach) -> AtomFit:
     """Drop atoms that are weak compared with both the sidelobes of other ranges and what is left around them.
 
     Either alone says little: weak echoes lie among strong ones, and are wanted where the map is explained;
     and a crowd's misfit lies among its echoes. The misfit that an atom is compared with is their weighted
-    geometric mean. The fit has settled, with the last ridge. None if no atom stands out.
+    geometric mean. The fit has settled, with the last ridge.
     """
-    power = np.abs(_weighed(fit, RIDGES[-1])) ** 2
+    atom_map, power = fit.atom_map, np.abs(_weighed(fit, RIDGES[-1])) ** 2
     far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
-    rest = atom_map.without(atom_map.lines(fit.places), fit.amplitude)
+    rest = atom_map.without(fit.lines, fit.amplitude)
     space = BeamSpace.from_map(rest, reach.observation.gate, reach.observation.cosine_limits)
     around = space.mean_around(space.beams, fit.places)
     misfit = far**FAR_SHARE * around ** (1 - FAR_SHARE)
     keep = power > misfit * 10 ** (ABOVE_MISFIT_DB / 10)
-    return fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit) if keep.any() else None
+    return fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit)
 
 
 def _weighed(fit: AtomFit, ridge: float) -> Complex:
     """Amplitudes by which atoms are compared."""
     if ridge >= WEIGHING_RIDGE:
         return fit.amplitude
-    loaded = fit.gram + (WEIGHING_RIDGE - ridge) * np.eye(len(fit))
-    matched = np.stack([fit.correlations.value.real, fit.correlations.value.imag], axis=1)
-    return cho_solve(cho_factor(loaded), matched) @ np.array([1, 1j])
+    return fit_atoms(fit.atom_map, fit.places, WEIGHING_RIDGE, fit).amplitude
 
 
 def damped_step(fit: AtomFit, damping: float) -> Floats:
@@ -150,6 +136,4 @@ def damped_step(fit: AtomFit, damping: float) -> Floats:
     """
     diagonal = fit.information.diagonal()
     load = damping * (diagonal + np.tile(fit.power, N_COORDINATES)) + 1e-12 * diagonal.max()
-    step = cho_solve(cho_factor(fit.information + np.diag(load)), fit.score).reshape(N_COORDINATES, -1).T
-    longest = np.abs(step).max(axis=1, keepdims=True)
-    return step * (LONGEST_STEP_CELLS / np.maximum(longest, LONGEST_STEP_CELLS))
+    return loaded_step(fit, load, LONGEST_STEP_CELLS)

@@ -113,22 +113,6 @@ def test_filters_of_intersections_are_those_of_the_pairs_written_out(kind, shape
 
 
 @any_aperture
-def test_outputs_have_the_precision_of_the_snapshots_and_gram_matrices_are_double(kind, shape, seed):
-    aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 2))
-    data = snapshots_of(aperture, rng, 2, 2)
-    for dtype, tolerance in ((np.complex64, 1e-5), (np.complex128, 0)):
-        cells = data.astype(dtype)
-        cosines = aperture.towards(u, w)
-        for single, double in (
-            (cosines.matched(cells), cosines.matched(data)),
-            (cosines.matched_intersections(cells[0]), cosines.matched_intersections(data[0])),
-        ):
-            assert single.dtype == dtype
-            np.testing.assert_allclose(single, double, atol=tolerance)
-        assert cosines.gram().dtype == np.complex128
-
-
-@any_aperture
 def test_a_synthesis_is_the_sum_of_waves_at_every_element(kind, shape, seed):
     aperture, rng, (u, w) = drawn(kind, shape, seed, (2, 3))
     amplitude = rng.standard_normal((2, 3)) + 1j * rng.standard_normal((2, 3))

@@ -31,7 +31,7 @@ CONSTELLATIONS = {
 
 def solve(snapshots, subarray, order):
     """ESPRIT on the signal subspaces of snapshots."""
-    vectors = leading_eigenpairs(planar_covariance(snapshots, subarray), order)[1]
+    vectors = leading_eigenpairs(planar_covariance(snapshots[:, None], subarray), order)[1]
     return unitary_esprit(vectors.reshape(len(snapshots), *subarray, order))
 
 

@@ -78,9 +78,9 @@ def test_the_null_spectrum_is_the_squared_projection_on_the_noise_subspace(n_cel
 def test_slopes_of_real_steering_are_those_of_complex_steering_turned(n_subarray, cosine):
     arm = np.pi * ((n_subarray - 1) / 2 - np.arange(n_subarray))
     turn = unitary_transform(n_subarray).conj().T
-    found = real_steering_slopes(n_subarray, np.array(cosine), axis=0)
+    found = real_steering_slopes(n_subarray, np.array(cosine))
     for order in range(3):
-        for row, place in zip(found[order], cosine, strict=True):
+        for row, place in zip(found[:, order], cosine, strict=True):
             expected = turn @ ((1j * arm) ** order * np.exp(1j * arm * place))
             np.testing.assert_allclose(row, expected, atol=1e-11 * n_subarray**order)
 
@@ -117,7 +117,8 @@ def test_another_step_would_lead_nowhere_from_the_flattest_minimum():
     peaks = line_peaks(-music_null_spectrum(vectors, orders, real_steering(SUBARRAY, coarse)), coarse, orders)
     reach = coarse[1] - coarse[0]
     minima = music_null_minima(vectors, orders, peaks.place, peaks.found, reach)
-    level, first, second = np.moveaxis(real_steering_slopes(SUBARRAY, minima) @ vectors[:, None, :, :4], 2, 0)
+    slopes = real_steering_slopes(SUBARRAY, minima).swapaxes(0, 1) @ vectors[:, :, :4]
+    level, first, second = slopes
     slope, bend = np.sum(level * first, axis=2), -np.sum(first**2 + level * second, axis=2)
     inside = peaks.found & (abs(minima - peaks.place) < 0.999 * reach)
     assert inside.sum() > 300

@@ -20,7 +20,7 @@ from tests.dsp.plane_wave_data import noise
 
 def eigenvalues_of(snapshots, subarray):
     """Descending eigenvalues of planar smoothed covariances."""
-    return np.linalg.eigvalsh(planar_covariance(snapshots, subarray))[:, ::-1]
+    return np.linalg.eigvalsh(planar_covariance(snapshots[:, None], subarray))[:, ::-1]
 
 
 def sources(n_cells, n_sources, gain_db, seed=0):

@@ -141,14 +141,12 @@ def test_which_of_equal_pairs_a_cross_takes_does_not_depend_on_rounding(w_amplit
     assert pairs == {((-0.5, -0.2), (0.1, -0.2), (0.1, 0.6))}
 
 
-def test_waves_of_some_cells_stay_resolved_or_not():
+def test_waves_of_some_cells_are_theirs():
     u = np.arange(6.0).reshape(3, 2) / 10
     keep = np.array([True, False, True])
-    some = PlaneWaves(u, -u, u > 0.1, np.array([True, True, False])).select(keep)
+    some = PlaneWaves(u, -u, u > 0.1).select(keep)
     for actual, expected in ((some.u, u), (some.w, -u), (some.found, u > 0.1)):
         assert actual.tolist() == expected[keep].tolist()
-    assert some.resolved.tolist() == [True, False]
-    assert PlaneWaves(u, -u, u > 0.1).select(keep).resolved is None
 
 
 def test_sources_that_share_a_column_or_a_row_are_told_apart():

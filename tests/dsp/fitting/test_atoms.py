@@ -86,18 +86,6 @@ def test_products_of_atoms_and_slopes_are_plain_inner_products_and_real(atom_map
         np.testing.assert_allclose(product_matrix(lines, left, right), expected.real, atol=1e-6)
 
 
-@pytest.mark.parametrize("axis", range(N_COORDINATES))
-def test_products_of_curvatures_are_plain_inner_products(atom_map, axis):
-    lines = atom_map.lines(PLACES)
-    curved, energy = atom_map.curvature_products(lines)[axis]
-    others = np.prod([line.value for k, line in enumerate(atom_map.products(lines)) if k != axis], axis=0)
-    atoms = np.array([atom(place).ravel() for place in PLACES])
-    curvatures = dense(2)[axis]
-    np.testing.assert_allclose(curved * others, (curvatures.conj() @ atoms.T).real, atol=1e-5)
-    expected = np.sum(np.abs(curvatures) ** 2, axis=1)
-    np.testing.assert_allclose(energy * np.diag(others), expected, rtol=1e-5)
-
-
 def test_an_atom_on_the_whole_map_has_unit_energy_and_is_orthogonal_to_its_slopes():
     gate = Gate(np.arange(24), np.arange(-5, 5), slice(0, 24), slice(0, 10))
     atom_map = AtomMap.from_map(GatedMap(np.zeros((*gate.shape, *SHAPE), complex), gate), SYSTEM)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.fitting.maximum_likelihood import fit_waves, real_snapshots, refined, resolve_directions
+from isacbench.dsp.fitting.maximum_likelihood import real_snapshots, refined, resolve_directions
 from isacbench.model.kernels import steering
 from tests.conftest import few
 from tests.dsp.plane_wave_data import least_squares, noise, pairs_of, separate_sources, snapshot, waves
@@ -24,9 +24,7 @@ def shot(u, w, gain):
 
 def refine_directions(snapshots, start, n_steps):
     """Directions of the likeliest waves from a start, as many as there are in it."""
-    snapshots = real_snapshots(snapshots)
-    fit = fit_waves(snapshots, start.u, start.w, start.found)
-    fit = refined(snapshots, fit, start.found, n_steps)
+    fit = refined(real_snapshots(snapshots), start.u, start.w, start.found, n_steps)
     return PlaneWaves(fit.u, fit.w, start.found)
 
 
