@@ -32,7 +32,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers
-from isacbench.dsp.angles.line_subspaces import Eigenpairs
+from isacbench.dsp.angles.line_subspaces import Eigenpairs, signal_basis
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.planar_subspaces import most_sources, planar_eigenpairs, subarray_shape
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -304,8 +304,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             subarray = subarray_shape(shape, self.subarray_fraction)
             sources = self.signal_order(pairs, shape, subarray, noise)
             order = determined_order(pairs, np.minimum(sources, self._most_sources(subarray)))
-            in_signal = np.arange(order.max(initial=1)) < order[:, None]
-            basis = pairs.vectors[:, :, : in_signal.shape[1]] * in_signal[:, None, :]
+            basis = signal_basis(pairs.vectors, order)
             return Subspaces(basis.reshape(len(order), *subarray, basis.shape[2]), order)
 
     def _most_sources(self, subarray: tuple[int, int]) -> int:

@@ -219,13 +219,13 @@ def music_null_spectrum(eigenvectors: Floats, order: Integers, steering: Floats)
     ndarray of float64, shape (n, g)
         0 on a source, L in empty directions.
     """
-    basis = _signal_basis(eigenvectors, order)
+    basis = signal_basis(eigenvectors, order)
     projection = basis.transpose(0, 2, 1) @ steering
     null: Floats = len(steering) - np.einsum("nkg,nkg->ng", projection, projection)
     return np.maximum(null, 0.0)
 
 
-def _signal_basis(eigenvectors: Floats, order: Integers) -> Floats:
+def signal_basis(eigenvectors: Floats, order: Integers) -> Floats:
     """Bases (n, L, k) of signal subspaces, 0 beyond the order of each."""
     n_signal = int(order.max(initial=1))
     in_signal = np.arange(n_signal) < order[:, None]
@@ -241,7 +241,7 @@ def music_null_minima(
     subspaces. Places outside of the mask `found` stay. A minimum is at most `reach` from its place.
     """
     cell, entry = np.nonzero(found)
-    basis = _signal_basis(eigenvectors, order)[cell]
+    basis = signal_basis(eigenvectors, order)[cell]
     minima, moved = place.copy(), place[cell, entry]
     low, high = moved - reach, moved + reach
     for _ in range(MOST_STEPS):
@@ -293,7 +293,7 @@ def music_roots(eigenvectors: Floats, order: Integers, limits: Interval) -> Peak
     (1989).
     """
     n_sensors = eigenvectors.shape[1]
-    basis = unitary_transform(n_sensors) @ _signal_basis(eigenvectors, order)
+    basis = unitary_transform(n_sensors) @ signal_basis(eigenvectors, order)
     # Sums along the diagonals of E_s E_s^H are correlations of its columns with themselves.
     lines = scipy.fft.fft(basis, 2 * n_sensors, axis=1)
     lags = scipy.fft.ifft(np.sum(lines.real**2 + lines.imag**2, axis=2), axis=1)[:, :n_sensors]

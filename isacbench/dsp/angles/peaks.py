@@ -131,7 +131,7 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
     Peaks
         Refined by a parabola through three samples.
     """
-    (spectrum, sample), rank = _strongest(spectra, maxima or line_maxima(spectra), n_peaks)
+    (spectrum, sample), rank = strongest(spectra, maxima or line_maxima(spectra), n_peaks)
     peaks = Peaks(*(np.zeros((len(spectra), int(n_peaks.max(initial=0))), dtype) for dtype in (float, bool)))
     left, middle, right = (spectra[spectrum, sample + shift] for shift in (-1, 0, 1))
     peaks.place[spectrum, rank] = grid[sample] + vertex(left, middle, right) * (grid[1] - grid[0])
@@ -139,13 +139,13 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
     return peaks
 
 
-def _strongest(spectra: Floats, maxima: Places, n_most: Integers) -> tuple[Places, Integers]:
+def strongest(spectra: Floats, maxima: Places, n_most: Integers) -> tuple[Places, Integers]:
     """Choose the strongest maxima of each spectrum, at most n_most (n,) of it, and number them from 0."""
-    strongest = np.lexsort([-spectra[maxima], maxima[0]])
-    spectrum = maxima[0][strongest]
+    descending = np.lexsort([-spectra[maxima], maxima[0]])
+    spectrum = maxima[0][descending]
     rank = np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
     kept = rank < n_most[spectrum]
-    return tuple(index[strongest[kept]] for index in maxima), rank[kept]
+    return tuple(index[descending[kept]] for index in maxima), rank[kept]
 
 
 def plane_maxima(power: Floats, allowed: Mask) -> Places:
@@ -169,7 +169,7 @@ def plane_peaks(power: Floats, maxima: Places, n_most: int) -> tuple[Floats, Flo
     entries only fill the row.
     """
     n, n_rows, n_columns = power.shape
-    (spectrum, row, column), rank = _strongest(power, maxima, np.full(n, n_most))
+    (spectrum, row, column), rank = strongest(power, maxima, np.full(n, n_most))
     peak = power[spectrum, row, column]
     top = np.where(peak > 0, peak, 1.0)
 

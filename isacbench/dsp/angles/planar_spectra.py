@@ -13,11 +13,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import minimum_filter
 
 from isacbench.checked_arrays import Floats, Integers, Mask, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
-from isacbench.dsp.angles.peaks import plane_peaks, with_neighbours
+from isacbench.dsp.angles.peaks import plane_peaks, strongest, with_neighbours
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 
 CHUNK_VALUES = 2**16
@@ -126,17 +126,27 @@ def planar_minima(
     sign : {-1, 1}
     """
     level, (u, w) = with_neighbours(level, grid)
-    row, column, found = _lowest_samples(level, highest, n_minima)
+    is_minimum = _is_minimum(level)
+    lowest = level.min(axis=(1, 2), keepdims=True, where=is_minimum, initial=np.inf)
+    is_minimum &= (level <= lowest) | (level < highest)
+    (cell, row, column), rank = strongest(-level, np.nonzero(is_minimum), n_minima)
     reach = np.array([line[1] - line[0] for line in grid])
     place = np.stack([u[row], w[column]], axis=-1)
-    lowest, curvature = np.full(found.shape, np.inf), np.zeros((*found.shape, 2, 2))
-    cell, entry = np.nonzero(found)
+    reached, curvature = np.empty(len(cell)), np.empty((len(cell), 2, 2))
     for some in parts_of(len(cell), COLUMN_VALUES // max(columns[:1].size, 1)):
-        these = cell[some], entry[some]
-        place[these], lowest[these], curvature[these] = _descended(
-            columns[cell[some]], place[these], reach, sign
+        place[some], reached[some], curvature[some] = _descended(
+            columns[cell[some]], place[some], reach, sign
         )
-    return Minima(place[:, :, 0], place[:, :, 1], found, curvature, lowest)
+    most = int(rank.max(initial=0)) + 1
+
+    def in_rows(values: Floats, filler: float = 0.0) -> Floats:
+        rows = np.full((len(level), most, *values.shape[1:]), filler)
+        rows[cell, rank] = values
+        return rows
+
+    levels = in_rows(reached, np.inf)
+    u, w = in_rows(place[:, 0]), in_rows(place[:, 1])
+    return Minima(u, w, np.isfinite(levels), in_rows(curvature), levels)
 
 
 def _descended(
@@ -167,21 +177,12 @@ def _descended(
     return place, level, curvature
 
 
-def _lowest_samples(
-    level: Floats, highest: float | Floats, n_minima: Integers
-) -> tuple[Integers, Integers, Mask]:
-    """Indices (n, m) along u and w of the lowest local minima of samples, and which of them there are."""
-    inner = level[:, 1:-1, 1:-1]
-    is_minimum = inner <= minimum_filter(level, size=(1, 3, 3))[:, 1:-1, 1:-1]
-    lowest = np.where(is_minimum, inner, np.inf).min(axis=(1, 2), keepdims=True)
-    is_minimum &= (inner <= lowest) | (inner < highest)
-    depth = np.where(is_minimum, inner, np.inf).reshape(len(level), inner.shape[1] * inner.shape[2])
-    index = np.argsort(depth, axis=1, kind="stable")[:, : int(n_minima.max(initial=1))]
-    found = np.isfinite(np.take_along_axis(depth, index, axis=1))
-    found &= np.arange(index.shape[1]) < n_minima[:, None]
-    most = int(found.sum(axis=1).max(initial=1))
-    row, column = np.divmod(index[:, :most], inner.shape[2])
-    return row + 1, column + 1, found[:, :most]
+def _is_minimum(level: Floats) -> Mask:
+    """Mask of the samples (n, g, h) above none of their eight neighbours; those on the border are none."""
+    is_minimum = np.zeros(level.shape, dtype=np.bool_)
+    inner = np.s_[:, 1:-1, 1:-1]
+    is_minimum[inner] = (level <= minimum_filter(level, size=(1, 3, 3)))[inner]
+    return is_minimum
 
 
 def _newton_step(gradient: Floats, curvature: Floats, radius: Floats, low: Floats, high: Floats) -> Floats:
@@ -246,12 +247,10 @@ class AngularSpectrum:
             Placed by parabolas through levels in dB.
         """
         framed, grid = with_neighbours(self.power, (self.u, self.w))
-        power = framed[:, 1:-1, 1:-1]
-        is_peak = power >= maximum_filter(framed, size=(1, 3, 3))[:, 1:-1, 1:-1]
-        strongest = power.max(axis=(1, 2), keepdims=True, where=is_peak, initial=0)
-        is_peak &= power >= strongest * 10 ** (-dynamic_range_db / 10)
+        is_peak = _is_minimum(-framed)
+        highest = framed.max(axis=(1, 2), keepdims=True, where=is_peak, initial=0)
+        is_peak &= framed >= highest * 10 ** (-dynamic_range_db / 10)
         is_peak &= ~self._is_flat[:, None, None]
-        is_peak = np.pad(is_peak, ((0, 0), (1, 1), (1, 1)))
         row, column, found = plane_peaks(framed, np.nonzero(is_peak), n_most)
         u, w = (line[0] + (line[1] - line[0]) * at for line, at in zip(grid, (row, column), strict=True))
         return PlaneWaves(u, w, found)
