@@ -9,6 +9,7 @@ separably, and its slopes lead from a sample to the extremum by Newton's method.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -135,7 +136,7 @@ def planar_minima(
     reached, curvature = np.empty(len(cell)), np.empty((len(cell), 2, 2))
     for some in parts_of(len(cell), COLUMN_VALUES // max(columns[:1].size, 1)):
         place[some], reached[some], curvature[some] = _descended(
-            columns[cell[some]], place[some], reach, sign
+            columns, cell[some], place[some], reach, sign
         )
     most = int(rank.max(initial=0)) + 1
 
@@ -150,14 +151,14 @@ def planar_minima(
 
 
 def _descended(
-    columns: Floats, start: Floats, reach: Floats, sign: Literal[-1, 1]
+    columns: Floats, cell: Integers, start: Floats, reach: Floats, sign: Literal[-1, 1]
 ) -> tuple[Floats, Floats, Floats]:
-    """Minima (n, 2) at most a reach (2,) from their starts, with level and curvature, by Newton's method.
+    """Minima (m, 2) at most a reach (2,) from their starts, with level and curvature, by Newton's method.
 
     A step that leads upwards is not taken, and the next one from there is shorter.
     """
     place, radius = start.copy(), np.full(len(start), 0.5)
-    level, gradient, curvature = _slopes(columns, place, sign)
+    level, gradient, curvature = _slopes(columns, cell, place, sign)
     left = np.arange(len(start))
     for _ in range(MOST_STEPS):
         limits = ((start[left] + side * reach - place[left]) / reach for side in (-1, 1))
@@ -166,10 +167,10 @@ def _descended(
         length, moved = np.abs(step).max(axis=1), place[left] + step * reach
         going = length > CONVERGED
         place[left[~going]] = moved[~going]
-        left, length, moved, columns = left[going], length[going], moved[going], columns[going]
+        left, length, moved = left[going], length[going], moved[going]
         if not left.size:
             break
-        reached = _slopes(columns, moved, sign)
+        reached = _slopes(columns, cell[left], moved, sign)
         lower = reached[0] <= level[left] + ROUNDING * np.abs(level[left])
         radius[left] = np.where(lower, radius[left], length / 4)
         for values, new in zip((place, level, gradient, curvature), (moved, *reached), strict=True):
@@ -199,20 +200,26 @@ def _newton_step(gradient: Floats, curvature: Floats, radius: Floats, low: Float
     return np.clip(np.einsum("nij,nj->ni", axes, step), low, high)
 
 
-def _slopes(columns: Floats, place: Floats, sign: Literal[-1, 1]) -> tuple[Floats, Floats, Floats]:
-    """Levels (n,) at places (n, 2), their first (n, 2) and second derivatives (n, 2, 2)."""
+def _slopes(
+    columns: Floats, cell: Integers, place: Floats, sign: Literal[-1, 1]
+) -> tuple[Floats, Floats, Floats]:
+    """Levels (m,) at places (m, 2) of cells (m,) in order, first (m, 2) and second derivatives (m, 2, 2)."""
     n, n_u, n_w, k = columns.shape
     a, b = (real_steering_slopes(*line) for line in ((n_u, place[:, 0]), (n_w, place[:, 1])))
-    along = a @ columns.reshape(n, n_u, n_w * k)
+    rows, matrices = a.reshape(len(cell) * 3, n_u), columns.reshape(n, n_u, n_w * k)
+    along = np.empty((len(rows), n_w * k))
+    # Cell by cell: its matrix, large in Capon's method, is not copied for each of its places.
+    for first, end in pairwise([*np.flatnonzero(np.diff(cell, prepend=-1)).tolist(), len(cell)]):
+        np.matmul(rows[3 * first : 3 * end], matrices[cell[first]], out=along[3 * first : 3 * end])
     # Derivatives of the projections, their orders along u and w in front.
-    projections = b[:, None] @ along.reshape(n, 3, n_w, k)
+    projections = b[:, None] @ along.reshape(len(cell), 3, n_w, k)
     (level, along_w, ww), (along_u, uw, _), (uu, _, _) = projections.transpose(1, 2, 0, 3)
-    gradient = 2 * sign * np.stack([np.sum(level * along, axis=1) for along in (along_u, along_w)], axis=-1)
-    uu = np.sum(along_u**2 + level * uu, axis=1)
-    uw = np.sum(along_u * along_w + level * uw, axis=1)
-    ww = np.sum(along_w**2 + level * ww, axis=1)
-    curvature = 2 * sign * np.stack([uu, uw, uw, ww], axis=-1).reshape(n, 2, 2)
-    return sign * np.sum(level**2, axis=1), gradient, curvature
+    gradient = np.stack([np.vecdot(level, along_u), np.vecdot(level, along_w)], axis=-1)
+    uu = np.vecdot(along_u, along_u) + np.vecdot(level, uu)
+    uw = np.vecdot(along_u, along_w) + np.vecdot(level, uw)
+    ww = np.vecdot(along_w, along_w) + np.vecdot(level, ww)
+    curvature = np.stack([uu, uw, uw, ww], axis=-1).reshape(len(cell), 2, 2)
+    return sign * np.vecdot(level, level), 2 * sign * gradient, 2 * sign * curvature
 
 
 @dataclass(frozen=True, eq=False)
