@@ -13,6 +13,7 @@ from tests.documents.sources import FILES, ROOT, statements, trees
 APART = {
     "process_state": {"charts", "errors", "checkout", "choices", "cores"},
     "checked_arrays": {"charts", "checkout", "choices", "cores"},
+    "display": {"specifications", "process_state", "checked_arrays"},
     "model": {"process_state"},
     "instrument": {"files", "display", "specifications", "process_state", "checked_arrays"},
     "metrics": {"files", "display", "specifications", "process_state", "instrument"},

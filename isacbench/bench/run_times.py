@@ -83,11 +83,6 @@ def _stage_table(name: str, table: pd.DataFrame) -> Table:
     return Table(title, columns, kind.with_labels(table))
 
 
-def _of_variants(table: pd.DataFrame, values: Mapping[Variant, Any]) -> list[Any]:
-    """Values of the estimators in the rows of a table."""
-    return [values[variant] for variant in zip(table["estimator"], table["params"], strict=True)]
-
-
 def _medians(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     timed = rows[rows["timing"] & ~failed(rows)]
     n_timed = timed.groupby(list(by), sort=False).size().rename("n_timed")
@@ -254,8 +249,7 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
 
     Returned is a row for each scenario, SNR, estimator and params, SNRs ascending:
 
-    - ``number`` of the estimator with its params in figures, ``label``; the counts ``n_trials``,
-      ``n_failed``, ``n_no_detection``;
+    - ``label`` of the estimator with its params; the counts ``n_trials``, ``n_failed``, ``n_no_detection``;
     - ``hausdorff_sum_m_mean``, ``hausdorff_sum_m_low``, ``hausdorff_sum_m_high`` (Student's t), over the
       trials that did not fail;
     - ``time_s``, the median over the same (`isacbench.bench.statistics.median_times`), ``time_low_s``,
@@ -270,12 +264,10 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
     points = summarise_scores(rows).rename(
         columns={"n_cells": "n_trials", "time_estimate_s_median": "time_s"}
     )
-    numbers = {variant: place for place, variant in enumerate(labels, start=1)}
     low, high = charts.interval(points, "hausdorff_sum_m_mean", "hausdorff_sum_m")
     all_trials = points.groupby(PANEL)["n_trials"].transform("max")
     points = points.assign(
-        number=_of_variants(points, numbers),
-        label=_of_variants(points, labels),
+        label=[labels[one] for one in zip(points["estimator"], points["params"], strict=True)],
         hausdorff_sum_m_low=low,
         hausdorff_sum_m_high=high,
         is_limit=points["estimator"].isin(references_in(records)),
@@ -286,7 +278,7 @@ def summarise_points(records: pd.DataFrame) -> pd.DataFrame:
         is_on_frontier = pareto_frontier(part["time_s"], part["hausdorff_sum_m_mean"])
         points.loc[part.index, "is_on_frontier"] = is_on_frontier
     names = [
-        *(*POINT, "number", "label", "n_trials", "n_failed", "n_no_detection"),
+        *(*POINT, "label", "n_trials", "n_failed", "n_no_detection"),
         *("hausdorff_sum_m_mean", "hausdorff_sum_m_low", "hausdorff_sum_m_high"),
         *("time_s", "time_low_s", "time_high_s", "time_slowest_s", MEMORY),
         *("is_limit", "is_complete", "is_on_frontier"),

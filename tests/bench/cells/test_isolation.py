@@ -5,6 +5,7 @@ import os
 import random
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from isacbench.bench.cells.cell import seed_global_generators
-from isacbench.bench.cells.task import array_digest, content_digest
+from isacbench.bench.cells.task import content_digest
 from isacbench.cores import one_blas_thread
 from isacbench.model.echo import observe_echo
 from isacbench.model.frame import PaperFrame
@@ -94,40 +95,28 @@ def cells(shape):
     return np.random.default_rng(7).standard_normal((*shape, 2)).view(np.complex128)[..., 0]
 
 
-@given(shapes, st.data())
-def test_a_single_bit_changes_the_digest(shape, data):
-    array = cells(shape)
-    before = array_digest(array)
+@given(shapes, st.booleans(), st.data())
+def test_a_single_bit_changes_the_digest_of_numbers_and_of_masks(shape, is_mask, data):
+    array = np.zeros(shape, dtype=bool) if is_mask else cells(shape)
+    before = content_digest(array)
     raw = array.view(np.uint8).reshape(-1)
     raw[data.draw(st.integers(0, raw.size - 1))] ^= np.uint8(1 << data.draw(st.integers(0, 7)))
-    assert array_digest(array) != before
-
-
-@given(st.integers(1, 40), st.data())
-def test_a_value_of_a_mask_changes_the_digest_whatever_its_length(n, data):
-    mask = np.zeros(n, dtype=bool)
-    before = array_digest(mask)
-    mask[data.draw(st.integers(0, n - 1))] = True
-    assert array_digest(mask) != before != array_digest(np.empty(0, dtype=bool))
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_another_order_changes_the_digest(axis):
-    array = cells((3, 4, 5))
-    assert array_digest(np.flip(array, axis)) != array_digest(array)
+    assert content_digest(array) != before
 
 
 @given(shapes)
 def test_the_digest_is_one_of_values_and_shape_alone(shape):
     array = cells(shape)
-    assert array_digest(array.copy()) == array_digest(np.asfortranarray(array)) == array_digest(array)
-    assert array_digest(array.reshape(1, *shape)) != array_digest(array)
+    assert content_digest(array.copy()) == content_digest(np.asfortranarray(array)) == content_digest(array)
+    assert content_digest(array.reshape(1, *shape)) != content_digest(array)
 
 
-@pytest.mark.parametrize("n", [1, 2, 4, 40])
-def test_other_signs_change_the_digest(n):
-    array = cells((n, 8, 3))
-    assert len({array_digest(one) for one in (array, -array, array.conj(), -array.conj())}) == 4
+@pytest.mark.parametrize(
+    "change", [np.negative, np.conj, *(partial(np.flip, axis=axis) for axis in range(3))]
+)
+def test_other_signs_and_another_order_change_the_digest(change):
+    array = cells((3, 4, 5))
+    assert content_digest(change(array)) != content_digest(array)
 
 
 @pytest.mark.parametrize(
