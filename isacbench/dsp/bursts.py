@@ -186,6 +186,7 @@ class SymbolBursts:
         return tuple(rate**k * slope for k, slope in enumerate(slopes))
 
 
+@lru_cache(maxsize=8)
 def whole_frame(n_symbols: int) -> SymbolBursts:
     """All symbols of a frame as one burst."""
     return SymbolBursts(n_symbols, 0, n_symbols)

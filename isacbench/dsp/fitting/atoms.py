@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -180,17 +179,17 @@ class AtomMap:
         axis : int
             0 to 3 for range, Doppler, u and w.
         """
-        if axis > 1:
-            basis = self.bases[axis - 2]
-            return AtomFactors(*(factor @ basis for factor in _real_steering(len(basis), places)))
-        return AtomFactors(*self._kernels(places, axis, 2))
+        return AtomFactors(*self._factors(places, axis, 2))
 
     def factors(self, places: Floats, axis: int) -> Floats:
         """Factors of atoms along one coordinate as of `line`, without derivatives, (n, size)."""
-        return self.line(places, axis).value if axis > 1 else self._kernels(places, axis, 0)[0]
+        return self._factors(places, axis, 0)[0]
 
-    def _kernels(self, places: Floats, axis: int, order: int) -> tuple[Floats, ...]:
-        """Kernels along range or Doppler, and their derivatives up to an order (0 or 2)."""
+    def _factors(self, places: Floats, axis: int, order: int) -> tuple[Floats, ...]:
+        """Factors of atoms along one coordinate, and their derivatives up to an order (0 or 2)."""
+        if axis > 1:
+            basis = self.bases[axis - 2]
+            return tuple(factor @ basis for factor in _real_steering(len(basis), places)[: order + 1])
         bins = (self.range_bins, self.doppler_bins)[axis]
         kernel = (whole_frame(self.n_subcarriers), self.bursts)[axis]
         slopes = kernel.slopes(places[:, None] - bins, order)
@@ -298,11 +297,10 @@ def sum_of_echoes(
     amplitude: Complex, along_range: Floats, along_doppler: Floats, along_u: Floats, along_w: Floats
 ) -> Complex:
     """Sum (r, d, g, h) of n echoes of amplitudes (n,) with the factors (n, r), (n, d), (n, g) and (n, h)."""
-    directions = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None, :]
-    surfaces = along_doppler[:, :, None, None] * directions[:, None]
-    # All factors but the amplitudes are real: so is the product, of real and imaginary parts in turn.
-    parts = surfaces.reshape(len(surfaces), prod(surfaces.shape[1:])).view(np.float64)
-    return (along_range.T @ parts).view(np.complex128).reshape(along_range.shape[1], *surfaces.shape[1:])
+    directions = amplitude[:, None, None] * along_u[:, :, None] * along_w[:, None]
+    bins = along_range[:, :, None] * along_doppler[:, None]
+    # All factors but the amplitudes are real: so is the product, of real and imaginary parts side by side.
+    return np.tensordot(bins, directions.view(np.float64), (0, 0)).view(np.complex128)
 
 
 def _mirror_transform(n: int) -> Complex:

@@ -27,7 +27,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.angles.peaks import vertex
-from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
+from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, sum_of_echoes
 
 EQUAL = 1e-9
 """Relative difference of energies that is rounding."""
@@ -112,7 +112,7 @@ def pursue_on_grid(
             break
         if len(members) == 1:
             least_energy = max(least_energy, members.first_energy * 10 ** (-dynamic_range_db / 10))
-        search.subtract(members)
+        search.subtract(members, factors)
     return PursuitResult(members.places, members.amplitude)
 
 
@@ -148,10 +148,10 @@ class _Members:
         return float(np.abs(self._coordinates[0]) ** 2)
 
     @property
-    def newest(self) -> tuple[complex, Floats, list[Floats]]:
-        """Amplitude of the newest orthonormal sum of atoms, that sum (k,), and the newest atom's factors."""
+    def newest(self) -> tuple[complex, Floats]:
+        """Amplitude of the newest orthonormal sum of atoms, and that sum (k,)."""
         k = self._n - 1
-        return complex(self._coordinates[k]), self._inverse[k, : k + 1], [line[k] for line in self._lines]
+        return complex(self._coordinates[k]), self._inverse[k, : k + 1]
 
     def take(self, place: Floats, factors: list[Floats], matched: complex, least_energy: float) -> bool:
         """Add the atom at a place (4,), if it takes enough energy; tell whether it did.
@@ -187,7 +187,7 @@ class _Axis:
         The finer samples around each of n samples, which is in their middle.
     factors : ndarray of float64, shape (n, z, size)
         Of atoms there, over their norms; 0 of atoms that the map does not see.
-    shown : ndarray of float64, shape (n, z, n_most)
+    shown : ndarray of float64, shape (n, n_most, z)
         Products of these factors with those of the members.
     """
 
@@ -198,7 +198,7 @@ class _Axis:
         energy = np.sum(factors**2, axis=1, keepdims=True)
         factors *= np.divide(1, np.sqrt(energy), out=np.zeros_like(energy), where=energy > UNSEEN)
         self.factors = factors.reshape(*self.places.shape, factors.shape[1])
-        self.shown = np.empty((*self.places.shape, n_most))
+        self.shown = np.empty((len(samples), n_most, self.places.shape[1]))
         self.middle = grid.zoom
 
 
@@ -237,13 +237,7 @@ class _Search:
         basis, near = self._near(self._block(atom))
         in_range, *others = (along.factors[at] for along, at in here)
         residual = near.matched_separably([in_range @ basis, *others])
-        shown = [along.shown[at, :, : amplitude.size] for along, at in here]
-        over_bins = shown[0][:, None] * shown[1]
-        over_directions = shown[2][:, None] * shown[3]
-        n_bins, n_directions = (len(over[0]) * len(over[1]) for over in (shown[:2], shown[2:]))
-        over_directions = over_directions.reshape(n_directions, amplitude.size).T
-        for part, of in ((residual.real, amplitude.real), (residual.imag, amplitude.imag)):
-            part -= ((over_bins * of).reshape(n_bins, of.size) @ over_directions).reshape(part.shape)
+        residual -= sum_of_echoes(amplitude, *(along.shown[at, : amplitude.size] for along, at in here))
         gain = residual.real**2 + residual.imag**2
         return _between(gain, _largest(gain), np.array([along.places[at] for along, at in here]))
 
@@ -264,13 +258,12 @@ class _Search:
         basis = np.linalg.qr(self._atom_map.factors(places, 0).T)[0]
         return basis, self._atom_map.along(basis)
 
-    def subtract(self, members: _Members) -> None:
-        """Subtract what the newest member explains, orthogonal to all others."""
-        k = len(members)
-        amplitude, share, factors = members.newest
+    def subtract(self, members: _Members, factors: list[Floats]) -> None:
+        """Subtract what the newest member, of the factors (1, size), explains orthogonal to all others."""
+        k, (amplitude, share) = len(members), members.newest
         for along, factor in zip(self._axes, factors, strict=True):
-            along.shown[:, :, k - 1] = along.factors @ factor
-        in_range, in_doppler, u, w = (along.shown[:, along.middle, k - 1] for along in self._axes)
+            along.shown[:, k - 1] = along.factors @ factor[0]
+        in_range, in_doppler, u, w = (along.shown[:, k - 1, along.middle] for along in self._axes)
         self._over_bins[k - 1] = in_range[self._range_of] * in_doppler[self._doppler_of]
         self._over_directions[k - 1] = np.outer(u, w).ravel()
         shown = self._over_bins[:k].T @ (self._over_directions[:k] * share[:, None])

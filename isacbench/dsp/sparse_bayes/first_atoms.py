@@ -131,28 +131,6 @@ class _Rows:
         first = max(int(np.floor(start - side - first_bin)), 0)
         return slice(first, min(int(np.ceil(end + side - first_bin)), self.taper.bins.size))
 
-    def tile(
-        self,
-        rows: slice,
-        cells: Complex,
-        lines: tuple[Floats, Floats, Floats],
-        directions: Mask,
-        noise: float,
-    ) -> MapTile:
-        """Put a tile of some rows together; lines are places, echoes in its cells, and unit noise."""
-        doppler_bins, along_doppler, doppler_noise = lines
-        return MapTile(
-            cells,
-            self.taper.bins[rows],
-            self.taper.weights[rows].T,
-            self.taper.noise(rows),
-            doppler_bins,
-            along_doppler,
-            doppler_noise,
-            directions,
-            noise,
-        )
-
 
 def first_atoms(
     atom_map: AtomMap, reach: Reach, grid: DirectionGrid, noise: float, range_taper: BinTaper
@@ -228,7 +206,8 @@ def _static_atoms(rows: _Rows) -> Iterator[tuple[Floats, Floats]]:
         shown = sectors[(live >= window.start) & (live < window.stop)]
         active = (shown > shown.max() * 10 ** (-STATIC_SECTOR_DB / 10)).any(axis=0)
         directions = rows.grid.grown(active, STATIC_MARGIN, is_box=True)
-        tile = rows.tile(window, layer[window, None], still, directions, float(np.median(noise[window])))
+        median_noise = float(np.median(noise[window]))
+        tile = MapTile(layer[window, None], rows.taper.at(window), *still, directions, median_noise)
         places, strength = learn_tile(tile, rows.atom_map, rows.grid, rows.reach, STATIC_DIMENSION)
         keep = _in_core(places[:, 0], start, end) & within_dynamic_range(places, strength)
         yield places[keep], strength[keep]
@@ -343,17 +322,10 @@ class _MovingAtoms:
         used &= lines <= highest + GRID_SIDE_BINS
         weights = self.weights[columns]
         cells = self.cells[window, columns]
-        tile = rows.tile(
-            window,
-            cells,
-            (
-                lines[used],
-                rows.spectra.kernels[used] @ weights.T,
-                weights @ weights.T + 1e-3 * np.eye(len(weights)),
-            ),
-            self._directions(cells),
-            rows.noise,
-        )
+        along_doppler = rows.spectra.kernels[used] @ weights.T
+        noise = weights @ weights.T + 1e-3 * np.eye(len(weights))
+        lines_of_tile = lines[used], along_doppler, noise
+        tile = MapTile(cells, rows.taper.at(window), *lines_of_tile, self._directions(cells), rows.noise)
         places, strength = learn_tile(tile, rows.atom_map, rows.grid, rows.reach, MOVING_DIMENSION)
         keep = _in_core(places[:, 0], start, end) & within_dynamic_range(places, strength)
         margin = LINE_STEP_BINS / 2

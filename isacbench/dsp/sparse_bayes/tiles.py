@@ -123,15 +123,14 @@ class BinTaper:
         """
         return cls(np.eye(bins.size), bins)
 
-    def noise(self, rows: slice) -> Floats:
-        """Covariance of unit white noise in some rows.
+    def at(self, rows: slice) -> BinTaper:
+        """Some of the rows."""
+        return BinTaper(self.weights[rows], self.bins[rows])
 
-        Returns
-        -------
-        ndarray of float64, shape (n, n)
-        """
-        weights = self.weights[rows]
-        return weights @ weights.T
+    @property
+    def noise(self) -> Floats:
+        """Covariance (n, n) of unit white noise in the rows."""
+        return self.weights @ self.weights.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,16 +228,14 @@ class MapTile:
     ----------
     cells : ndarray of complex128, shape (r, d, size_u, size_w)
         Tapered rows.
-    range_bins : ndarray of float64, shape (r,)
-        Bins of the rows.
-    along_range : ndarray of float64, shape (n_bins, r)
-        Taper of the rows, from the bins of the map.
-    range_noise, doppler_noise : ndarray of float64, shapes (r, r) and (d, d)
-        Covariances of unit noise.
+    taper : BinTaper
+        Of the rows, from the range bins of the map.
     doppler_bins : ndarray of float64, shape (v,)
         Places of the grid along Doppler.
     along_doppler : ndarray of float64, shape (v, d)
         Echoes of these lines in the tile.
+    doppler_noise : ndarray of float64, shape (d, d)
+        Covariance of unit noise along Doppler.
     directions : ndarray of bool, shape (n_u, n_w)
         Sectors, of a `DirectionGrid`.
     noise : float
@@ -246,9 +243,7 @@ class MapTile:
     """
 
     cells: Complex
-    range_bins: Floats
-    along_range: Floats
-    range_noise: Floats
+    taper: BinTaper
     doppler_bins: Floats
     along_doppler: Floats
     doppler_noise: Floats
@@ -263,18 +258,15 @@ def learn_tile(
 
     Dimensions are kept from a singular value of `least_dimension`, relative to the largest.
     """
-    range_bins = np.arange(
-        tile.range_bins[0] - RANGE_BEYOND_BINS,
-        tile.range_bins[-1] + RANGE_BEYOND_BINS + 0.01,
-        RANGE_STEP_BINS,
-    )
+    first, last = tile.taper.bins[0] - RANGE_BEYOND_BINS, tile.taper.bins[-1] + RANGE_BEYOND_BINS
+    range_bins = np.arange(first, last + 0.01, RANGE_STEP_BINS)
     at_u, at_w = np.nonzero(
         _thinned(tile.directions, MOST_ATOMS // (range_bins.size * tile.doppler_bins.size))
     )
     directions = (grid.along_u[at_u][:, :, None] * grid.along_w[at_w][:, None, :]).reshape(at_u.size, -1)
     into_doppler, into_direction = _most_dimensions(tile, directions, least_dimension)
     dictionaries = (
-        atom_map.line(range_bins, 0).value @ tile.along_range,
+        atom_map.line(range_bins, 0).value @ tile.taper.weights.T,
         tile.along_doppler @ into_doppler,
         directions @ into_direction,
     )
@@ -286,7 +278,7 @@ def learn_tile(
     mean_power = float(np.mean(data.real**2 + data.imag**2))
     noise = Noise(
         max(tile.noise, mean_power * 10 ** (-MISFIT_DB / 10)),
-        tile.range_noise + LEAST_ENERGY * np.eye(len(tile.range_noise)),
+        tile.taper.noise + LEAST_ENERGY * np.eye(tile.taper.bins.size),
         into_doppler.T @ tile.doppler_noise @ into_doppler,
     )
     first_power = _first_power(dictionaries, data) * allowed[:, None, :]
@@ -322,7 +314,7 @@ def _most_dimensions(tile: MapTile, directions: Floats, least: float) -> tuple[F
             basis[:, strength >= least] for strength, basis in (along_doppler, across)
         )
         n_others = into_direction.shape[1] * into_doppler.shape[1]
-        if tile.range_bins.size * n_others <= MOST_DIMENSIONS or least == 1:
+        if tile.taper.bins.size * n_others <= MOST_DIMENSIONS or least == 1:
             return into_doppler, into_direction
         least = min(2 * least, 1.0)
 
