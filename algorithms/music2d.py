@@ -59,6 +59,7 @@ from isacbench.dsp.angles.peaks import (
     cosine_samples,
     line_maxima,
     line_peaks,
+    strongest,
     with_neighbours,
     within_period,
 )
@@ -263,12 +264,12 @@ class Music2d(CellwiseEstimator):
             cell, i, j = maxima = np.nonzero(passed[some])
             places = cell, row[some][cell, i], column[some][cell, j]
             passed[some][maxima] = detect_listed(detector, product, 1, places).mask
-        n, _, n_w = passed.shape
-        height = np.where(passed, u_height[:, :, None] * w_height[:, None], 0).reshape(n, -1)
-        highest = np.argsort(-height, axis=1, kind="stable")[:, : self.max_sources]
-        u = np.take_along_axis(along_u.peaks.place, highest // n_w, axis=1)
-        w = np.take_along_axis(along_w.peaks.place, highest % n_w, axis=1)
-        return PlaneWaves(u, w, np.take_along_axis(height, highest, axis=1) > 0)
+        cell, i, j = np.nonzero(passed)
+        most = np.full(len(passed), self.max_sources)
+        chosen, _ = strongest(u_height[cell, i] * w_height[cell, j], cell, most)
+        cell, i, j = cell[chosen], i[chosen], j[chosen]
+        u, w = along_u.peaks.place[cell, i], along_w.peaks.place[cell, j]
+        return PlaneWaves.of_cells(len(passed), cell, u, w)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """MUSIC spectra of the first cell over u and over w."""

@@ -46,7 +46,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
-from isacbench.dsp.angles.peaks import direction_samples
+from isacbench.dsp.angles.peaks import direction_samples, strongest
 from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -103,7 +103,7 @@ class Music2dJoint(JointSubspaceEstimator):
     def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, none of them split."""
         nulls = self._nulls(observation, subspaces)
-        return PlaneWaves(nulls.u, nulls.w, nulls.found)
+        return PlaneWaves.of_cells(len(subspaces.order), nulls.cell, *nulls.place.T)
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction."""
@@ -111,7 +111,7 @@ class Music2dJoint(JointSubspaceEstimator):
         nulls, basis = self._nulls(observation, subspaces), subspaces.basis
         n_sensors = basis.shape[1] * basis.shape[2]
         waves = self.all_waves(observation, cells)
-        if not nulls.found[0].any():
+        if not nulls.cell.size:
             return ()
 
         def cut(cosine: Floats, null: Floats, places: Floats, label: Literal["u", "w"]) -> Spectrum:
@@ -120,8 +120,8 @@ class Music2dJoint(JointSubspaceEstimator):
 
         u, w = self._grid(observation, subspaces)
         return (
-            cut(u, planar_null_spectrum(basis, u, nulls.w[0, :1])[0, :, 0], waves.u, "u"),
-            cut(w, planar_null_spectrum(basis, nulls.u[0, :1], w)[0, 0], waves.w, "w"),
+            cut(u, planar_null_spectrum(basis, u, nulls.place[:1, 1])[0, :, 0], waves.u, "u"),
+            cut(w, planar_null_spectrum(basis, nulls.place[:1, 0], w)[0, 0], waves.w, "w"),
         )
 
     def _nulls(self, observation: Observation, subspaces: Subspaces) -> Minima:
@@ -136,23 +136,16 @@ class Music2dJoint(JointSubspaceEstimator):
 
 def _split(nulls: Minima, order: Integers, rayleigh: Floats) -> PlaneWaves:
     """Directions of nulls, as many as the order of each cell, the flattest nulls split along a line."""
-    n_nulls = nulls.found.sum(axis=1, keepdims=True)
-    missing = np.where(n_nulls > 0, order[:, None] - n_nulls, 0)
+    cell = nulls.cell
+    n_nulls = np.bincount(cell, minlength=len(order))[cell]
+    share, rest = np.divmod(order[cell] - n_nulls, n_nulls)
     # In Rayleigh cells, so that both axes count alike.
     flatness, axes = np.linalg.eigh(nulls.curvature * np.multiply.outer(rayleigh, rayleigh))
-    ranks = np.argsort(np.argsort(np.where(nulls.found, flatness[:, :, 0], np.inf), axis=1), axis=1)
-    share, rest = np.divmod(missing, np.maximum(n_nulls, 1))
-    n_parts = np.where(nulls.found, 1 + share + (ranks < rest), 0)
-    ends = np.cumsum(n_parts, axis=1)
-    slots = np.arange(int(order.max(initial=1)))
-    found = slots < ends[:, -1:]
-    owner = np.minimum(np.sum(ends[:, :, None] <= slots, axis=1), ends.shape[1] - 1)
-    owned = np.take_along_axis(n_parts, owner, axis=1)
-    part = slots - (np.take_along_axis(ends, owner, axis=1) - owned)
-    offset = FIRST_SPLIT * (part - (owned - 1) / 2)
-    flat_axis = np.take_along_axis(axes[:, :, :, 0], owner[:, :, None], axis=1) * rayleigh
-    return PlaneWaves(
-        np.take_along_axis(nulls.u, owner, axis=1) + offset * flat_axis[:, :, 0],
-        np.take_along_axis(nulls.w, owner, axis=1) + offset * flat_axis[:, :, 1],
-        found,
-    )
+    flattest, rank = strongest(-flatness[:, 0], cell, order)
+    n_parts = 1 + share
+    n_parts[flattest] += rank < rest[flattest]
+    owner = np.repeat(np.arange(cell.size), n_parts)
+    part = np.arange(owner.size) - (np.cumsum(n_parts) - n_parts)[owner]
+    offset = FIRST_SPLIT * (part - (n_parts[owner] - 1) / 2)
+    place = nulls.place[owner] + offset[:, None] * axes[owner, :, 0] * rayleigh
+    return PlaneWaves.of_cells(len(order), cell[owner], *place.T)

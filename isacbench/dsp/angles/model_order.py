@@ -25,7 +25,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.line_subspaces import Eigenpairs
-from isacbench.dsp.cfar.factors import ca_factor, check_pfa
+from isacbench.dsp.cfar.factors import ca_factor
 from isacbench.dsp.cfar.training_cells import window_axes, windows_of
 from isacbench.errors import require
 
@@ -126,14 +126,9 @@ def eigenvalue_cfar_order(eigenvalues: Floats, pfa: float) -> Integers:
     ndarray of int64, shape (n,)
         1 to L - 1.
     """
-    require(
-        eigenvalues.shape[1] >= 3,
-        "subarray elements",
-        eigenvalues.shape[1],
-        "3 and more, for a CFAR over eigenvalues",
-    )
-    n_training = (eigenvalues.shape[1] - 1) // 2
-    check_pfa(pfa)
+    n_sensors = eigenvalues.shape[1]
+    require(n_sensors >= 3, "subarray elements", n_sensors, "3 and more, for a CFAR over eigenvalues")
+    n_training = (n_sensors - 1) // 2
     power = np.maximum(eigenvalues, 0)
     threshold = np.empty(power.shape)
     for where, windows in windows_of(window_axes(power.shape, (0, n_training), (0, 0))):

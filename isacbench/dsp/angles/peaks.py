@@ -131,7 +131,9 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
     Peaks
         Refined by a parabola through three samples.
     """
-    (spectrum, sample), rank = strongest(spectra, maxima or line_maxima(spectra), n_peaks)
+    spectrum, sample = maxima or line_maxima(spectra)
+    chosen, rank = strongest(spectra[spectrum, sample], spectrum, n_peaks)
+    spectrum, sample = spectrum[chosen], sample[chosen]
     peaks = Peaks(*(np.zeros((len(spectra), int(n_peaks.max(initial=0))), dtype) for dtype in (float, bool)))
     left, middle, right = (spectra[spectrum, sample + shift] for shift in (-1, 0, 1))
     peaks.place[spectrum, rank] = grid[sample] + vertex(left, middle, right) * (grid[1] - grid[0])
@@ -139,13 +141,15 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
     return peaks
 
 
-def strongest(spectra: Floats, maxima: Places, n_most: Integers) -> tuple[Places, Integers]:
-    """Choose the strongest maxima of each spectrum, at most n_most (n,) of it, and number them from 0."""
-    descending = np.lexsort([-spectra[maxima], maxima[0]])
-    spectrum = maxima[0][descending]
+def strongest(height: Floats, spectrum: Integers, n_most: Integers) -> tuple[Integers, Integers]:
+    """Choose the strongest of maxima (m,), at most n_most (n,) of each spectrum, and number them from 0.
+
+    Spectra (m,) ascend; those of the chosen ones, which are returned by their indices, do so as well.
+    """
+    descending = np.lexsort([-height, spectrum])
     rank = np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
     kept = rank < n_most[spectrum]
-    return tuple(index[descending[kept]] for index in maxima), rank[kept]
+    return descending[kept], rank[kept]
 
 
 def plane_maxima(power: Floats, allowed: Mask) -> Places:
@@ -169,7 +173,8 @@ def plane_peaks(power: Floats, maxima: Places, n_most: int) -> tuple[Floats, Flo
     entries only fill the row.
     """
     n, n_rows, n_columns = power.shape
-    (spectrum, row, column), rank = strongest(power, maxima, np.full(n, n_most))
+    chosen, rank = strongest(power[maxima], maxima[0], np.full(n, n_most))
+    spectrum, row, column = (index[chosen] for index in maxima)
     peak = power[spectrum, row, column]
     top = np.where(peak > 0, peak, 1.0)
 

@@ -77,26 +77,24 @@ def projections(columns: Floats, a: Floats, b: Floats) -> Floats:
 
 
 class Minima(NamedTuple):
-    """Minima of the spectra of n cells, lowest first; rows are filled up to the same length.
+    """Minima of the spectra of cells, cell by cell.
 
     Attributes
     ----------
-    u, w : ndarray of float64, shape (n, m)
-        Direction cosines.
-    found : ndarray of bool, shape (n, m)
-        Mask of the minima.
-    curvature : ndarray of float64, shape (n, m, 2, 2)
-        Second derivatives at the minima.
-    level : ndarray of float64, shape (n, m)
-        Squared projections there, times the sign of the spectrum; infinite where
-        a row is only filled up.
+    cell : ndarray of int64, shape (m,)
+        Ascending.
+    place : ndarray of float64, shape (m, 2)
+        Direction cosines u and w.
+    level : ndarray of float64, shape (m,)
+        Squared projections there, times the sign of the spectrum.
+    curvature : ndarray of float64, shape (m, 2, 2)
+        Second derivatives.
     """
 
-    u: Floats
-    w: Floats
-    found: Mask
-    curvature: Floats
+    cell: Integers
+    place: Floats
     level: Floats
+    curvature: Floats
 
 
 def planar_minima(
@@ -104,7 +102,7 @@ def planar_minima(
     columns: Floats,
     grid: tuple[Floats, Floats],
     n_minima: Integers,
-    highest: float | Floats,
+    highest: float,
     sign: Literal[-1, 1],
 ) -> Minima:
     """Find the lowest local minima of sampled spectra, and place them off the grid by Newton's method.
@@ -122,7 +120,7 @@ def planar_minima(
         `isacbench.dsp.angles.peaks.cosine_samples`.
     n_minima : ndarray of int64, shape (n,)
         Most minima to return of each cell.
-    highest : float or ndarray of float64, shape (n, 1, 1)
+    highest : float
         Level below which a minimum counts; the lowest of a cell counts in any case.
     sign : {-1, 1}
     """
@@ -130,24 +128,18 @@ def planar_minima(
     is_minimum = _is_minimum(level)
     lowest = level.min(axis=(1, 2), keepdims=True, where=is_minimum, initial=np.inf)
     is_minimum &= (level <= lowest) | (level < highest)
-    (cell, row, column), rank = strongest(-level, np.nonzero(is_minimum), n_minima)
+    samples = np.nonzero(is_minimum)
+    chosen, _ = strongest(-level[samples], samples[0], n_minima)
+    cell, row, column = (index[chosen] for index in samples)
     reach = np.array([line[1] - line[0] for line in grid])
-    place = np.stack([u[row], w[column]], axis=-1)
-    reached, curvature = np.empty(len(cell)), np.empty((len(cell), 2, 2))
+    minima = Minima(
+        cell, np.stack([u[row], w[column]], axis=-1), np.empty(len(cell)), np.empty((len(cell), 2, 2))
+    )
     for some in parts_of(len(cell), COLUMN_VALUES // max(columns[:1].size, 1)):
-        place[some], reached[some], curvature[some] = _descended(
-            columns, cell[some], place[some], reach, sign
+        minima.place[some], minima.level[some], minima.curvature[some] = _descended(
+            columns, cell[some], minima.place[some], reach, sign
         )
-    most = int(rank.max(initial=0)) + 1
-
-    def in_rows(values: Floats, filler: float = 0.0) -> Floats:
-        rows = np.full((len(level), most, *values.shape[1:]), filler)
-        rows[cell, rank] = values
-        return rows
-
-    levels = in_rows(reached, np.inf)
-    u, w = in_rows(place[:, 0]), in_rows(place[:, 1])
-    return Minima(u, w, np.isfinite(levels), in_rows(curvature), levels)
+    return minima
 
 
 def _descended(
@@ -301,11 +293,12 @@ class BeamformerSpectrum(AngularSpectrum):
             Placed by Newton's method.
         """
         sign: Literal[-1, 1] = 1 if self.reciprocal else -1
-        level = 1 / self.power if self.reciprocal else -self.power
+        samples = 1 / self.power if self.reciprocal else -self.power
         # A peak may be much narrower than the samples: its height counts, and not that of the sample.
-        n_minima = np.full(len(level), CANDIDATES * n_most)
-        minima = planar_minima(level, self.columns, (self.u, self.w), n_minima, np.inf, sign)
-        order = np.argsort(minima.level, axis=1, kind="stable")[:, :n_most]
-        level, u, w = (np.take_along_axis(of, order, axis=1) for of in (minima.level, minima.u, minima.w))
-        found = np.isfinite(level) & (level <= level[:, :1] * 10 ** (sign * dynamic_range_db / 10))
-        return PlaneWaves(u, w, found & ~self._is_flat[:, None])
+        most = np.full(len(samples), n_most)
+        minima = planar_minima(samples, self.columns, (self.u, self.w), CANDIDATES * most, np.inf, sign)
+        chosen, _ = strongest(-minima.level, minima.cell, most)
+        cell, place, level = minima.cell[chosen], minima.place[chosen], minima.level[chosen]
+        lowest = level[np.searchsorted(cell, cell)]
+        found = (level <= lowest * 10 ** (sign * dynamic_range_db / 10)) & ~self._is_flat[cell]
+        return PlaneWaves.of_cells(len(samples), cell[found], *place[found].T)

@@ -51,6 +51,14 @@ class PlaneWaves:
         object.__setattr__(self, "u", within_period(self.u))
         object.__setattr__(self, "w", within_period(self.w))
 
+    @classmethod
+    def of_cells(cls, n: int, cell: Integers, u: Floats, w: Floats) -> PlaneWaves:
+        """Plane waves (m,) of n cells, given with the cell of each, ascending."""
+        entry = np.arange(cell.size) - np.searchsorted(cell, cell)
+        rows = np.zeros((3, n, int(entry.max(initial=0)) + 1))
+        rows[:, cell, entry] = u, w, np.ones_like(u)
+        return cls(rows[0], rows[1], rows[2] > 0)
+
     def select(self, keep: Mask | Integers) -> PlaneWaves:
         """Select cells.
 
@@ -147,12 +155,10 @@ class PlaneWaves:
         n_free = aperture.n_elements - 2 * found.sum(axis=1)
         beyond_noise = np.maximum(misfit - noise * n_free / aperture.n_elements, 0)
         by_noise = NOISE_DEVIATIONS**2 * noise / (2 * aperture.n_elements)
+        unexplained = beyond_noise[:, None] + by_noise
         # Of waves that coincide, rounding may leave a variance below 0: nothing is known about them.
-        spread = np.where(spread > 0, spread, np.inf)
-        unexplained = np.broadcast_to(beyond_noise[:, None] + by_noise, spread.shape)
-        errors: Floats = np.zeros_like(spread)
-        np.multiply(spread, unexplained, out=errors, where=found & (unexplained > 0))
-        return np.sqrt(errors, out=errors)
+        squares = np.where(spread > 0, spread * unexplained, np.inf)
+        return np.sqrt(np.where(found & (unexplained > 0), squares, 0))
 
     def determined(
         self, snapshots: Complex, aperture: Aperture, noise: float, largest_error: float
