@@ -103,22 +103,14 @@ class ScatterersInCells:
         n scatterers.
     cells : ndarray of int64, shape (n, 2)
         Absolute range and Doppler bins of the cells in which they were found.
-    along_range : ndarray of float64, shape (n, 3)
-        Amplitude in the next nearer range cell, in their own, and in the next
-        farther one.
-    along_doppler : ndarray of float64, shape (n, 3)
-        Amplitude in the next slower Doppler cell, in their own, and in the next
-        faster one.
-    amplitudes : ndarray of complex128, shape (n,)
-        In their own cells, with phases.
+    amplitudes : ndarray of complex128, shape (5, n)
+        In their own cells, and in the next nearer, farther, slower and faster ones.
     tapered : TaperedMap
         Map of these cells.
     """
 
     scatterers: LocatedScatterers
     cells: Integers
-    along_range: Floats
-    along_doppler: Floats
     amplitudes: Complex
     tapered: TaperedMap
 
@@ -139,9 +131,7 @@ class ScatterersInCells:
             self,
             scatterers=self.scatterers.select(keep),
             cells=self.cells[keep],
-            along_range=self.along_range[keep],
-            along_doppler=self.along_doppler[keep],
-            amplitudes=self.amplitudes[keep],
+            amplitudes=self.amplitudes[:, keep],
         )
 
     def in_own_cell(self, range_excess: float, doppler_excess: float) -> ScatterersInCells:
@@ -150,8 +140,7 @@ class ScatterersInCells:
         The excesses are the largest amplitude of a plane wave in the next cell over that in its own, along
         range and along Doppler. 1 keeps local maxima only, which breaks up lines of scatterers.
         """
-        nearer, own, farther = self.along_range.T
-        slower, _, faster = self.along_doppler.T
+        own, nearer, farther, slower, faster = np.abs(self.amplitudes)
         # An echo halfway between two cells passes in both; without margin, rounding could drop it in both.
         level = (1 + 10.0**-TIE_DIGITS) * own
         own = np.maximum(farther, nearer) <= range_excess * level
@@ -170,7 +159,7 @@ class ScatterersInCells:
         strongest are first in the result.
         """
         ranked = self.select(_strongest_first(self.scatterers))
-        found, own = ranked.scatterers, ranked.amplitudes
+        found, own = ranked.scatterers, ranked.amplitudes[0]
         shown = ranked._echoes_at_others(system)
         elsewhere = (ranked.cells[:, None] != ranked.cells).any(axis=2)
         weaker, stronger = np.nonzero(np.tril(elsewhere & (np.abs(shown) > FAINT * np.abs(own)[:, None]), -1))
@@ -197,7 +186,7 @@ class ScatterersInCells:
         gate, found = tapered.gate, self.scatterers
         shown = _kernel(gate.range_bins, found.range_bin, range_window, along_range)[rows]
         shown *= _kernel(gate.doppler_bins, found.doppler_bin, doppler_window, along_doppler)[columns]
-        shown *= self.amplitudes / np.diag(shown)
+        shown *= self.amplitudes[0] / np.diag(shown)
         return shown
 
 
@@ -267,7 +256,7 @@ def locate_waves(
     kept = (level**2 > min_power) & (level >= weakest)
     cell, entry = cell[kept], entry[kept]
     amplitudes, windows = amplitudes[:, cell, entry], tapered.windows
-    own, nearer, farther, slower, faster = levels = np.abs(amplitudes)
+    own, nearer, farther, slower, faster = np.abs(amplitudes)
     in_ranges, range_offset = amplitudes[[1, 0, 2]], _offset(own, farther, nearer, windows[0])
     # Near the middle of a bin both neighbours are as strong, and only their phases tell the side.
     shares = [_one_echo_share(in_ranges, side * range_offset, windows[0]) for side in (1, -1)]
@@ -286,9 +275,7 @@ def locate_waves(
             np.where(resolved, cell, -1),
         ),
         np.column_stack(bins)[cell],
-        levels[[1, 0, 2]].T,
-        levels[[3, 0, 4]].T,
-        amplitudes[0],
+        amplitudes,
         tapered,
     )
     if not one_doppler:
