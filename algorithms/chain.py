@@ -57,9 +57,6 @@ from .detectors import OscaCfar
 
 CellPrecision = Literal["double", "single"]
 
-LAST_DIGITS_LOST = 4
-"""Last digits of the strongest cell that sums over a few cells lose to rounding: they count as noise."""
-
 LEAST_NOISE = 1e-10
 """Least noise amplitude relative to the strongest cell: 200 dB below it, fits need not be more exact."""
 
@@ -206,7 +203,7 @@ def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
 def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
     """Detect the cells that hold echoes, by a CFAR detector, and measure noise and floor.
 
-    The level of white noise is limited to between rounding and the floor of
+    The level of white noise is limited to between `LEAST_NOISE` and the floor of
     the detection. The noise power of a beam is exponentially distributed, so
     that a plane wave must have -ln P_fa times the floor, over the number of
     elements.
@@ -228,9 +225,8 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
             estimator.dynamic_range_db,
             estimator.m_of_n,
         )
-        last_digit = float(np.finfo(gated.cells.dtype).eps)
-        rounding = max(LAST_DIGITS_LOST * last_digit, LEAST_NOISE) ** 2 * float(cells.power.max())
-        white = min(max(white_noise(gated), rounding), cells.floor)
+        least_noise = LEAST_NOISE**2 * float(cells.power.max())
+        white = min(max(white_noise(gated), least_noise), cells.floor)
         min_power = -np.log(estimator.angle_pfa) * cells.floor / gated.n_elements
         return Detected(cells, Levels(white, cells.floor, min_power))
 

@@ -106,19 +106,17 @@ def reference_noise(power: Floats, gate: Gate, sees_lobes: bool = False) -> floa
     does not count as noise; None if the gate has no such bins. If `sees_lobes`, every echo shows in grating
     lobes along all Doppler bins: noise is then measured in range bins.
     """
-    axis, sides = _clear_sides(gate, sees_lobes)
-    means = [power[side].mean(axis=1 - axis) for side in sides]
+    means = [power[side].mean(axis=1 if sees_lobes else 0) for side in _clear_sides(gate, sees_lobes)]
     return float(np.median(np.concatenate(means))) if means else None
 
 
-def _clear_sides(gate: Gate, sees_lobes: bool) -> tuple[int, list[tuple[slice, slice]]]:
-    """Axis of `reference_noise`, and the parts of the gate, on either side of the echoes, with its bins."""
-    axis = 0 if sees_lobes else 1
+def _clear_sides(gate: Gate, sees_lobes: bool) -> list[tuple[slice, slice]]:
+    """Parts of the gate, on either side of the echoes, with the bins of `reference_noise`."""
     reachable = gate.reachable_range if sees_lobes else gate.reachable_doppler
-    last = gate.shape[axis]
-    sides = [slice(0, reachable.start - CLEAR_BINS), slice(reachable.stop + CLEAR_BINS, last)]
-    parts = [(side, slice(None)) if sees_lobes else (slice(None), side) for side in sides]
-    return axis, [part for part, side in zip(parts, sides, strict=True) if 0 < side.stop > side.start]
+    last = gate.shape[0 if sees_lobes else 1]
+    sides = slice(0, reachable.start - CLEAR_BINS), slice(reachable.stop + CLEAR_BINS, last)
+    clear = [side for side in sides if 0 < side.stop > side.start]
+    return [(side, slice(None)) if sees_lobes else (slice(None), side) for side in clear]
 
 
 def white_noise(gated: GatedMap) -> float:
@@ -128,10 +126,11 @@ def white_noise(gated: GatedMap) -> float:
     echoes out of them. Without such bins, the median power of the map.
     """
     tapered = gated.tapered(*(("hann", "rect") if gated.sees_lobes else ("rect", "hann")))
-    axis, sides = _clear_sides(tapered.gate, gated.sees_lobes)
-    powers = [tapered_power(tapered, "noncoherent", side)[0] for side in sides or [WHOLE]]
-    levels = [power.mean(axis=1 - axis) if sides else power for power in powers]
-    return float(np.median(np.concatenate(levels, axis=None)))
+    power = np.empty(tapered.gate.shape)
+    for part in _clear_sides(tapered.gate, gated.sees_lobes) or [WHOLE]:
+        power[part], _ = tapered_power(tapered, "noncoherent", part)
+    noise = reference_noise(power, tapered.gate, gated.sees_lobes)
+    return float(np.median(power)) if noise is None else noise
 
 
 def detect_listed(
