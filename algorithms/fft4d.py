@@ -233,8 +233,7 @@ def _fourier_power(snapshots: NDArray[np.inexact], samples: tuple[int, int]) -> 
     power = np.empty((len(snapshots), *samples))
     for some in parts_of(len(snapshots), CACHED_SAMPLES // prod(samples)):
         spectra = along_u @ (snapshots[some] @ along_w.T)
-        np.square(spectra.real, out=power[some])
-        power[some] += np.square(spectra.imag)
+        power[some] = spectra.real**2 + spectra.imag**2
     return power
 
 

@@ -99,12 +99,6 @@ def steering(n_elements: int, cosine: ArrayLike) -> Complex:
     [[1.0, -1.0, 1.0]]
     """
     cosine = checked_array("cosine", cosine)
+    # Powers of one exponential: exponentials of all elements cost ten times as much.
     turn = np.exp(-1j * np.pi * cosine)
-    response = np.ones((n_elements, *cosine.shape), dtype=np.complex128)
-    known = 1
-    # Powers by doubling: exponentials cost ten times as much.
-    while known < n_elements:
-        following = response[known : 2 * known]
-        np.multiply(response[: len(following)], turn, out=following)
-        turn, known = turn * turn, 2 * known
-    return np.ascontiguousarray(np.moveaxis(response, 0, -1))
+    return np.vander(turn.ravel(), n_elements, increasing=True).reshape(*cosine.shape, n_elements)

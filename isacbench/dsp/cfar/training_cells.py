@@ -16,7 +16,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 from math import prod
 from numbers import Integral, Real
 from typing import Any, Literal, cast
@@ -172,6 +171,13 @@ class Axis:
         """
         return np.clip(cell - self.reach, 0, self.length - self.n_window)
 
+    def at_place(self, place: int) -> slice:
+        """Cells under test at a place of their windows: all of the middle, or a cell near an edge."""
+        if place == self.reach:
+            return slice(self.reach, self.length - self.reach)
+        first = place if place < self.reach else self.length - self.n_window + place
+        return slice(first, first + 1)
+
     def window(self, cell: NDArray[np.intp]) -> NDArray[np.intp]:
         """Cells (n_window, n) of the windows of n cells under test."""
         return self.start(cell) + np.arange(self.n_window)[:, None]
@@ -292,17 +298,17 @@ def windows_of(axes: tuple[Axis, ...], cells: Cells | None = None) -> Iterator[t
 
     Yielded with each is its index in arrays of the map's shape, or of the shape (n,) of the list.
     """
-    n_together = _MOST_VALUES // prod(axis.n_window for axis in axes)
+    sizes = tuple(axis.n_window for axis in axes)
+    n_together = _MOST_VALUES // prod(sizes)
     if cells is None:
-        for block, place in _blocks(axes):
-            first, *behind = block
+        for place in np.ndindex(*sizes):
+            first, *behind = (axis.at_place(p) for axis, p in zip(axes, place, strict=True))
             n_rows = n_together // prod(part.stop - part.start for part in behind)
             for rows in parts_of(first.stop - first.start, n_rows):
                 part = (slice(first.start + rows.start, first.start + rows.stop), *behind)
                 yield part, Windows(axes, part, place)
         return
     places = tuple(index - axis.start(index) for axis, index in zip(axes, cells, strict=True))
-    sizes = tuple(axis.n_window for axis in axes)
     keys = np.ravel_multi_index(places, sizes)
     for key in np.unique(keys).tolist():
         listed = np.flatnonzero(keys == key)
@@ -368,16 +374,3 @@ def total_of(values: Floats) -> Floats:
     # NumPy adds a single column by pairs.
     total: Floats = terms.sum(axis=0) if terms[0].size > 1 else np.add.accumulate(terms, axis=0)[-1]
     return total
-
-
-def _blocks(axes: tuple[Axis, ...]) -> Iterator[tuple[tuple[slice, ...], tuple[int, ...]]]:
-    """Blocks of cells with the same place in their windows: the middle, and each cell near an edge."""
-    along = []
-    for axis in axes:
-        middle = (slice(axis.reach, axis.length - axis.reach), axis.reach)
-        before = [(slice(n, n + 1), n) for n in range(axis.reach)]
-        first = axis.length - axis.n_window
-        after = [(slice(n, n + 1), n - first) for n in range(axis.length - axis.reach, axis.length)]
-        along.append([middle, *before, *after])
-    for parts in product(*along):
-        yield tuple(block for block, _ in parts), tuple(place for _, place in parts)
