@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.bench.cells.images import raw_cloud
+from isacbench.checked_arrays import Floats, parts_of
 from isacbench.checking.checks import CheckFailedError, DoubtfulError
 from isacbench.checking.scenes import LONE_VIEWS, SmallScene, lone
 from isacbench.model.cloud import PointCloud
@@ -23,8 +24,6 @@ from isacbench.model.frame import FrameName
 from isacbench.model.observation import Observation
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.plugins.contracts import Estimator
-
-Floats = NDArray[np.float64]
 
 MISS_CELLS = 2.0
 """Rayleigh cells beyond which a point is not of a place."""
@@ -138,17 +137,11 @@ def _directions(uw: Floats) -> Iterator[tuple[str, str, Floats, float]]:
 
 
 @cache
-def _true_place(frame: FrameName) -> Floats:
-    """Place of the scatterer of a view in Rayleigh cells."""
-    scenario = lone(frame).scenario
-    place: Floats = radio_places(scenario, scenario.truth)[0] / rayleigh_cells(scenario)
-    return place
-
-
-@cache
 def _places(frame: FrameName) -> tuple[list[Place], Floats, Floats]:
     """Places of mistakes in a view, and where they are and their stretch as arrays (places, 4)."""
-    places = [*places_of_mistakes(lone(frame), _true_place(frame))]
+    scenario = lone(frame).scenario
+    true = radio_places(scenario, scenario.truth)[0] / rayleigh_cells(scenario)
+    places = [*places_of_mistakes(lone(frame), true)]
     return places, np.array([one.at for one in places]), np.array([one.stretch for one in places])
 
 
@@ -166,8 +159,8 @@ class _Image:
         self.points = self._wrapped(points)
         self._weights = power.clip(0) if power.max(initial=0) > 0 else np.ones_like(power)
         self._sum = float(self._weights.sum())
-        self.true = _true_place(frame)
         self.places, self.at, self._stretch = _places(frame)
+        self.true = self.at[0]
 
     def __len__(self) -> int:
         return len(self.points)
@@ -193,10 +186,9 @@ class _Image:
     @cached_property
     def _powers(self) -> Floats:
         """Power at each place."""
-        at, n_at_once = self._wrapped(self.at), AT_ONCE // max(len(self), 1) + 1
-        parts = [slice(start, start + n_at_once) for start in range(0, len(at), n_at_once)]
-        near = (np.abs(self.points - at[one, None]) <= self._stretch[one, None] for one in parts)
-        return np.concatenate([one.all(axis=2) @ self._weights for one in near])
+        parts = parts_of(len(self.at), AT_ONCE // max(len(self), 1))
+        near = (self._near(self.at[some, None], self._stretch[some, None]) for some in parts)
+        return np.concatenate([one @ self._weights for one in near])
 
     @cached_property
     def _most(self) -> float:
@@ -231,9 +223,9 @@ class _Image:
         """Distance in m from the scatterer to the strongest point near it."""
         return float(np.linalg.norm(self.cloud.xyz[self.sighted[0]] - self.scenario.truth.xyz[0]))
 
-    def _near(self, place: Floats, radius: Floats) -> Any:
-        off: Floats = np.abs(self.points - self._wrapped(place))
-        return np.all(off <= radius, axis=1)
+    def _near(self, places: Floats, radius: Floats) -> Any:
+        """Mask (..., n) of the points near places (..., 1, 4)."""
+        return np.all(np.abs(self.points - self._wrapped(places)) <= radius, axis=-1)
 
     def _settled(self, place: Floats, radius: Floats) -> Floats:
         """Centre of power (4,) around a place, found from centre to centre."""
