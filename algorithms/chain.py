@@ -196,8 +196,8 @@ def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
     with stage("rdm"):
         aperture = estimator.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
-        cells, unit = scale_to_unit(cells)
-        return ReadMap(observation, GatedMap.of(observation, cells, aperture).astype(np.complex128), unit)
+        cells, unit = scale_to_unit(cells.astype(np.complex128, copy=False))
+        return ReadMap(observation, GatedMap.of(observation, cells, aperture), unit)
 
 
 def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
@@ -217,7 +217,7 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
     with stage("detection"):
         gated, window = rdm.gated, estimator.detection_window
         dtype = np.complex64 if estimator.precision == "single" else np.complex128
-        tapered = gated.tapered(window, gated.doppler_taper(window)).astype(dtype)
+        tapered = gated.tapered(window, gated.doppler_taper(window), dtype=dtype)
         cells = detect_cells(
             tapered,
             estimator.cell_detector(),

@@ -126,23 +126,12 @@ class GatedMap:
         """
         return "rect" if self.sees_lobes else window
 
-    def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> GatedMap:
-        """Convert the map to a precision.
-
-        Parameters
-        ----------
-        dtype : type
-            Complex type of numpy.
-
-        Returns
-        -------
-        GatedMap
-            The map itself if it has that precision.
-        """
-        return self if self.cells.dtype == dtype else replace(self, cells=self.cells.astype(dtype))
-
     def tapered(
-        self, range_window: Window = "rect", doppler_window: Window = "rect", neighbours: int = 0
+        self,
+        range_window: Window = "rect",
+        doppler_window: Window = "rect",
+        neighbours: int = 0,
+        dtype: type[np.complexfloating[Any, Any]] = np.complex128,
     ) -> TaperedMap:
         """Taper the map along range and Doppler, without the outermost bins that lack neighbours.
 
@@ -153,6 +142,8 @@ class GatedMap:
         range_window, doppler_window : {"rect", "soft", "hamming", "hann", "blackman"}
         neighbours : int
             Bins that such an axis repeats from its other end, at either end.
+        dtype : type
+            Precision of the tapered cells.
         """
         windows = range_window, doppler_window
         for n_bins, window in zip(self.gate.shape, windows, strict=True):
@@ -165,7 +156,7 @@ class GatedMap:
             with stage("rdm"):
                 cells = np.pad(self.cells, [(n, n) for n in n_added], mode="wrap")
             untapered = replace(self, cells=cells, gate=self.gate.extend(*repeated))
-        return TaperedMap(untapered, windows, untapered.gate.trim(*reaches), self.cells.dtype.type)
+        return TaperedMap(untapered, windows, untapered.gate.extend(-reaches[0], -reaches[1]), dtype)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,10 +191,6 @@ class TaperedMap:
     def sees_lobes(self) -> bool:
         """True if echoes show in Doppler bins far from their own."""
         return self.untapered.sees_lobes
-
-    def astype(self, dtype: type[np.complexfloating[Any, Any]]) -> TaperedMap:
-        """Read the cells in a precision."""
-        return replace(self, dtype=dtype)
 
     @property
     def cells(self) -> Complex:

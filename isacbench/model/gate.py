@@ -84,12 +84,11 @@ class Gate(Displayed):
         (rows, columns), (n_rows, n_columns) = self.index(bins), self.shape
         return (rows >= 1) & (rows < n_rows - 1) & (columns >= 1) & (columns < n_columns - 1)
 
-    def trim(self, n_range: int, n_doppler: int) -> Gate:
-        """Remove so many outermost bins at either end, as tapers do: reachable ones, too, without margins."""
-        return self.extend(-n_range, -n_doppler)
-
     def extend(self, n_range: int, n_doppler: int) -> Gate:
-        """Add so many bins at either end; along an axis that wraps, they repeat those of the other end."""
+        """Add so many bins at either end; along an axis that wraps, they repeat those of the other end.
+
+        Negative numbers remove outermost bins, as tapers do: reachable ones, too, without margins.
+        """
         range_bins, reachable_range = _extend(self.range_bins, self.reachable_range, n_range)
         doppler_bins, reachable_doppler = _extend(self.doppler_bins, self.reachable_doppler, n_doppler)
         wraps = self.wraps[0] and n_range == 0, self.wraps[1] and n_doppler == 0
