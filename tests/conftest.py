@@ -376,7 +376,6 @@ def room_file(tmp_path):
 
 def _records(scenarios, estimators, snr_db, trials):
     """Rows of a made-up run: deviations fall with the SNR, and trials share noise over the SNRs."""
-    import numpy as np
     import pandas as pd
 
     cells = pd.MultiIndex.from_product(
@@ -431,7 +430,6 @@ def made_run():
 @pytest.fixture
 def scenes_run(made_run):
     """Return a function that makes up a run over scenes of families: `scenes_run(town=20, crowd=4)`."""
-    import numpy as np
     import pandas as pd
 
     from isacbench.bench.store.run import Run

@@ -180,21 +180,20 @@ def terminated():
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def test_a_run_that_is_terminated_while_it_draws_exits_143_and_says_where_its_rows_are(cli, monkeypatch):
-    monkeypatch.setattr(DRAWING, lambda *_: terminated())
+@pytest.mark.parametrize(
+    ("place", "left", "n_rows"),
+    [
+        ("isacbench.bench.run.runner.load_job", "nothing is done yet", 0),
+        (DRAWING, "what is done so far is in out; isacbench report out tabulates it", 3),
+    ],
+    ids=["before its first cell", "while it draws"],
+)
+def test_a_run_that_is_terminated_exits_143_and_says_what_is_left(cli, monkeypatch, place, left, n_rows):
+    monkeypatch.setattr(place, lambda *_: terminated())
     result = cli(*RUN, "-n", 1, "--snr", "0", "-o", "out")
-    assert result.exit_code == 143
-    assert result.stderr == (
-        "isacbench: terminated: what is done so far is in out; isacbench report out tabulates it\n"
-    )
-    assert len(pd.read_parquet("out/results.parquet")) == 3
-
-
-def test_a_run_that_is_terminated_before_its_first_cell_leaves_nothing(cli, monkeypatch, tmp_path):
-    monkeypatch.setattr("isacbench.bench.run.runner.load_job", lambda suite: terminated())
-    result = cli(*RUN, "-o", "out")
-    assert (result.exit_code, result.stderr) == (143, "isacbench: terminated: nothing is done yet\n")
-    assert not (tmp_path / "out").exists()
+    assert (result.exit_code, result.stderr) == (143, f"isacbench: terminated: {left}\n")
+    assert Path("out").exists() == bool(n_rows)
+    assert not n_rows or len(pd.read_parquet("out/results.parquet")) == n_rows
 
 
 def test_a_second_termination_ends_at_once_and_an_echo_of_the_first_does_not(monkeypatch):

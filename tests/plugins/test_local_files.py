@@ -112,19 +112,6 @@ def test_a_name_of_a_file_with_other_content_is_refused_and_leaves_nothing_behin
     assert get_estimator("nothing").size == 1
 
 
-def test_a_name_of_an_installed_plugin_is_refused_naming_both(write_plugin):
-    path = write_plugin("mine.py", LOCAL.replace('"nothing"', '"oracle"'))
-    with pytest.raises(InputError, match=r"'oracle' is registered twice, by isacbench .* and by mine\.py"):
-        load_plugin_file(path)
-    assert local_plugins() == ()
-
-
-def test_two_classes_of_one_name_in_a_file_are_refused(write_plugin):
-    again = LOCAL + "\nclass Again(Nothing):\n    pass\n"
-    with pytest.raises(InputError, match=r"'nothing' is registered twice, .*:Nothing\) .*:Again\)"):
-        load_plugin_file(write_plugin("local.py", again))
-
-
 def test_imported_classes_are_not_registered(write_plugin):
     imported = LOCAL + "\nfrom isacbench_algorithms.music2d import Music2d\nAlias = Half\n"
     assert load_plugin_file(write_plugin("local.py", imported)) == ["half", "nothing"]
@@ -141,9 +128,17 @@ def test_imported_classes_are_not_registered(write_plugin):
         ("missing.py", "\n\nimport no_such_module\n", "line 3: ModuleNotFoundError: .*no_such_module"),
         ("deep.py", "def f():\n    return 1 / 0\n\nf()\n", "line 2: ZeroDivisionError"),
         ("exit.py", "import sys\nsys.exit(7)\n", "line 2: SystemExit: 7"),
+        (
+            "mine.py",
+            LOCAL.replace('"nothing"', '"oracle"'),
+            r"'oracle' is registered twice, by isacbench .* and by mine\.py",
+        ),
+        ("twice.py", f"{LOCAL}\nclass Again(Nothing): ...\n", r"'nothing' is registered twice, .*:Again\)"),
     ],
 )
-def test_a_file_that_is_no_plugin_is_refused_in_words(write_plugin, filename, source, message):
+def test_a_file_that_is_no_plugin_or_has_a_name_of_another_is_refused_in_words(
+    write_plugin, filename, source, message
+):
     path = write_plugin(filename, source)
     with pytest.raises(InputError, match=message):
         load_plugin_file(path)

@@ -273,12 +273,7 @@ def rows(n_trials=3, snrs_db=(0.0, 11.0), scenarios=("a", "b")):
     return table.assign(estimator="one", params="{}", deviation=10.0 * table["trial"] + table["snr_db"])
 
 
-def test_clouds_that_fit_are_all_in_the_page():
-    table = rows()
-    assert choose_clouds(table, np.full(len(table), 5), most_points=5 * len(table)).all()
-
-
-def test_of_too_many_clouds_the_page_holds_what_is_looked_at_first():
+def test_a_page_holds_all_clouds_that_fit_and_of_too_many_what_is_looked_at_first():
     table = rows()
     n_points, key = np.full(len(table), 5), ["scenario", "snr_db", "trial"]
 
@@ -291,6 +286,7 @@ def test_of_too_many_clouds_the_page_holds_what_is_looked_at_first():
     assert held(6) - held(4) == {("a", 0.0, 0), ("b", 0.0, 0)}
     wanted = ((table["scenario"] == "b") & (table["trial"] == 1)).to_numpy()
     assert held(2, wanted) == {("b", 0.0, 1), ("b", 11.0, 1)}
+    assert len(held(len(table))) == len(table)
 
 
 def test_a_cell_that_failed_is_never_the_one_of_largest_deviation():
