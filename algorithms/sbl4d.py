@@ -86,7 +86,6 @@ class _Scene:
         Noise power of an element.
     """
 
-    observation: Observation
     atom_map: AtomMap
     unit: float
     noise: float
@@ -179,9 +178,9 @@ class Sbl4d:
         fails = _energy_above_noise(rest.cells, scene.noise) > MOST_UNEXPLAINED * shown
         remark("unexplained", int(fails), 1)
         if fails:
-            return Esprit2d().estimate(scene.observation)
+            return Esprit2d().estimate(scene.reach.observation)
         with stage("peaks"):
-            return atoms_as_cloud(scene.observation, fit, scene.unit)
+            return atoms_as_cloud(scene.reach.observation, fit, scene.unit)
 
 
 def _scene_of(observation: Observation) -> _Scene:
@@ -190,8 +189,8 @@ def _scene_of(observation: Observation) -> _Scene:
     with stage("detection"):
         largest = float((atom_map.cells.real**2 + atom_map.cells.imag**2).max())
         noise = max(noise, LEAST_NOISE * largest)
-    reach = Reach.of(observation, atom_map)
-    return _Scene(observation, atom_map, unit, noise, reach, DirectionGrid.of(atom_map, reach))
+    reach = Reach(observation, atom_map)
+    return _Scene(atom_map, unit, noise, reach, DirectionGrid.of(atom_map, reach))
 
 
 def _energy_above_noise(cells: Complex, noise: float) -> float:

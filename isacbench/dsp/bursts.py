@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.choices import Sensing
 from isacbench.errors import InputError
-from isacbench.model.kernels import dirichlet, dirichlet_slopes
+from isacbench.model.kernels import dirichlet_slopes
 from isacbench.model.numerology import System, resource_elements
 
 PLACE_ERROR_BINS = 0.5
@@ -114,8 +114,6 @@ class SymbolBursts:
             √n_symbols at the exponential itself, as of a whole frame.
         """
         n = self.n_symbols
-        if self.is_whole_frame:
-            return dirichlet(bins, places, n).conj()
         distance = np.asarray(bins, dtype=np.float64)[:, None] - np.asarray(places, dtype=np.float64)
         phase = np.exp(-1j * np.pi * (n - 1) / n * distance)
         return np.sqrt(n) * self.slopes(distance, 0)[0] * phase

@@ -55,9 +55,10 @@ def test_a_centred_echo_is_the_response(bursts, place, first):
 
 
 @given(st.integers(1, 200), st.lists(st.floats(-300, 300), min_size=1, max_size=5))
-def test_a_whole_frame_has_the_dirichlet_kernel_bit_for_bit(n, distance):
+def test_a_whole_frame_has_the_dirichlet_kernel(n, distance):
     whole, distance = whole_frame(n), np.array(distance)
-    np.testing.assert_array_equal(whole.response([0, 3], distance), dirichlet([0, 3], distance, n).conj())
+    expected = dirichlet([0, 3], distance, n).conj()
+    np.testing.assert_allclose(whole.response([0, 3], distance), expected, atol=1e-12 * np.sqrt(n))
     np.testing.assert_array_equal(whole.slopes(distance), dirichlet_slopes(distance, n))
     cells = np.ones((2, 3, 1), complex)
     assert whole.centred(cells, [0, 1, 2]) is cells

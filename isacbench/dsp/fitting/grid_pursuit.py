@@ -111,7 +111,8 @@ def pursue_on_grid(
         if not members.take(place, factors, search.matched(best, factors), least_energy):
             break
         if len(members) == 1:
-            least_energy = max(least_energy, members.first_energy * 10 ** (-dynamic_range_db / 10))
+            first_energy = abs(members.newest[0]) ** 2
+            least_energy = max(least_energy, first_energy * 10 ** (-dynamic_range_db / 10))
         search.subtract(members, factors)
     return PursuitResult(members.places, members.amplitude)
 
@@ -141,11 +142,6 @@ class _Members:
     def amplitude(self) -> Complex:
         """Least-squares amplitudes (k,) of all atoms."""
         return self._amplitude[: self._n]
-
-    @property
-    def first_energy(self) -> float:
-        """Energy that the first atom has taken."""
-        return float(np.abs(self._coordinates[0]) ** 2)
 
     @property
     def newest(self) -> tuple[complex, Floats]:

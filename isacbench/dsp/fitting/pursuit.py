@@ -120,9 +120,8 @@ class BeamSpace:
         towards_u, towards_w = atom_map.bin_gain * atom_map.line(u, 2).value, atom_map.line(w, 3).value
         reach = _around(gate.reachable_range), _around(gate.reachable_doppler)
         beams = towards_u @ (atom_map.cells[reach] @ towards_w.T)
-        n_independent = float(np.count_nonzero(gate.reachable))
-        for (lower, upper), step in zip(cosine_limits, atom_map.cell_size[2:], strict=True):
-            n_independent *= max((upper - lower) / step, 1)
+        n_directions = np.diff(cosine_limits)[:, 0] / atom_map.cell_size[2:]
+        n_independent = float(np.count_nonzero(gate.reachable) * np.maximum(n_directions, 1).prod())
         return cls(atom_map, reach, u, w, beams, n_independent)
 
     @property
@@ -322,9 +321,7 @@ def strongest_around(places: Floats, fit: AtomFit) -> Floats:
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
     share = np.where(near, 1.0, sidelobe_envelope(distance, fit.atom_map.bursts) ** 2)
-    itself = near & (along_range == 0) & (along_doppler == 0)
-    itself[itself] = (distance[itself] == 0).all(axis=1)
-    share[itself] = 0
+    share[~distance.any(axis=-1)] = 0
     return (share * fit.shown_energy).max(axis=1, initial=0)
 
 
@@ -398,13 +395,10 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
 
 def reachable_places(places: Floats, gate: Gate) -> Mask:
     """Tell which places (n, 4) lie within a bin of the ranges and speeds of the region."""
-    inside = np.ones(len(places), dtype=np.bool_)
-    for axis, bins, reach in (
-        (0, gate.range_bins, gate.reachable_range),
-        (1, gate.doppler_bins, gate.reachable_doppler),
-    ):
-        inside &= (places[:, axis] >= bins[reach.start] - 1) & (places[:, axis] <= bins[reach.stop - 1] + 1)
-    return inside
+    bins = gate.range_bins[gate.reachable_range], gate.doppler_bins[gate.reachable_doppler]
+    first, last = np.array([(along[0], along[-1]) for along in bins]).T
+    inside = (places[:, :2] >= first - 1) & (places[:, :2] <= last + 1)
+    return np.all(inside, axis=1)
 
 
 def drop_lobe_images(

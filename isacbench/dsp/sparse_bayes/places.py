@@ -32,41 +32,30 @@ class Reach:
 
     Attributes
     ----------
-    cell_size : ndarray of float64, shape (4,)
-        Rayleigh cell in range bins, Doppler bins, u and w.
-    range_limits, doppler_limits : (float, float)
-        First and last bin that echoes can peak in.
+    atom_map : AtomMap
+        Of its cells.
     """
 
     observation: Observation
-    cell_size: Floats
-    range_limits: Interval
-    doppler_limits: Interval
+    atom_map: AtomMap
 
-    @classmethod
-    def of(cls, observation: Observation, atom_map: AtomMap) -> Reach:
-        """Read the limits of an observation.
+    @property
+    def range_limits(self) -> Interval:
+        """First and last range bin that echoes can peak in."""
+        bins = self.atom_map.range_bins[self.observation.gate.reachable_range]
+        return float(bins[0]), float(bins[-1])
 
-        Parameters
-        ----------
-        atom_map : AtomMap
-            Of its cells.
-        """
-        gate = observation.gate
-        range_bins = atom_map.range_bins[gate.reachable_range]
-        doppler_bins = atom_map.doppler_bins[gate.reachable_doppler]
-        return cls(
-            observation,
-            atom_map.cell_size,
-            (float(range_bins[0]), float(range_bins[-1])),
-            (float(doppler_bins[0]), float(doppler_bins[-1])),
-        )
+    @property
+    def doppler_limits(self) -> Interval:
+        """First and last Doppler bin that echoes can peak in."""
+        bins = self.atom_map.doppler_bins[self.observation.gate.reachable_doppler]
+        return float(bins[0]), float(bins[-1])
 
     @property
     def direction_limits(self) -> tuple[Interval, Interval]:
         """Lowest and highest u and w in Rayleigh cells."""
         (least_u, most_u), (least_w, most_w) = self.observation.cosine_limits
-        size_u, size_w = (float(size) for size in self.cell_size[2:])
+        size_u, size_w = (float(size) for size in self.atom_map.cell_size[2:])
         return (least_u / size_u, most_u / size_u), (least_w / size_w, most_w / size_w)
 
     def contains(self, places: Floats, tolerance_m: float = TOLERANCE_M) -> Mask:
@@ -83,7 +72,7 @@ class Reach:
         -------
         ndarray of bool, shape (n,)
         """
-        range_bin, _, u, w = (places * self.cell_size).T
+        range_bin, _, u, w = (places * self.atom_map.cell_size).T
         xyz = self.observation.positions_m(range_bin, u, w)
         return self.observation.region.contains(xyz, tolerance_m)
 

@@ -36,7 +36,7 @@ def silence():
 
 @pytest.fixture(scope="session")
 def reach(silence):
-    return Reach.of(*silence)
+    return Reach(*silence)
 
 
 @pytest.fixture
