@@ -309,7 +309,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
 
     def _most_sources(self, subarray: tuple[int, int]) -> int:
         """Largest dimension of a signal subspace."""
-        return max(min(self.max_sources, most_sources(subarray), subarray[0] * subarray[1] - 1), 1)
+        return max(min(self.max_sources, most_sources(subarray)), 1)
 
     def signal_order(
         self, pairs: Eigenpairs, shape: tuple[int, int], subarray: tuple[int, int], noise: float

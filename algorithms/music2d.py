@@ -57,6 +57,7 @@ from isacbench.dsp.angles.peaks import (
     PERIOD,
     Peaks,
     cosine_samples,
+    in_rows,
     line_maxima,
     line_peaks,
     strongest,
@@ -266,10 +267,10 @@ class Music2d(CellwiseEstimator):
             passed[some][maxima] = detect_listed(detector, product, 1, places).mask
         cell, i, j = np.nonzero(passed)
         most = np.full(len(passed), self.max_sources)
-        chosen, _ = strongest(u_height[cell, i] * w_height[cell, j], cell, most)
+        chosen = strongest(u_height[cell, i] * w_height[cell, j], cell, most)
         cell, i, j = cell[chosen], i[chosen], j[chosen]
         u, w = along_u.peaks.place[cell, i], along_w.peaks.place[cell, j]
-        return PlaneWaves.of_cells(len(passed), cell, u, w)
+        return PlaneWaves(*in_rows(len(passed), cell, u, w))
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """MUSIC spectra of the first cell over u and over w."""

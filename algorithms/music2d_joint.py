@@ -46,7 +46,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Floats, Integers
 from isacbench.dsp.angles.line_subspaces import SMALLEST_NULL
-from isacbench.dsp.angles.peaks import direction_samples, strongest
+from isacbench.dsp.angles.peaks import direction_samples, in_rows, numbered
 from isacbench.dsp.angles.planar_spectra import Minima
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_null_spectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
@@ -103,7 +103,7 @@ class Music2dJoint(JointSubspaceEstimator):
     def unresolved_directions(self, observation: Observation, subspaces: Subspaces) -> PlaneWaves:
         """Find the nulls of the joint spectra, none of them split."""
         nulls = self._nulls(observation, subspaces)
-        return PlaneWaves.of_cells(len(subspaces.order), nulls.cell, *nulls.place.T)
+        return PlaneWaves(*in_rows(len(subspaces.order), nulls.cell, *nulls.place.T))
 
     def spectra(self, observation: Observation, cells: CellSnapshots) -> tuple[Spectrum, ...]:
         """Cut the first cell's joint spectrum through its deepest null, in dB above an empty direction."""
@@ -141,11 +141,11 @@ def _split(nulls: Minima, order: Integers, rayleigh: Floats) -> PlaneWaves:
     share, rest = np.divmod(order[cell] - n_nulls, n_nulls)
     # In Rayleigh cells, so that both axes count alike.
     flatness, axes = np.linalg.eigh(nulls.curvature * np.multiply.outer(rayleigh, rayleigh))
-    flattest, rank = strongest(-flatness[:, 0], cell, order)
+    flattest = np.lexsort([flatness[:, 0], cell])
     n_parts = 1 + share
-    n_parts[flattest] += rank < rest[flattest]
+    n_parts[flattest] += numbered(cell) < rest
     owner = np.repeat(np.arange(cell.size), n_parts)
     part = np.arange(owner.size) - (np.cumsum(n_parts) - n_parts)[owner]
     offset = FIRST_SPLIT * (part - (n_parts[owner] - 1) / 2)
     place = nulls.place[owner] + offset[:, None] * axes[owner, :, 0] * rayleigh
-    return PlaneWaves.of_cells(len(order), cell[owner], *place.T)
+    return PlaneWaves(*in_rows(len(order), cell[owner], *place.T))

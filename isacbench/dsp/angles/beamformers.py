@@ -100,13 +100,11 @@ def iaa_spectrum(
     a, into_u = _spanned(real_steering(snapshots.shape[1], u))
     b, into_w = _spanned(real_steering(snapshots.shape[2], w))
     columns = np.einsum("npqs,pi,qj->nijs", real_columns(snapshots), into_u, into_w, optimize=True)
-    power = np.empty((len(snapshots), u.size, w.size))
+    beams = projections(columns, a, b)
+    power = np.vecdot(beams, beams) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
     for some in parts_of(len(snapshots), CHUNK_VALUES // (len(a) * len(b)) ** 2):
-        level = np.sum(projections(columns[some], a, b) ** 2, axis=3)
-        level /= (snapshots.shape[1] * snapshots.shape[2]) ** 2
         for _ in range(n_iterations):
-            level = _adapted_power(level, columns[some], a, b, noise)
-        power[some] = level
+            power[some] = _adapted_power(power[some], columns[some], a, b, noise)
     return AngularSpectrum(u, w, power)
 
 

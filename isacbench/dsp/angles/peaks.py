@@ -132,24 +132,36 @@ def line_peaks(spectra: Floats, grid: Floats, n_peaks: Integers, maxima: Places 
         Refined by a parabola through three samples.
     """
     spectrum, sample = maxima or line_maxima(spectra)
-    chosen, rank = strongest(spectra[spectrum, sample], spectrum, n_peaks)
+    chosen = strongest(spectra[spectrum, sample], spectrum, n_peaks)
     spectrum, sample = spectrum[chosen], sample[chosen]
-    peaks = Peaks(*(np.zeros((len(spectra), int(n_peaks.max(initial=0))), dtype) for dtype in (float, bool)))
     left, middle, right = (spectra[spectrum, sample + shift] for shift in (-1, 0, 1))
-    peaks.place[spectrum, rank] = grid[sample] + vertex(left, middle, right) * (grid[1] - grid[0])
-    peaks.found[spectrum, rank] = True
-    return peaks
+    place = grid[sample] + vertex(left, middle, right) * (grid[1] - grid[0])
+    return Peaks(*in_rows(len(spectra), spectrum, place))
 
 
-def strongest(height: Floats, spectrum: Integers, n_most: Integers) -> tuple[Integers, Integers]:
-    """Choose the strongest of maxima (m,), at most n_most (n,) of each spectrum, and number them from 0.
+def strongest(height: Floats, spectrum: Integers, n_most: Integers) -> Integers:
+    """Choose the strongest of maxima (m,), at most n_most (n,) of each spectrum: indices of them.
 
-    Spectra (m,) ascend; those of the chosen ones, which are returned by their indices, do so as well.
+    Spectra (m,) ascend; those of the chosen ones do so as well, with the strongest of each first.
     """
     descending = np.lexsort([-height, spectrum])
-    rank = np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
-    kept = rank < n_most[spectrum]
-    return descending[kept], rank[kept]
+    return descending[numbered(spectrum) < n_most[spectrum]]
+
+
+def numbered(spectrum: Integers) -> Integers:
+    """Number the entries (m,) of each spectrum from 0; spectra ascend."""
+    return np.arange(spectrum.size) - np.searchsorted(spectrum, spectrum)
+
+
+def in_rows(n: int, spectrum: Integers, *values: Floats) -> tuple[NDArray[Any], ...]:
+    """Rows (n, k) of values (m,), one a spectrum, and the mask of their entries; others only fill the row.
+
+    Spectra (m,) ascend.
+    """
+    entry = numbered(spectrum)
+    rows = np.zeros((len(values) + 1, n, int(entry.max(initial=0)) + 1))
+    rows[:, spectrum, entry] = *values, np.ones(spectrum.size)
+    return *rows[:-1], rows[-1] > 0
 
 
 def plane_maxima(power: Floats, allowed: Mask) -> Places:
@@ -166,14 +178,14 @@ def plane_maxima(power: Floats, allowed: Mask) -> Places:
     return spectrum[is_maximum], row[is_maximum], column[is_maximum]
 
 
-def plane_peaks(power: Floats, maxima: Places, n_most: int) -> tuple[Floats, Floats, Mask]:
+def plane_peaks(power: Floats, maxima: Places, n_most: int) -> tuple[NDArray[Any], ...]:
     """Place the strongest peaks of periodic two-dimensional spectra (n, g, h) between the samples.
 
-    Returned are rows and columns (n, `n_most`), the strongest peak first, and the mask of the peaks; other
-    entries only fill the row.
+    Returned are rows and columns (n, k), at most `n_most`, the strongest peak first, and the mask of the
+    peaks; other entries only fill the row.
     """
     n, n_rows, n_columns = power.shape
-    chosen, rank = strongest(power[maxima], maxima[0], np.full(n, n_most))
+    chosen = strongest(power[maxima], maxima[0], np.full(n, n_most))
     spectrum, row, column = (index[chosen] for index in maxima)
     peak = power[spectrum, row, column]
     top = np.where(peak > 0, peak, 1.0)
@@ -184,10 +196,6 @@ def plane_peaks(power: Floats, maxima: Places, n_most: int) -> tuple[Floats, Flo
         return np.log(np.maximum(ratio, np.finfo(np.float64).tiny))
 
     middle = np.zeros_like(top)
-    (rows, columns), found = np.zeros((2, n, n_most)), np.zeros((n, n_most), dtype=np.bool_)
-    rows[spectrum, rank] = row + vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
-    columns[spectrum, rank] = column + vertex(
-        level(row, column - 1), middle, level(row, (column + 1) % n_columns)
-    )
-    found[spectrum, rank] = True
-    return rows, columns, found
+    row_offset = vertex(level(row - 1, column), middle, level((row + 1) % n_rows, column))
+    column_offset = vertex(level(row, column - 1), middle, level(row, (column + 1) % n_columns))
+    return in_rows(n, spectrum, row + row_offset, column + column_offset)

@@ -18,7 +18,7 @@ from scipy.ndimage import minimum_filter
 
 from isacbench.checked_arrays import Floats, Integers, Mask, parts_of
 from isacbench.dsp.angles.line_subspaces import real_steering, real_steering_slopes
-from isacbench.dsp.angles.peaks import plane_peaks, strongest, with_neighbours
+from isacbench.dsp.angles.peaks import in_rows, plane_peaks, strongest, with_neighbours
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 
 CHUNK_VALUES = 2**16
@@ -129,7 +129,7 @@ def planar_minima(
     lowest = level.min(axis=(1, 2), keepdims=True, where=is_minimum, initial=np.inf)
     is_minimum &= (level <= lowest) | (level < highest)
     samples = np.nonzero(is_minimum)
-    chosen, _ = strongest(-level[samples], samples[0], n_minima)
+    chosen = strongest(-level[samples], samples[0], n_minima)
     cell, row, column = (index[chosen] for index in samples)
     reach = np.array([line[1] - line[0] for line in grid])
     minima = Minima(
@@ -297,8 +297,8 @@ class BeamformerSpectrum(AngularSpectrum):
         # A peak may be much narrower than the samples: its height counts, and not that of the sample.
         most = np.full(len(samples), n_most)
         minima = planar_minima(samples, self.columns, (self.u, self.w), CANDIDATES * most, np.inf, sign)
-        chosen, _ = strongest(-minima.level, minima.cell, most)
+        chosen = strongest(-minima.level, minima.cell, most)
         cell, place, level = minima.cell[chosen], minima.place[chosen], minima.level[chosen]
         lowest = level[np.searchsorted(cell, cell)]
         found = (level <= lowest * 10 ** (sign * dynamic_range_db / 10)) & ~self._is_flat[cell]
-        return PlaneWaves.of_cells(len(samples), cell[found], *place[found].T)
+        return PlaneWaves(*in_rows(len(samples), cell[found], *place[found].T))

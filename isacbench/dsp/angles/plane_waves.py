@@ -51,14 +51,6 @@ class PlaneWaves:
         object.__setattr__(self, "u", within_period(self.u))
         object.__setattr__(self, "w", within_period(self.w))
 
-    @classmethod
-    def of_cells(cls, n: int, cell: Integers, u: Floats, w: Floats) -> PlaneWaves:
-        """Plane waves (m,) of n cells, given with the cell of each, ascending."""
-        entry = np.arange(cell.size) - np.searchsorted(cell, cell)
-        rows = np.zeros((3, n, int(entry.max(initial=0)) + 1))
-        rows[:, cell, entry] = u, w, np.ones_like(u)
-        return cls(rows[0], rows[1], rows[2] > 0)
-
     def select(self, keep: Mask | Integers) -> PlaneWaves:
         """Select cells.
 

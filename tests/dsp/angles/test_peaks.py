@@ -61,7 +61,8 @@ def test_a_flat_top_of_two_samples_is_one_peak_between_them():
 @pytest.mark.parametrize(("shape", "n_peaks"), [((0, 5), []), ((2, 5), [0, 0])])
 def test_no_spectra_and_no_peaks_asked_for_give_none(shape, n_peaks):
     peaks = line_peaks(np.ones(shape), np.arange(5.0), np.array(n_peaks, dtype=np.int64))
-    assert peaks.place.shape == peaks.found.shape == (shape[0], 0)
+    assert len(peaks.place) == shape[0]
+    assert not peaks.found.any()
 
 
 @given(st.integers(1, 3), st.integers(3, 7), st.integers(3, 7), st.integers(0, 5), st.integers(0, 9999))
@@ -91,6 +92,6 @@ def test_zeros_beside_a_peak_and_spectra_of_zeros_have_places_without_a_warning(
     power[0, 2, 3] = 1.0
     row, column, found = plane_peaks(power, plane_maxima(power, power > 0), 2)
     assert (row[0, 0], column[0, 0]) == (2.0, 3.0)
-    assert found.tolist() == [[True, False], [False, False]]
+    assert found.tolist() == [[True], [False]]
     assert np.isfinite(row).all()
     assert np.isfinite(column).all()
