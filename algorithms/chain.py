@@ -40,7 +40,7 @@ from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
 from isacbench.dsp.angles.line_subspaces import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
-from isacbench.dsp.fitting.joint_selection import select_jointly
+from isacbench.dsp.fitting.joint_selection import MatchedFilters, select_jointly
 from isacbench.dsp.floating_point import scale_to_unit
 from isacbench.dsp.rangedoppler import GatedMap, TaperedMap
 from isacbench.dsp.scatterers import LocatedScatterers, ScatterersInCells, locate_waves, merge_duplicates
@@ -559,7 +559,8 @@ class CellwiseEstimator(MapEstimator):
         system, gated, limit_db = rdm.observation.system, rdm.gated, self.local_dynamic_range_db
         if gated.sees_lobes:
             with stage("refinement"):
-                return select_jointly(located.scatterers, gated, system, levels.min_power, limit_db)
+                filters = MatchedFilters(located.scatterers, gated, system)
+                return select_jointly(filters, levels.min_power, limit_db).scatterers
         with stage("peaks"):
             return located.above_sidelobes(SIDELOBE_EXCESS, LEAST_LEFT, system).scatterers
 

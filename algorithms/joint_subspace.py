@@ -36,7 +36,7 @@ from isacbench.dsp.angles.line_subspaces import Eigenpairs, signal_basis
 from isacbench.dsp.angles.model_order import ModelOrder, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.planar_subspaces import most_sources, planar_eigenpairs, subarray_shape
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.fitting.joint_selection import MatchedFilters, explain_map, select_among
+from isacbench.dsp.fitting.joint_selection import MatchedFilters, explain_map, select_jointly
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require, require_least, require_option
@@ -227,7 +227,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             for candidates in by_rule:
                 filters = selected.join(merge_scatterers(candidates))
                 limit_db = self.local_dynamic_range_db
-                selected = select_among(filters, levels.min_power, limit_db, len(selected))
+                selected = select_jointly(filters, levels.min_power, limit_db, len(selected))
             rounding = FIT_ROUNDING * float(selected.scatterers.power.max(initial=0.0))
             noise = max(levels.white, LEAST_NOISE * levels.floor, rounding)
             explained = explain_map(selected, noise)

@@ -183,12 +183,8 @@ class MatchedFilters:
 
 
 def select_jointly(
-    scatterers: LocatedScatterers,
-    gated: GatedMap,
-    system: System,
-    min_power: float,
-    dynamic_range_db: float,
-) -> LocatedScatterers:
+    filters: MatchedFilters, min_power: float, dynamic_range_db: float, n_members: int = 0
+) -> MatchedFilters:
     """Select the scatterers that explain the map together.
 
     In each round, candidates join the members if they stand out in the residual
@@ -201,29 +197,21 @@ def select_jointly(
 
     Parameters
     ----------
-    scatterers : LocatedScatterers
-        Candidates.
-    gated : GatedMap
-        Without tapers.
+    filters : MatchedFilters
+        Of the candidates.
     min_power : float
         Power per element that a matched filter's output must exceed.
     dynamic_range_db : float
         Scatterers further below the strongest one of their neighbourhood are
         left out.
+    n_members : int
+        How many of the first candidates are members from the start.
 
     Returns
     -------
-    LocatedScatterers
-        With the powers of the joint fit.
+    MatchedFilters
+        Of those selected, with the powers of the joint fit.
     """
-    filters = MatchedFilters(scatterers, gated, system)
-    return select_among(filters, min_power, dynamic_range_db).scatterers
-
-
-def select_among(
-    filters: MatchedFilters, min_power: float, dynamic_range_db: float, n_members: int = 0
-) -> MatchedFilters:
-    """Select among candidates as `select_jointly` does, the first `n_members` members from the start."""
     if not len(filters):
         return filters
     matched, response = filters.outputs

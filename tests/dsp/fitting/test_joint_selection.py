@@ -13,7 +13,6 @@ from isacbench.dsp.fitting.joint_selection import (
     LOADING,
     MatchedFilters,
     explain_map,
-    select_among,
     select_jointly,
 )
 from isacbench.dsp.rangedoppler import GatedMap
@@ -68,13 +67,18 @@ def on(aperture: Aperture, gated):
     return GatedMap(cells, gated.gate, aperture)
 
 
+def selected(candidates, gated, min_power, dynamic_range_db):
+    """Scatterers that joint selection leaves of candidates."""
+    return select_jointly(MatchedFilters(candidates, gated, SYSTEM), min_power, dynamic_range_db).scatterers
+
+
 ON_BOTH = pytest.mark.parametrize("aperture", [Plane(8, 8), Cross(8, 8)], ids=["plane", "cross"])
 
 
 @ON_BOTH
 def test_a_true_set_is_kept_whole_with_its_powers(aperture):
     gated = on(aperture, gated_map(TRUE))
-    found = select_jointly(scatterers(TRUE), gated, SYSTEM, MIN_POWER, 16.5)
+    found = selected(scatterers(TRUE), gated, MIN_POWER, 16.5)
     np.testing.assert_allclose(places(found), TRUE[:, :4])
     np.testing.assert_allclose(found.power, TRUE[:, 4] ** 2 * SYSTEM.processing_gain, rtol=2 * LOADING + 1e-5)
 
@@ -90,7 +94,7 @@ def test_of_one_scatterer_and_its_sidelobes_nearby_only_the_scatterer_is_selecte
         + [moved(true, 0, 0, u, w) for u in (-0.36, 0.36) for w in (-0.36, 0, 0.36)]
     )
     candidates = np.random.default_rng(seed).permutation(np.concatenate([true, side]))
-    found = select_jointly(scatterers(candidates), gated_map(true), SYSTEM, MIN_POWER, 16.5)
+    found = selected(scatterers(candidates), gated_map(true), MIN_POWER, 16.5)
     np.testing.assert_allclose(places(found), true[:, :4])
 
 
@@ -100,7 +104,7 @@ def test_sidelobes_far_from_a_scatterer_do_not_join_it():
     candidates = scatterers(np.concatenate([true, far]))
     # The loaded fit leaves that share of the amplitude.
     min_power = (LOADING * true[0, 4]) ** 2 * SYSTEM.processing_gain
-    found = select_jointly(candidates, gated_map(true), SYSTEM, min_power, 16.5)
+    found = selected(candidates, gated_map(true), min_power, 16.5)
     np.testing.assert_allclose(places(found), true[:, :4])
 
 
@@ -109,7 +113,7 @@ def test_candidates_beside_true_scatterers_or_in_their_place_do_not_join_them():
     beside = [moved(TRUE, rng.choice([-1, 1]), 0), moved(TRUE, 0, rng.choice([-1, 1]))]
     for candidates, error in (([*beside, TRUE], 1e-7), ([TRUE, moved(TRUE, 0.1, 0.1)], 0.2)):
         together = scatterers(np.concatenate(candidates))
-        found = select_jointly(together, gated_map(TRUE), SYSTEM, MIN_POWER, 16.5)
+        found = selected(together, gated_map(TRUE), MIN_POWER, 16.5)
         np.testing.assert_allclose(places(found), TRUE[:, :4], rtol=0, atol=error)
 
 
@@ -132,7 +136,7 @@ def close_map():
     ("family", "n_kept"), [((0, 0), 2), ((7, 7), 2), ((0, 1), 1), ((-1, -1), 1), ((0, -1), 1)]
 )
 def test_two_close_waves_are_kept_if_one_cell_has_told_them_apart_and_else_compete(family, n_kept):
-    found = select_jointly(scatterers(np.abs(CLOSE), family), close_map(), SYSTEM, MIN_POWER, 16.5)
+    found = selected(scatterers(np.abs(CLOSE), family), close_map(), MIN_POWER, 16.5)
     assert len(found) == n_kept
     if n_kept == 2:
         expected = np.abs(CLOSE[:, 4]) ** 2 * SYSTEM.processing_gain
@@ -147,11 +151,11 @@ def test_members_from_the_start_stay_and_a_candidate_that_repeats_one_does_not_j
     gated = gated_map(TRUE)
     # Their beams are known already.
     filters = MatchedFilters(start, gated, SYSTEM).join(scatterers(TRUE))
-    later = select_among(filters, MIN_POWER, 16.5, n_members=1).scatterers
+    later = select_jointly(filters, MIN_POWER, 16.5, n_members=1).scatterers
     np.testing.assert_allclose(places(later)[0], places(start)[0])
     assert len(later) == len(TRUE)
     # Without members the better of the two explains the map.
-    free = select_jointly(candidates, gated, SYSTEM, MIN_POWER, 16.5)
+    free = selected(candidates, gated, MIN_POWER, 16.5)
     np.testing.assert_allclose(places(free), TRUE[:, :4])
 
 
@@ -159,26 +163,26 @@ def test_members_from_the_start_that_are_weak_beside_what_joins_leave():
     nothing_there = moved(TRUE[1:2], 1.2, 1.2, -0.25)
     candidates = scatterers(np.concatenate([nothing_there, TRUE]))
     filters = MatchedFilters(candidates, gated_map(TRUE), SYSTEM)
-    found = select_among(filters, MIN_POWER, 16.5, n_members=1)
+    found = select_jointly(filters, MIN_POWER, 16.5, n_members=1)
     np.testing.assert_allclose(places(found.scatterers), TRUE[:, :4])
 
 
 @pytest.mark.parametrize(("dynamic_range_db", "n_kept"), [(19.0, 1), (21.0, 2)])
 def test_beside_a_strong_neighbour_the_dynamic_range_decides(dynamic_range_db, n_kept):
     pair = np.array([[32.0, 0.0, -0.12, 0.12, 1.0], [33.0, 1.0, 0.13, 0.18, 0.1]])
-    found = select_jointly(scatterers(pair), gated_map(pair), SYSTEM, MIN_POWER, dynamic_range_db)
+    found = selected(scatterers(pair), gated_map(pair), MIN_POWER, dynamic_range_db)
     assert len(found) == n_kept
     apart = moved(pair, 0, 0)
     apart[1, 0] = 35.0
-    found = select_jointly(scatterers(apart), gated_map(apart), SYSTEM, MIN_POWER, dynamic_range_db)
+    found = selected(scatterers(apart), gated_map(apart), MIN_POWER, dynamic_range_db)
     assert len(found) == 2
 
 
 def test_what_is_weaker_than_noise_may_be_is_not_selected():
     strongest = (TRUE[:, 4].max() ** 2) * SYSTEM.processing_gain
     candidates, gated = scatterers(TRUE), gated_map(TRUE)
-    assert len(select_jointly(candidates, gated, SYSTEM, 1.01 * strongest, 16.5)) == 0
-    assert len(select_jointly(candidates, gated, SYSTEM, 0.99 * strongest, 16.5)) == 1
+    assert len(selected(candidates, gated, 1.01 * strongest, 16.5)) == 0
+    assert len(selected(candidates, gated, 0.99 * strongest, 16.5)) == 1
 
 
 def explained(rows, gated, noise_power, family=0):
@@ -255,5 +259,5 @@ def test_many_scatterers_that_leave_much_of_the_map_are_not_fitted(monkeypatch):
 def test_without_scatterers_there_is_nothing_to_select_or_fit():
     nothing = scatterers(np.empty((0, 5)))
     gated = gated_map(TRUE)
-    assert len(select_jointly(nothing, gated, SYSTEM, MIN_POWER, 16.5)) == 0
+    assert len(selected(nothing, gated, MIN_POWER, 16.5)) == 0
     assert len(explain_map(MatchedFilters(nothing, gated, SYSTEM), 1.0)) == 0
