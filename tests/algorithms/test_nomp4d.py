@@ -220,22 +220,24 @@ def test_scatterers_of_which_two_rounds_explain_less_than_half_are_sought_to_the
     assert scores["precision"] > 0.75
 
 
-def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began():
-    scenario = load_scenario("facade[seed=218,frame=paper]")
-    scenario = replace(scenario, array=VirtualArray((1, 1), (8, 8), 1, 1))
-    cloud = Nomp4d().estimate(Simulator(scenario).observe(10.0))
-    halves = 2 * radio_places(scenario, cloud) / rayleigh_cells(scenario)
+@pytest.fixture(scope="module")
+def facade():
+    """Crowd seen by a small array."""
+    return replace(load_scenario("facade[seed=218,frame=paper]"), array=VirtualArray((1, 1), (8, 8), 1, 1))
+
+
+def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began(facade):
+    cloud = image(facade, 10.0 + gain_db(facade))
+    halves = 2 * radio_places(facade, cloud) / rayleigh_cells(facade)
     assert len(cloud) > 20
     assert not np.all(np.abs(halves - np.rint(halves)) < 1e-6, axis=1).any()
 
 
-def test_an_image_does_not_depend_on_the_peaks_that_are_judged_first(monkeypatch):
-    scenario = load_scenario("facade[seed=218,frame=paper]")
-    observation = Simulator(replace(scenario, array=VirtualArray((1, 1), (8, 8), 1, 1))).observe(10.0)
+def test_an_image_does_not_depend_on_the_peaks_that_are_judged_first(facade, monkeypatch):
     clouds = []
     for n_first in (100, 10**9):
         monkeypatch.setattr(nomp4d, "STRONGEST_PEAKS", n_first)
-        clouds.append(Nomp4d(max_rounds=3).estimate(observation).xyz)
+        clouds.append(image(facade, 10.0 + gain_db(facade), max_rounds=3).xyz)
     assert len(clouds[0]) > 5
     np.testing.assert_array_equal(*clouds)
 
