@@ -45,12 +45,11 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
-from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
 from isacbench.dsp.sparse_bayes.places import Reach
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, learn_blocks
 from isacbench.dsp.sparse_bayes.ridge_steps import drop_model_error, refine_on_map
-from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid
+from isacbench.dsp.sparse_bayes.tiles import BinTaper
 from isacbench.errors import require_least
 from isacbench.instrument.remarks import remark
 from isacbench.instrument.stages import stage
@@ -72,25 +71,6 @@ MOST_UNEXPLAINED = 0.1
 
 NOISE_DEVIATIONS = 6.0
 """Standard deviations by which a cell's mean power exceeds that of noise if it holds echoes."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """A map, and what is known of its echoes.
-
-    Attributes
-    ----------
-    unit : float
-        Amplitude in the observation that is 1 in the map.
-    noise : float
-        Noise power of an element.
-    """
-
-    atom_map: AtomMap
-    unit: float
-    noise: float
-    reach: Reach
-    grid: DirectionGrid
 
 
 @dataclass(frozen=True)
@@ -129,40 +109,42 @@ class Sbl4d:
             pursuit = Nomp4d(max_scatterers=self.lone_scatterers).pursue(observation)
             if pursuit.explains_all:
                 return pursuit.to_cloud()
-        scene = _scene_of(observation)
-        if not scene.noise:
+        reach, noise, unit = _read(observation)
+        if not noise:
             return PointCloud.empty()  # all cells are 0
-        fit = self._first_image(scene)
-        return self._checked(scene, self._second_image(scene, fit) if len(fit) else fit)
+        fit = self._first_image(reach, noise)
+        if len(fit):
+            fit = self._second_image(reach, noise, fit)
+        return self._checked(reach, noise, fit, unit)
 
-    def _first_image(self, scene: _Scene) -> AtomFit:
+    def _first_image(self, reach: Reach, noise: float) -> AtomFit:
         """Learn the tapered map, and let its atoms settle."""
         with stage("spectrum"):
-            taper = BinTaper.hann(scene.atom_map.range_bins)
-            places, strength = first_atoms(scene.atom_map, scene.reach, scene.grid, scene.noise, taper)
-        return self._settled(scene, self._strongest(places, strength))
+            taper = BinTaper.hann(reach.atom_map.range_bins)
+            places, strength = first_atoms(reach.atom_map, reach, noise, taper)
+        return self._settled(reach, noise, self._strongest(places, strength))
 
-    def _second_image(self, scene: _Scene, fit: AtomFit) -> AtomFit:
+    def _second_image(self, reach: Reach, noise: float, fit: AtomFit) -> AtomFit:
         """Learn the residual, then all atoms block by block, and let them settle again."""
-        atom_map = scene.atom_map
+        atom_map = reach.atom_map
         with stage("spectrum"):
             rest = atom_map.without(fit.lines, fit.amplitude)
             taper = BinTaper.none(atom_map.range_bins)
-            places, strength = first_atoms(rest, scene.reach, scene.grid, scene.noise, taper)
+            places, strength = first_atoms(rest, reach, noise, taper)
             distance = np.abs(places[:, None] - fit.places)
             is_new = ~np.all(distance <= SAME_PLACE, axis=2).any(axis=1)
             found = np.concatenate([fit.places, places[is_new]])
             found = self._strongest(found, np.concatenate([np.abs(fit.amplitude), strength[is_new]]))
         with stage("refinement"):
             loaded = fit_atoms(atom_map, found, FIRST_RIDGE)
-            atoms = learn_blocks(Atoms.of(atom_map, found, loaded.amplitude), scene.reach, scene.noise)
-        settled = self._settled(scene, self._strongest(atoms.places, np.abs(atoms.amplitude)))
+            atoms = learn_blocks(Atoms.of(atom_map, found, loaded.amplitude), reach, noise)
+        settled = self._settled(reach, noise, self._strongest(atoms.places, np.abs(atoms.amplitude)))
         with stage("refinement"):
-            return drop_model_error(settled, scene.reach)
+            return drop_model_error(settled, reach)
 
-    def _settled(self, scene: _Scene, places: Floats) -> AtomFit:
+    def _settled(self, reach: Reach, noise: float, places: Floats) -> AtomFit:
         with stage("refinement"):
-            return refine_on_map(scene.atom_map, scene.reach, places, scene.noise)
+            return refine_on_map(reach.atom_map, reach, places, noise)
 
     def _strongest(self, places: Floats, strength: Floats) -> Floats:
         """Places of as many atoms as may settle together, the strongest ones."""
@@ -170,27 +152,26 @@ class Sbl4d:
         chosen = np.argsort(-strength, kind="stable")[: self.max_scatterers]
         return places[np.sort(chosen)]
 
-    def _checked(self, scene: _Scene, fit: AtomFit) -> PointCloud:
+    def _checked(self, reach: Reach, noise: float, fit: AtomFit, unit: float) -> PointCloud:
         """The atoms as an image, or that of `esprit2d` where they leave too much of the map."""
-        atom_map = scene.atom_map
+        atom_map = reach.atom_map
         rest = atom_map.without(fit.lines, fit.amplitude)
-        shown = _energy_above_noise(atom_map.cells, scene.noise)
-        fails = _energy_above_noise(rest.cells, scene.noise) > MOST_UNEXPLAINED * shown
+        shown = _energy_above_noise(atom_map.cells, noise)
+        fails = _energy_above_noise(rest.cells, noise) > MOST_UNEXPLAINED * shown
         remark("unexplained", int(fails), 1)
         if fails:
-            return Esprit2d().estimate(scene.reach.observation)
+            return Esprit2d().estimate(reach.observation)
         with stage("peaks"):
-            return atoms_as_cloud(scene.reach.observation, fit, scene.unit)
+            return atoms_as_cloud(reach.observation, fit, unit)
 
 
-def _scene_of(observation: Observation) -> _Scene:
-    """Read the range-Doppler map, measure its noise, and sample the directions of the region."""
+def _read(observation: Observation) -> tuple[Reach, float, float]:
+    """Read the range-Doppler map; measure its noise. Returned is the unit of its amplitudes, too."""
     atom_map, unit, noise = read_atom_map(observation)
     with stage("detection"):
         largest = float((atom_map.cells.real**2 + atom_map.cells.imag**2).max())
         noise = max(noise, LEAST_NOISE * largest)
-    reach = Reach(observation, atom_map)
-    return _Scene(atom_map, unit, noise, reach, DirectionGrid.of(atom_map, reach))
+    return Reach(observation, atom_map), noise, unit
 
 
 def _energy_above_noise(cells: Complex, noise: float) -> float:

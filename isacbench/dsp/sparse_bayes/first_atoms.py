@@ -110,7 +110,6 @@ class _Rows:
     cells : ndarray of complex128, shape (n_rows, n_doppler, size_u, size_w)
     """
 
-    atom_map: AtomMap
     reach: Reach
     grid: DirectionGrid
     noise: float
@@ -133,7 +132,7 @@ class _Rows:
 
 
 def first_atoms(
-    atom_map: AtomMap, reach: Reach, grid: DirectionGrid, noise: float, range_taper: BinTaper
+    atom_map: AtomMap, reach: Reach, noise: float, range_taper: BinTaper
 ) -> tuple[Floats, Floats]:
     """Learn the echoes of a map, static ones first, then moving ones.
 
@@ -141,8 +140,6 @@ def first_atoms(
     ----------
     reach : Reach
         Where echoes can come from.
-    grid : DirectionGrid
-        Directions of the region.
     noise : float
         Noise power of its cells.
     range_taper : BinTaper
@@ -157,16 +154,14 @@ def first_atoms(
     strength : ndarray of float64, shape (n,)
         Amplitudes.
     """
-    rows = _tapered(atom_map, reach, grid, noise, range_taper)
+    rows = _tapered(atom_map, reach, noise, range_taper)
     found = [*_static_atoms(rows), *_moving_atoms(rows)]
     places = np.concatenate([np.empty((0, 4)), *(each for each, _ in found)])
     strength = np.concatenate([np.empty(0), *(each for _, each in found)])
     return merge_neighbours(places, strength, SAME_PLACE)
 
 
-def _tapered(
-    atom_map: AtomMap, reach: Reach, grid: DirectionGrid, noise: float, range_taper: BinTaper
-) -> _Rows:
+def _tapered(atom_map: AtomMap, reach: Reach, noise: float, range_taper: BinTaper) -> _Rows:
     cells = np.tensordot(range_taper.weights, atom_map.cells, 1)
     n_rows, n_doppler = cells.shape[:2]
     mean_power = np.mean(cells.real**2 + cells.imag**2, axis=(1, 2, 3))
@@ -179,12 +174,12 @@ def _tapered(
         np.maximum(noise, mean_power * 10 ** (-MISFIT_DB / 10)),
         SPECTRUM_STEPS,
     )
-    return _Rows(atom_map, reach, grid, noise, range_taper, cells, spectra)
+    return _Rows(reach, DirectionGrid.of(reach), noise, range_taper, cells, spectra)
 
 
 def _static_atoms(rows: _Rows) -> Iterator[tuple[Floats, Floats]]:
     """Atoms of the static layer, tile by tile."""
-    line = rows.atom_map.line(np.zeros(1), 1).value[0]
+    line = rows.reach.atom_map.line(np.zeros(1), 1).value[0]
     filters = rows.spectra.filters(line, np.abs(rows.spectra.doppler_bins) > STATIC_BINS)
     layer = np.einsum("rd,rduw->ruw", filters, rows.cells)
     noise = np.sum(filters**2, axis=1) * rows.noise
@@ -208,7 +203,7 @@ def _static_atoms(rows: _Rows) -> Iterator[tuple[Floats, Floats]]:
         directions = rows.grid.grown(active, STATIC_MARGIN, is_box=True)
         median_noise = float(np.median(noise[window]))
         tile = MapTile(layer[window, None], rows.taper.at(window), *still, directions, median_noise)
-        places, strength = learn_tile(tile, rows.atom_map, rows.grid, rows.reach, STATIC_DIMENSION)
+        places, strength = learn_tile(tile, rows.grid, rows.reach, STATIC_DIMENSION)
         keep = _in_core(places[:, 0], start, end) & within_dynamic_range(places, strength)
         yield places[keep], strength[keep]
 
@@ -285,7 +280,7 @@ class _MovingAtoms:
 
     @classmethod
     def of(cls, rows: _Rows) -> _MovingAtoms:
-        atom_map = rows.atom_map
+        atom_map = rows.reach.atom_map
         line = atom_map.line(np.zeros(1), 1).value[0]
         others = np.eye(line.size) - np.multiply.outer(line, line) / (line @ line)
         # Between the grating lobes of bursts there are no sidelobes for a taper to lower.
@@ -326,7 +321,7 @@ class _MovingAtoms:
         noise = weights @ weights.T + 1e-3 * np.eye(len(weights))
         lines_of_tile = lines[used], along_doppler, noise
         tile = MapTile(cells, rows.taper.at(window), *lines_of_tile, self._directions(cells), rows.noise)
-        places, strength = learn_tile(tile, rows.atom_map, rows.grid, rows.reach, MOVING_DIMENSION)
+        places, strength = learn_tile(tile, rows.grid, rows.reach, MOVING_DIMENSION)
         keep = _in_core(places[:, 0], start, end) & within_dynamic_range(places, strength)
         margin = LINE_STEP_BINS / 2
         keep &= (places[:, 1] >= lowest - margin) & (places[:, 1] < highest - margin)

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.sparse_bayes.learning import Noise, learn_directions, learn_grid, matched
 from isacbench.dsp.sparse_bayes.places import Reach, merge_neighbours, strongest_near
 
@@ -151,7 +150,7 @@ class DirectionGrid:
     along_w: Floats
 
     @classmethod
-    def of(cls, atom_map: AtomMap, reach: Reach) -> DirectionGrid:
+    def of(cls, reach: Reach) -> DirectionGrid:
         """Sample the directions of a region."""
         u, w = (
             np.linspace(
@@ -159,7 +158,7 @@ class DirectionGrid:
             )
             for limits in reach.direction_limits
         )
-        return cls(u, w, atom_map.line(u, 2).value, atom_map.line(w, 3).value)
+        return cls(u, w, reach.atom_map.line(u, 2).value, reach.atom_map.line(w, 3).value)
 
     def sectors(self, cells: Complex, noise: Floats) -> Floats:
         """Learn which directions single cells show.
@@ -252,7 +251,7 @@ class MapTile:
 
 
 def learn_tile(
-    tile: MapTile, atom_map: AtomMap, grid: DirectionGrid, reach: Reach, least_dimension: float
+    tile: MapTile, grid: DirectionGrid, reach: Reach, least_dimension: float
 ) -> tuple[Floats, Floats]:
     """Learn the echoes of a tile: places (n, 4) in Rayleigh cells, and amplitudes (n,).
 
@@ -266,7 +265,7 @@ def learn_tile(
     directions = (grid.along_u[at_u][:, :, None] * grid.along_w[at_w][:, None, :]).reshape(at_u.size, -1)
     into_doppler, into_direction = _most_dimensions(tile, directions, least_dimension)
     dictionaries = (
-        atom_map.line(range_bins, 0).value @ tile.taper.weights.T,
+        reach.atom_map.line(range_bins, 0).value @ tile.taper.weights.T,
         tile.along_doppler @ into_doppler,
         directions @ into_direction,
     )

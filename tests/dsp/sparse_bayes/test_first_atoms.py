@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isacbench.dsp.sparse_bayes.first_atoms import first_atoms
-from isacbench.dsp.sparse_bayes.tiles import BinTaper, DirectionGrid, strong_dimensions
+from isacbench.dsp.sparse_bayes.tiles import BinTaper, strong_dimensions
 
 from .conftest import NOISE
 
@@ -14,8 +14,7 @@ OFFSETS = np.array(
 
 
 def found(atom_map, reach, taper):
-    grid = DirectionGrid.of(atom_map, reach)
-    return first_atoms(atom_map, reach, grid, NOISE, taper(atom_map.range_bins))
+    return first_atoms(atom_map, reach, NOISE, taper(atom_map.range_bins))
 
 
 @pytest.mark.parametrize("taper", [BinTaper.hann, BinTaper.none])
