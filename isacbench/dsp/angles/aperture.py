@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import prod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -39,6 +38,7 @@ class Responses(ABC):
 
     first_of_row = 0
     other_line = 1.0
+    _joined: ClassVar[np.ufunc] = np.multiply
 
     def __init__(self, aperture: Aperture, u: Floats, w: Floats) -> None:
         self.u, self.w = u, w
@@ -54,7 +54,7 @@ class Responses(ABC):
         ndarray of complex128, shape (..., k, k)
             Hermitian, filters first; 1 on the diagonal.
         """
-        return self._joined(*_line_grams(self.along_u, self.along_w)) / self.n_elements
+        return self._mean_products(*_line_grams(self.along_u, self.along_w))
 
     def intersections_gram(self) -> Complex:
         """The same of all pairs of one of the i cosines u and one of the j cosines w.
@@ -64,7 +64,7 @@ class Responses(ABC):
         ndarray of complex128, shape (n, i, j, i, j)
         """
         along_u, along_w = _line_grams(self.along_u, self.along_w)
-        return self._joined(along_u[:, :, None, :, None], along_w[:, None, :, None, :]) / self.n_elements
+        return self._mean_products(along_u[:, :, None, :, None], along_w[:, None, :, None, :])
 
     def slope_gram(self) -> Complex:
         """Mean products over the elements of k responses, their slopes along u, and their slopes along w.
@@ -78,7 +78,7 @@ class Responses(ABC):
         p, q = np.arange(a.shape[-1]), np.arange(b.shape[-1]) + self.first_of_row
         along_u = np.concatenate([a, -2j * np.pi / p.size * p * a, self.other_line * a], axis=-2)
         along_w = np.concatenate([b, self.other_line * b, -2j * np.pi / (q[-1] + 1) * q * b], axis=-2)
-        return self._joined(*_line_grams(along_u, along_w)) / self.n_elements
+        return self._mean_products(*_line_grams(along_u, along_w))
 
     @abstractmethod
     def matched(self, snapshots: Complex) -> Complex:
@@ -108,10 +108,10 @@ class Responses(ABC):
     def synthesis(self, amplitude: Complex) -> Complex:
         """Sum of the plane waves of amplitudes (n, k), shape (n, *elements)."""
 
-    @staticmethod
-    @abstractmethod
-    def _joined(along_u: Complex, along_w: Complex) -> Complex:
-        """Products over all elements from the products over each line."""
+    def _mean_products(self, along_u: Complex, along_w: Complex) -> Complex:
+        """Mean products over all elements from the products over each line."""
+        products: Complex = self._joined(along_u, along_w) / self.n_elements
+        return products
 
 
 class _PlaneResponses(Responses):
@@ -128,17 +128,12 @@ class _PlaneResponses(Responses):
             line * np.exp(0.5j * np.pi * (line.shape[1] - 1) * cosine)[:, None]
             for line, cosine in ((self.along_u, self.u), (self.along_w, self.w))
         )
-        parts = (line.view(np.float64) for line in (a, b))
-        along_u, along_w = (part @ part.T for part in parts)
+        along_u, along_w = (part @ part.T for part in (a.view(np.float64), b.view(np.float64)))
         directions = (a[:, :, None] * b[:, None, :]).reshape(-1, self.n_elements)
         return directions, along_u * along_w / self.n_elements
 
     def synthesis(self, amplitude: Complex) -> Complex:
         return (self.along_u * amplitude[:, :, None]).transpose(0, 2, 1) @ self.along_w
-
-    @staticmethod
-    def _joined(along_u: Complex, along_w: Complex) -> Complex:
-        return along_u * along_w
 
 
 class _CrossResponses(Responses):
@@ -147,6 +142,7 @@ class _CrossResponses(Responses):
     first_of_row = 1
     # A change of u leaves the row as it is, and one of w the column.
     other_line = 0.0
+    _joined = np.add
 
     def matched(self, snapshots: Complex) -> Complex:
         return (self._whole().conj() @ snapshots[..., None])[..., 0] / self.n_elements
@@ -154,7 +150,7 @@ class _CrossResponses(Responses):
     def matched_intersections(self, snapshots: Complex) -> Complex:
         column, row = np.split(snapshots[:, :, None], [self.along_u.shape[-1]], axis=1)
         along_u, along_w = self.along_u.conj() @ column, self.along_w.conj() @ row
-        return self._joined(along_u, along_w.transpose(0, 2, 1)) / self.n_elements
+        return self._mean_products(along_u, along_w.transpose(0, 2, 1))
 
     def about_middle(self) -> tuple[Complex, Complex]:
         return self._whole(), self.gram()
@@ -165,10 +161,6 @@ class _CrossResponses(Responses):
     def _whole(self) -> Complex:
         """Responses (..., elements) to directions."""
         return np.concatenate([self.along_u, self.along_w], axis=-1)
-
-    @staticmethod
-    def _joined(along_u: Complex, along_w: Complex) -> Complex:
-        return along_u + along_w
 
 
 def _line_grams(a: Complex, b: Complex) -> tuple[Complex, Complex]:
@@ -192,13 +184,8 @@ class Aperture(ABC):
 
     @property
     @abstractmethod
-    def shape(self) -> tuple[int, ...]:
-        """Axes of the elements in snapshots."""
-
-    @property
     def n_elements(self) -> int:
         """Elements that are read."""
-        return prod(self.shape)
 
     def towards(self, u: Floats, w: Floats) -> Responses:
         """Responses to directions.
@@ -244,9 +231,9 @@ class Plane(Aperture):
     _responses = _PlaneResponses
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Elements (P, Q)."""
-        return self.n_p, self.n_q
+    def n_elements(self) -> int:
+        """Elements P Q."""
+        return self.n_p * self.n_q
 
     def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Read the Q columns of snapshots, and their P rows."""
@@ -271,9 +258,9 @@ class Cross(Aperture):
     _responses = _CrossResponses
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Elements (P + Q - 1,)."""
-        return (self.n_p + self.n_q - 1,)
+    def n_elements(self) -> int:
+        """Elements P + Q - 1."""
+        return self.n_p + self.n_q - 1
 
     def lines(self, snapshots: Complex) -> tuple[Complex, Complex]:
         """Read the column of snapshots, and the row."""

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Floats, Integers, Mask
 from isacbench.model.region import Interval
-
-Spectra = TypeVar("Spectra", bound=NDArray[Any])
 
 PERIOD = 2.0
 
@@ -49,7 +47,7 @@ def direction_samples(limits: tuple[Interval, Interval], widest: Iterable[float]
     return u, w
 
 
-def with_neighbours(spectra: Spectra, grids: Sequence[Floats]) -> tuple[Spectra, list[Floats]]:
+def with_neighbours(spectra: Floats, grids: Sequence[Floats]) -> tuple[Floats, list[Floats]]:
     """Give spectra (n, *samples) over a whole circle the samples beyond either end that other spectra have.
 
     The last sample then stands before the first as well, and the first behind the last. Grids are from
@@ -59,8 +57,7 @@ def with_neighbours(spectra: Spectra, grids: Sequence[Floats]) -> tuple[Spectra,
     for axis, grid in enumerate(grids, start=1):
         step = grid[1] - grid[0]
         if abs(grid.size * step - PERIOD) < step / 2:
-            sides = [(1, 1) if one == axis else (0, 0) for one in range(spectra.ndim)]
-            spectra = np.pad(spectra, sides, mode="wrap")  # type: ignore[assignment]
+            spectra = spectra.take(np.arange(-1, grid.size + 1), axis, mode="wrap")
             grid = np.r_[grid[0] - step, grid, grid[-1] + step]
         framed.append(grid)
     return spectra, framed

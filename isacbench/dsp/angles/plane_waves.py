@@ -14,7 +14,7 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.display import short_repr
-from isacbench.dsp.angles.aperture import Aperture, Responses
+from isacbench.dsp.angles.aperture import Aperture
 from isacbench.dsp.angles.peaks import Peaks, within_period
 
 DIAGONAL_LOADING = 1e-9
@@ -89,7 +89,7 @@ class PlaneWaves:
         residual = snapshots
         # Twice: without noise, the first fit leaves what its loading takes from the amplitudes.
         for _ in range(2):
-            residual = residual - responses.synthesis(self._fit(residual[None], responses)[0])
+            residual = residual - responses.synthesis(self.amplitudes(residual[None], aperture)[0])
         axes = tuple(range(1, residual.ndim))
         return np.mean(residual.real**2 + residual.imag**2, axis=axes)
 
@@ -198,9 +198,7 @@ class PlaneWaves:
         ndarray of complex128, shape (s, n, k)
             0 where there is no plane wave.
         """
-        return self._fit(snapshots, aperture.towards(self.u, self.w))
-
-    def _fit(self, snapshots: Complex, responses: Responses) -> Complex:
+        responses = aperture.towards(self.u, self.w)
         inverse = np.linalg.inv(_restricted(responses.gram(), self.found))
         matched = np.where(self.found, responses.matched(snapshots), 0)
         return np.einsum("nij,snj->sni", inverse, matched)
