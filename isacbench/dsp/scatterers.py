@@ -291,11 +291,8 @@ def _offset(
     Along Doppler, `bursts` give their own kernel, and `window` is not used.
     """
     stronger = np.maximum(behind, before)
-    if bursts is None:
-        ratio = np.divide(stronger, own, out=np.zeros_like(own), where=own > 0)
-        offset = fractional_bin(ratio, window)
-    else:
-        offset = bursts.fractional_bin(own, stronger)
+    find = partial(fractional_bin, window=window) if bursts is None else bursts.fractional_bin
+    offset = find(own, stronger)
     return np.where(behind >= before, offset, -offset)
 
 

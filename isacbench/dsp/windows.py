@@ -115,13 +115,13 @@ def taper(cells: Complex, window: Window, axis: int) -> Complex:
     return tapered
 
 
-def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
-    """Offset of an echo from its strongest bin, from the amplitude in the next bin.
+def fractional_bin(own: Floats, other: Floats, window: Window) -> Floats:
+    """Offset of an echo from its strongest bin, from the amplitudes in it and in the next bin.
 
     Parameters
     ----------
-    ratio : array_like
-        Amplitude in the stronger neighbouring bin over that in the bin.
+    own, other : ndarray of float64, same shape
+        Amplitude in the bin, and in the stronger neighbouring bin.
     window : {"rect", "soft", "hamming", "hann", "blackman"}
 
     Returns
@@ -129,9 +129,8 @@ def fractional_bin(ratio: ArrayLike, window: Window) -> Floats:
     ndarray of float64, same shape
         Bins towards that neighbour, 0 to 1; 1/2 at equal amplitudes.
     """
-    ratio = checked_array("ratio", ratio)
-    shares, offsets = _share_table(window)
-    return np.interp(ratio / (1 + ratio), shares, offsets)
+    share = np.divide(other, own + other, out=np.zeros_like(own), where=own + other > 0)
+    return np.interp(share, *_share_table(window))
 
 
 def bin_profile(offset: ArrayLike, window: Window) -> Complex:

@@ -278,23 +278,19 @@ def soca_factor(pfa: float, halves: tuple[int, int], looks: int = 1) -> float:
     return _chosen_half_factor(pfa, halves, looks, greatest=False)
 
 
-def _chosen_half_factor(pfa: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
-    check_pfa(pfa)
+def _chosen_half_factor(pfa: float, halves: tuple[int, ...], looks: int, greatest: bool) -> float:
     looks = checked_count("looks", looks)
-    _check_halves(halves)
+    if len(halves) != 2 or min(halves) < 0 or max(halves) < 1:
+        raise InputError(f"halves = {halves}: numbers of leading and trailing training cells, not both 0")
     if 0 in halves:
         return ca_factor(pfa, sum(halves), looks)
     return solve_factor(lambda factor: chosen_half_rate(factor, halves, looks, greatest), pfa)
 
 
-def chosen_half_rate(factor: float, halves: tuple[int, int], looks: int, greatest: bool) -> float:
-    """False-alarm rate of a detector that takes the greater, or the smaller, mean of two halves."""
-    looks = checked_count("looks", looks)
-    _check_halves(halves)
+def chosen_half_rate(factor: float, halves: tuple[int, ...], looks: int, greatest: bool) -> float:
+    """False-alarm rate of a detector that takes the greater, or smaller, mean of two halves with cells."""
     if factor == 0:
         return 1.0
-    if 0 in halves:
-        return ca_rate(factor, sum(halves), looks)
     leading, trailing = halves
     rate = _rate_of_half(factor, leading, trailing, looks, greatest)
     rate += _rate_of_half(factor, trailing, leading, looks, greatest)
@@ -325,11 +321,6 @@ def _rate_of_half(factor: float, n_own: int, n_other: int, looks: int, greatest:
         last = special.betainc(own + looks - 1, other, below)
         chosen = last + np.concatenate((np.cumsum(step[::-1])[::-1], [0.0]))
     return float(np.exp(log_law) @ chosen)
-
-
-def _check_halves(halves: tuple[int, ...]) -> None:
-    if len(halves) != 2 or min(halves) < 0 or max(halves) < 1:
-        raise InputError(f"halves = {halves}: numbers of leading and trailing training cells, not both 0")
 
 
 def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 1) -> float:
@@ -386,8 +377,7 @@ def osca_rate(factor: float, columns: tuple[tuple[int, int], ...], looks: int = 
     H. Rohling, "Radar CFAR thresholding in clutter and multiple target
     situations", IEEE Trans. AES 19(4), 1983: the one-look order statistic.
     """
-    _check_columns(columns)
-    return _OscaLaw(columns, checked_count("looks", looks)).rate(factor)
+    return _osca_law(columns, looks)(factor)
 
 
 @lru_cache(maxsize=1024)
@@ -413,30 +403,32 @@ def osca_factor(pfa: float, columns: tuple[tuple[int, int], ...], looks: int = 1
     InputError
         If `pfa`, `columns` or `looks` is out of range.
     """
-    _check_columns(columns)
-    return solve_factor(_OscaLaw(columns, checked_count("looks", looks)).rate, pfa)
+    return solve_factor(_osca_law(columns, looks), pfa)
 
 
-class _OscaLaw:
+def _osca_law(columns: tuple[tuple[int, int], ...], looks: int) -> Callable[[float], float]:
     """The false-alarm rate of one set of columns as a function of the factor."""
+    looks = checked_count("looks", looks)
+    if not columns or any(not 1 <= rank <= n_cells for rank, n_cells in columns):
+        raise InputError(
+            f"columns = {columns}: each column is (rank, number of training cells), 1 <= rank <= number"
+        )
+    quadratures = [
+        (*_order_statistic(rank, n_cells, looks), count)
+        for (rank, n_cells), count in Counter(columns).items()
+    ]
 
-    def __init__(self, columns: tuple[tuple[int, int], ...], looks: int) -> None:
-        self._looks = looks
-        self._n_columns = len(columns)
-        self._quadratures = [
-            (*_order_statistic(rank, n_cells, looks), count)
-            for (rank, n_cells), count in Counter(columns).items()
-        ]
-
-    def rate(self, factor: float) -> float:
+    def rate(factor: float) -> float:
         """P(power > factor · mean of the order statistics)."""
-        scale = self._looks * factor / self._n_columns
-        law = np.eye(1, self._looks)[0]
-        for power, weight, count in self._quadratures:
-            arrivals = _poisson(scale * power, self._looks) @ weight
+        scale = looks * factor / len(columns)
+        law = np.eye(1, looks)[0]
+        for power, weight, count in quadratures:
+            arrivals = _poisson(scale * power, looks) @ weight
             for _ in range(count):
-                law = np.convolve(law, arrivals)[: self._looks]
+                law = np.convolve(law, arrivals)[:looks]
         return min(float(law.sum()), 1.0)
+
+    return rate
 
 
 def _order_statistic(rank: int, n_cells: int, looks: int) -> tuple[Floats, Floats]:
@@ -472,10 +464,3 @@ def _poisson(mean: Floats, n_counts: int) -> Floats:
     log_law = np.multiply.outer(counts, np.log(mean)) - mean
     log_law -= special.gammaln(counts + 1)[:, np.newaxis]
     return np.exp(log_law, out=log_law)
-
-
-def _check_columns(columns: tuple[tuple[int, int], ...]) -> None:
-    if not columns or any(not 1 <= rank <= n_cells for rank, n_cells in columns):
-        raise InputError(
-            f"columns = {columns}: each column is (rank, number of training cells), 1 <= rank <= number"
-        )

@@ -194,7 +194,6 @@ def window_axes(shape: tuple[int, ...], training: CellsPerSide, guard: CellsPerS
     """
     per_side = []
     for name, sizes in (("training", training), ("guard", guard)):
-        check_cells(name, sizes)
         per_axis = sizes if isinstance(sizes, tuple) else (sizes,) * len(shape)
         if len(per_axis) != len(shape):
             n_axes = len(shape)

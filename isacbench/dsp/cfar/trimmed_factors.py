@@ -13,7 +13,6 @@ from scipy import optimize, special
 from isacbench.checked_arrays import Floats
 from isacbench.dsp.cfar.factors import (
     ca_factor,
-    check_pfa,
     checked_count,
     order_span,
     osca_factor,
@@ -88,7 +87,6 @@ def tm_factor(pfa: float, n_training: int, trimmed: tuple[int, int], looks: int 
     P. P. Gandhi, S. A. Kassam, "Analysis of CFAR processors in nonhomogeneous
     background", IEEE Trans. AES 24(4), 1988: one look.
     """
-    check_pfa(pfa)
     _check_trimmed(n_training, trimmed)
     n_training, looks = int(n_training), checked_count("looks", looks)
     below, above = trimmed
