@@ -425,9 +425,6 @@ class _OrderDetection(Detection):
     def __init__(self, mask: Mask, thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
         self.__dict__.update(mask=mask, _thresholds=thresholds)
 
-    def __reduce__(self) -> tuple[type[Detection], tuple[NDArray[np.generic], ...]]:
-        return Detection, (self.mask, self.threshold, self.noise)
-
     @cached_property
     def _estimated(self) -> tuple[Floats, Floats]:
         return self.__dict__["_thresholds"]()

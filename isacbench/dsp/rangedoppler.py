@@ -210,7 +210,7 @@ class TaperedMap:
             with stage("rdm"):
                 block = cells[some.start : some.stop + n_more[0]]
                 # Along range first, to which blocks have more bins than are kept.
-                block = taper(block.astype(self.dtype, order="C", copy=False), self.windows[0], axis=0)
+                block = taper(block.astype(self.dtype, copy=False), self.windows[0], axis=0)
                 block = taper(block, self.windows[1], axis=1)
             yield block
 

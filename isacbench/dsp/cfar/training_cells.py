@@ -228,11 +228,6 @@ class Windows:
     place: tuple[int, ...]
 
     @property
-    def n_window(self) -> int:
-        """Number of cells of a window."""
-        return prod(axis.n_window for axis in self.axes)
-
-    @property
     def n_training(self) -> int:
         """Number of training cells of a window."""
         return int(self.trains.sum())
