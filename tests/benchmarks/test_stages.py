@@ -1,4 +1,4 @@
-"""What the steps of an observation cost, and detectors on its map; those of images are in `test_images`."""
+"""What the steps of an observation cost, and detectors on its map."""
 
 from itertools import count
 
