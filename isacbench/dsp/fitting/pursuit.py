@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
@@ -172,14 +171,14 @@ class BeamSpace:
 
     def mean_around(self, residual: Complex, places: Floats) -> Floats:
         """Average the energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
-        energy = residual.real**2 + residual.imag**2
-        n_beams = 2 * BEAMS_A_CELL - 1
-        mean = uniform_filter(energy, size=(3, 3, n_beams, n_beams), mode="nearest")
-        samples_per_cell = (1, 1, BEAMS_A_CELL, BEAMS_A_CELL)
+        samples_per_cell, last = (1, 1, BEAMS_A_CELL, BEAMS_A_CELL), np.array(residual.shape) - 1
         first = [axis[0] for axis in self.axes]
         # Atoms at the edge of their boxes lie halfway between two bins, but for rounding.
         at = np.rint(np.round((places - first) * samples_per_cell, TIE_DIGITS)).astype(np.int64)
-        return mean[tuple(np.clip(at, 0, np.array(mean.shape) - 1).T)]
+        around = np.indices([3] * N_COORDINATES).reshape(N_COORDINATES, -1).T - 1
+        samples = np.clip(np.clip(at, 0, last)[:, None] + around, 0, last)
+        seen = residual[tuple(np.moveaxis(samples, 2, 0))]
+        return np.mean(seen.real**2 + seen.imag**2, axis=1)
 
 
 def _around(reachable: slice) -> slice:
