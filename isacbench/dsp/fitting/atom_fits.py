@@ -127,7 +127,7 @@ class AtomFit:
     @property
     def own(self) -> Floats:
         """Energy of each unit atom that the other atoms do not explain, shape (n,)."""
-        return 1 / np.maximum(np.sum(self._gram_root**2, axis=1), 1)
+        return 1 / np.maximum(np.vecdot(self._gram_root, self._gram_root), 1)
 
     @cached_property
     def score(self) -> Floats:
@@ -176,7 +176,7 @@ class AtomFit:
     @property
     def blurred(self) -> Mask:
         """Mask (n,) of atoms with a coordinate whose variance is rounding: the true one may be larger."""
-        share = np.sum(self.bound_root**2, axis=1) * self.rounding
+        share = np.vecdot(self.bound_root, self.bound_root) * self.rounding
         return (share > BLURRED).reshape(N_COORDINATES, -1).any(axis=0)
 
     def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
@@ -210,8 +210,11 @@ class AtomFit:
     @cached_property
     def _slopes(self) -> Floats:
         """Products (4 n, 4 n) of all slopes."""
-        axes = range(N_COORDINATES)
-        return np.block([[product_matrix(self.products, left, right) for right in axes] for left in axes])
+        n = len(self)
+        blocks = np.empty((N_COORDINATES, n, N_COORDINATES, n))
+        for left, right in np.ndindex(N_COORDINATES, N_COORDINATES):
+            blocks[left, :, right] = product_matrix(self.products, left, right)
+        return blocks.reshape(N_COORDINATES * n, N_COORDINATES * n)
 
     @cached_property
     def _gram_root(self) -> Floats:

@@ -320,7 +320,9 @@ def strongest_around(places: Floats, fit: AtomFit) -> Floats:
     along_range, along_doppler = np.abs(distance[..., 0]), np.abs(distance[..., 1])
     near = (along_range < NEIGHBOURHOOD_BINS) & (along_doppler < NEIGHBOURHOOD_BINS)
     share = np.where(near, 1.0, sidelobe_envelope(distance, fit.atom_map.bursts) ** 2)
-    share[~distance.any(axis=-1)] = 0
+    itself = near & (along_range == 0) & (along_doppler == 0)
+    itself[itself] = (distance[itself] == 0).all(axis=1)
+    share[itself] = 0
     return (share * fit.shown_energy).max(axis=1, initial=0)
 
 
@@ -367,8 +369,8 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     """
     n, power, places = len(fit), fit.power, fit.places.copy()
     drop = np.zeros(n, dtype=np.bool_)
-    root = np.sqrt(noise / 2) * fit.bound_root.reshape(N_COORDINATES, n, -1)
-    lost = np.flatnonzero((np.sum(root**2, axis=2) > LOST**2).any(axis=0))
+    root = fit.bound_root.reshape(N_COORDINATES, n, -1)
+    lost = np.flatnonzero((noise / 2 * np.vecdot(root, root) > LOST**2).any(axis=0))
     if lost.size:
         drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
         return drop, places
@@ -377,7 +379,8 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     apart = apart[first, second]
     length = np.sum(apart**2, axis=1)
     # Variance of the distance along the line between the two.
-    along = np.sum(np.einsum("pi,ipk->pk", apart, root[:, first] - root[:, second]) ** 2, axis=1)
+    joint = np.einsum("pi,ipk->pk", apart, root[:, first] - root[:, second])
+    along = noise / 2 * np.vecdot(joint, joint)
     blurred = fit.blurred
     is_resolved = (length**2 >= RESOLVED_VARIANCES * along) & ~(blurred[first] & blurred[second])
     for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
