@@ -29,7 +29,7 @@ from isacbench.dsp.angles.planar_spectra import (
     projections,
     squared_projections,
 )
-from isacbench.dsp.angles.planar_subspaces import planar_covariance
+from isacbench.dsp.angles.planar_subspaces import CHUNK_VALUES, planar_covariance
 from isacbench.dsp.positive_matrices import roots_of_inverses
 
 LEAST_NOISE = 16 * float(np.finfo(np.float64).eps)
@@ -40,9 +40,6 @@ LEAST_LOADING = 1e-12
 
 NEGLIGIBLE = 1e-4
 """Singular value, relative to the largest, below which a dimension of steering vectors is left out."""
-
-CHUNK_VALUES = 2**17
-"""Entries of the covariances that are inverted at once: 1 MiB."""
 
 
 def bartlett_spectrum(snapshots: Complex, u: Floats, w: Floats) -> BeamformerSpectrum:

@@ -46,7 +46,7 @@ from isacbench.dsp.angles.planar_spectra import Minima, planar_minima, squared_p
 from isacbench.instrument.stages import stage
 
 CHUNK_VALUES = 2**17
-"""Values of the covariances decomposed at once: a megabyte stays in the cache."""
+"""Values of the covariances decomposed or inverted at once: a megabyte stays in the cache."""
 
 SPARE_DIMENSIONS = 4
 """Beyond those asked for: the more, the faster a subspace iteration converges."""
