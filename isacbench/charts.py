@@ -229,12 +229,10 @@ class Table:
         return [[column.text(row) for column in self.columns] for row in rows]
 
 
-def text_table(
-    title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], is_detail: bool = False
-) -> Table:
+def text_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     """Make a table of rows of texts."""
     columns = [Column(heading, place, part=min(place, 1)) for place, heading in enumerate(headings)]
-    return Table(title, columns, [dict(enumerate(row)) for row in rows], is_detail)
+    return Table(title, columns, [dict(enumerate(row)) for row in rows])
 
 
 def spread_rows(table: pd.DataFrame, rows: Sequence[str], columns: Sequence[str]) -> list[dict[Any, Any]]:

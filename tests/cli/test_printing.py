@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pandas as pd
 import pytest
 
@@ -13,10 +15,8 @@ def shown_of(records, tables, monkeypatch, capsys):
 
 
 def test_details_are_written_and_not_printed(monkeypatch, capsys):
-    tables = [
-        text_table(name, ["name"], [[name]], is_detail)
-        for name, is_detail in (("first", False), ("second", True))
-    ]
+    first, second = (text_table(name, ["name"], [[name]]) for name in ("first", "second"))
+    tables = [first, replace(second, is_detail=True)]
     shown = shown_of(pd.DataFrame(), tables, monkeypatch, capsys)
     assert "first" in shown
     assert "second" not in shown

@@ -122,7 +122,7 @@ def holm(p_values: ArrayLike) -> Floats:
     return adjusted
 
 
-def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
+def bootstrap_changes(base: Floats, new: Floats) -> pd.DataFrame:
     """Compute mean changes of paired trials with 95 % bootstrap intervals.
 
     Trials are resampled with their pairs and for all points at once, so that dependence between the points of
@@ -146,7 +146,7 @@ def bootstrap_changes(base: Floats, new: Floats, seed: int = 0) -> pd.DataFrame:
     n_trials, n_points = base.shape
     changes = np.full((6, n_points), np.nan)
     if base.size:
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(0)
         weights = rng.multinomial(n_trials, np.full(n_trials, 1 / n_trials), N_RESAMPLES).astype(np.float64)
         for start in range(0, n_points, COLUMNS_AT_ONCE):
             part = slice(start, start + COLUMNS_AT_ONCE)
@@ -291,7 +291,7 @@ class RankSets(NamedTuple):
     critical_share: float
 
 
-def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
+def rank_sets(scores: ArrayLike) -> RankSets:
     """Find sets of ranks that hold the true ranks of all estimators at once with 95 % confidence.
 
     For every ordered pair of estimators j and k, the hypothesis is tested that the mean of j is at most that
@@ -308,7 +308,7 @@ def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
     the rejected hypotheses until no further one is rejected.
 
     `scores` have the shape (n_scenes, n_estimators), lower is better; a ValueError if they are not a finite
-    table with at least two scenes. Equal seeds give equal sets.
+    table with at least two scenes. Equal scores give equal sets.
 
     Mogstad, Romano, Shaikh and Wilhelm, "Inference for ranks with applications to mobility across
     neighbourhoods and academic achievement across countries", Rev. Econ. Stud. 91 (2024), section 3.
@@ -329,13 +329,13 @@ def rank_sets(scores: ArrayLike, seed: int = 0) -> RankSets:
         raise ValueError(f"scores of shape {table.shape}: allowed is a finite table of two scenes or more")
     n_estimators = table.shape[1]
     first, second = np.nonzero(~np.eye(n_estimators, dtype=bool))
-    is_above, pair, share = _stepdown(*_statistics(table[:, first] - table[:, second], seed))
+    is_above, pair, share = _stepdown(*_statistics(table[:, first] - table[:, second]))
     n_below = np.bincount(first[is_above], minlength=n_estimators)
     n_above = np.bincount(second[is_above], minlength=n_estimators)
     return RankSets(1 + n_below, n_estimators - n_above, (int(first[pair]), int(second[pair])), share)
 
 
-def _statistics(differences: Floats, seed: int) -> tuple[Floats, Floats]:
+def _statistics(differences: Floats) -> tuple[Floats, Floats]:
     """Student's t of each column, and in resamples (n_resamples, n_columns) of the centred columns."""
     n_scenes = len(differences)
     change = differences.mean(axis=0)
@@ -343,7 +343,7 @@ def _statistics(differences: Floats, seed: int) -> tuple[Floats, Floats]:
     variance = np.square(centred).mean(axis=0)
     varies = variance > np.square(np.finfo(np.float64).eps * np.abs(change))
     centred[:, ~varies] = 0.0
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     weights = rng.multinomial(n_scenes, np.full(n_scenes, 1 / n_scenes), N_RESAMPLES) / n_scenes
     resampled = weights @ centred
     spread = np.maximum(weights @ np.square(centred) - np.square(resampled), LEAST_VARIANCE * variance)
