@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numpy.lib.stride_tricks import sliding_window_view
 
 from isacbench.checked_arrays import Complex, checked_array, parts_of
 from isacbench.display import short_repr
@@ -223,10 +222,9 @@ class TaperedMap:
         once, where = np.unique(cell, return_inverse=True)
         row, column = np.divmod(once, n_columns)
         weights = np.multiply.outer(*map(taps, self.windows))
-        parts = np.ascontiguousarray(source).reshape(*source.shape[:2], -1).view(source.real.dtype)
-        mixed = sliding_window_view(parts, weights.shape, axis=(0, 1)).transpose(0, 1, 3, 4, 2)
-        tapered = np.empty((once.size, parts.shape[2] // 2), self.dtype)
-        for some in parts_of(once.size, CACHED_SAMPLES // (weights.size * tapered.shape[1])):
-            taken = mixed[row[some], column[some]].reshape(-1, weights.size, parts.shape[2])
-            tapered[some] = (weights.ravel().astype(parts.dtype) @ taken).view(source.dtype)
+        tapered = np.empty((once.size, *source.shape[2:]), self.dtype)
+        for some in parts_of(once.size, CACHED_SAMPLES // (weights.size * source[0, 0].size)):
+            tapered[some] = sum(
+                weight * source[row[some] + i, column[some] + k] for (i, k), weight in np.ndenumerate(weights)
+            )
         return tapered[where].reshape(*cell.shape, *source.shape[2:])
