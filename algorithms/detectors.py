@@ -211,11 +211,11 @@ class CaCfar(_Cfar):
     ) -> tuple[Floats, Floats]:
         sums, n_training = training_sums(power, axes, cells)
         noise = sums / n_training
-        factors = np.empty(n_training.shape)
+        factors = np.zeros(n_training.max(initial=0) + 1)
         for n in np.flatnonzero(np.bincount(n_training.ravel())).tolist():
             exact = self.threshold == "exact"
-            factors[n_training == n] = ca_factor(self.pfa, n, looks) if exact else paper_factor(self.pfa, n)
-        return noise, factors * noise
+            factors[n] = ca_factor(self.pfa, n, looks) if exact else paper_factor(self.pfa, n)
+        return noise, factors[n_training] * noise
 
 
 @dataclass(frozen=True)
