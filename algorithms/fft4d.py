@@ -129,7 +129,7 @@ class Fft4d(CellwiseEstimator):
             aperture = self.aperture(observation)
             if not isinstance(aperture, Cross):
                 return self._angle_spectra(observation, cells.own).waves
-            along_u, along_w = self._line_spectra(observation, aperture, cells.own)
+            along_u, along_w = map(self._line_spectrum, aperture.lines(cells.own), observation.cosine_limits)
             return pair_directions(
                 cells.own,
                 aperture,
@@ -147,7 +147,7 @@ class Fft4d(CellwiseEstimator):
         """
         aperture = self.aperture(observation)
         if isinstance(aperture, Cross):
-            along_u, along_w = self._line_spectra(observation, aperture, cells.own)
+            along_u, along_w = map(self._line_spectrum, aperture.lines(cells.own), observation.cosine_limits)
             return self._line_cut(along_u, "u"), self._line_cut(along_w, "w")
         found = self._angle_spectra(observation, cells.own)
         row, column = np.unravel_index(found.power[0].argmax(), found.power.shape[1:])
@@ -159,10 +159,8 @@ class Fft4d(CellwiseEstimator):
         )
 
     def _angle_spectra(self, observation: Observation, snapshots: Complex) -> _AngleSpectra:
-        (u, u_inside), (w, w_inside) = (
-            self._cosines(n, limits)
-            for n, limits in zip(snapshots.shape[1:], observation.cosine_limits, strict=True)
-        )
+        u, u_inside = self._cosines(snapshots.shape[1], observation.cosine_limits[0])
+        w, w_inside = self._cosines(snapshots.shape[2], observation.cosine_limits[1])
         with stage("spectrum"):
             power = _fourier_power(snapshots, (u.size, w.size))
         spectrum, *_ = maxima = self._strong_maxima(power, u_inside[:, None] & w_inside)
@@ -183,13 +181,6 @@ class Fft4d(CellwiseEstimator):
         power = _fourier_power(np.ones((1, *elements)), samples)
         peak = tuple(index[:1] for index in np.nonzero(power == power.max()))
         return bool(power.max() > CLEARLY * detect_listed(self.angle_detector, power, 1, peak).threshold[0])
-
-    def _line_spectra(
-        self, observation: Observation, aperture: Cross, snapshots: Complex
-    ) -> tuple[_LineSpectra, _LineSpectra]:
-        column, row = aperture.lines(snapshots)
-        u_limits, w_limits = observation.cosine_limits
-        return self._line_spectrum(column, u_limits), self._line_spectrum(row, w_limits)
 
     def _line_spectrum(self, lines: Complex, limits: Interval) -> _LineSpectra:
         """Spectra along the sensors of lines (n, sensors, 1), as planes of one column."""

@@ -225,16 +225,12 @@ class BinaryIntegration:
         Detection
             Thresholds and noise are means over the elements.
         """
-        shape = power.shape if cells is None else cells[0].shape
-        count = np.zeros(shape, dtype=np.int64)
-        threshold, noise = np.zeros((2, *shape))
+        one, n = self.detector, self.powers.shape[-1]
+        sums = np.zeros((3, *(power.shape if cells is None else cells[0].shape)))
         for element in np.moveaxis(self.powers, -1, 0):
-            one = self.detector
             found = one.detect(element) if cells is None else detect_listed(one, element, 1, cells)
-            count += found.mask
-            threshold += found.threshold
-            noise += found.noise
-        n = self.powers.shape[-1]
+            sums += [found.mask, found.threshold, found.noise]
+        count, threshold, noise = sums
         return Detection(count >= self.m, threshold / n, noise / n)
 
 
