@@ -10,28 +10,20 @@ import pytest
 from isacbench.bench.cells.images import Image
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite import Suite
-from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
-from isacbench.model.frame import PanelFrame
-from isacbench.model.numerology import System
 from isacbench.model.radio_coordinates import space_places
-from isacbench.model.region import Region
-from isacbench.model.scene import Scatterers, Scenario
+from isacbench.model.scene import Scatterers
+from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.discovery import load_plugin_file
+from tests.conftest import ROOM
 
 
 @pytest.fixture(scope="session")
-def room():
+def room(tmp_path_factory):
     """Return a scenario without scatterers; odd sizes put one element at the centre of the aperture."""
-    return Scenario(
-        name="room",
-        system=System(n_subcarriers=255, n_symbols=127),
-        array=VirtualArray((1, 1), (9, 9), 1, 1),
-        frame=PanelFrame(),
-        base_station_m=np.array([40.0, 80.0, 40.0]),
-        region=Region((0.0, 80.0), (0.0, 30.0), (0.0, 80.0), (-15.0, 15.0)),
-        scatterers=Scatterers(np.empty((0, 3)), np.empty(0), np.empty(0)),
-    )
+    path = tmp_path_factory.mktemp("room") / "room.toml"
+    path.write_text(ROOM)
+    return load_scenario(path)
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,4 @@
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from isacbench.model.radio_coordinates import radio_places, rayleigh_cells, spac
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from tests.dsp.tone_bounds import tone_std_bins
+from tests.single_scores import all_matchings
 
 SPACE = load_scenario("single")
 PLACES = np.array([[64.0, 1.0, 0.0, 0.1], [66.0, -9.0, 0.15, -0.1], [68.0, 10.0, -0.15, 0.02]])
@@ -81,27 +81,19 @@ def test_the_bound_is_that_of_a_lone_scatterer_where_others_are_far_away():
     np.testing.assert_allclose(scene_bound(scene(), 0.0) / CELLS, np.tile(lone, (3, 1)), rtol=0.05)
 
 
-def every_matching(error):
-    """Numbers of pairs and sums of distances of all matchings."""
-    n_points, n_scatterers, _ = error.shape
-    for chosen in itertools.product([None, *range(n_scatterers)], repeat=n_points):
-        pairs = [(point, one) for point, one in enumerate(chosen) if one is not None]
-        if len({one for _, one in pairs}) == len(pairs) and all((abs(error[p]) < 1).all() for p in pairs):
-            yield len(pairs), sum(np.linalg.norm(error[p]) for p in pairs)
-
-
-@given(
-    st.integers(0, 4),
-    st.integers(1, 3),
-    st.integers(0, 2**32 - 1),
-)
+@given(st.integers(0, 4), st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_points_are_matched_as_by_trying_all_matchings(n_points, n_scatterers, seed):
     rng = np.random.default_rng(seed)
     error = rng.uniform(-1, 1, (n_points, 1, 4)) - rng.uniform(-1, 1, (1, n_scatterers, 4))
     points, scatterers = match_points(error)
-    n, distance = max(every_matching(error), key=lambda found: (found[0], -found[1]))
+    possible = (
+        pairs
+        for pairs in all_matchings(n_points, n_scatterers)
+        if all((abs(error[p]) < 1).all() for p in pairs)
+    )
+    n, distance = max((len(pairs), -sum(np.linalg.norm(error[p]) for p in pairs)) for pairs in possible)
     assert len(points) == n == len(set(points)) == len(set(scatterers))
-    assert np.linalg.norm(error[points, scatterers], axis=1).sum() == pytest.approx(distance)
+    assert np.linalg.norm(error[points, scatterers], axis=1).sum() == pytest.approx(-distance)
 
 
 def test_places_come_back_from_space():
