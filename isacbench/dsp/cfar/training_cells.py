@@ -338,11 +338,15 @@ def sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Float
         source = guarded if abs(k - axis.reach) <= axis.guard else lines
         inner += source.ravel()[k * step :][:n_inner]
     # Windows near an edge are shifted to stay inside: their sums above are wrong, and are made anew.
-    edge = np.r_[: axis.reach, axis.length - axis.reach : axis.length]
-    window = axis.window(edge)
-    is_guarded = axis.guards(edge).reshape(*window.shape, *[1] * (lines.ndim - 1))
-    terms = np.where(is_guarded, *(np.moveaxis(each, number, 0)[window] for each in (guarded, lines)))
-    np.moveaxis(sums, number, 0)[edge] = total_of(terms)
+    edges, edge = np.moveaxis(sums, number, 0), np.r_[: axis.reach, axis.length - axis.reach : axis.length]
+    if guarded is lines:
+        edges[: axis.reach], edges[axis.length - axis.reach :] = edges[axis.reach], edges[-axis.reach - 1]
+        return sums
+    guarded, lines = (np.moveaxis(each, number, 0) for each in (guarded, lines))
+    for some in parts_of(edge.size, _CACHED_VALUES // (axis.n_window * lines[0].size)):
+        window = axis.window(edge[some])
+        is_guarded = axis.guards(edge[some]).reshape(*window.shape, *[1] * (lines.ndim - 1))
+        edges[edge[some]] = total_of(np.where(is_guarded, guarded[window], lines[window]))
     return sums
 
 

@@ -4,6 +4,7 @@ What they promise as plugins, orders of rates and levels among it, is tested wit
 """
 
 import pickle
+import tracemalloc
 from dataclasses import replace
 from fractions import Fraction
 
@@ -343,3 +344,15 @@ NO_CELLS = [
 def test_looks_windows_axes_and_lists_that_do_not_fit_the_map_are_refused(detector, shape, given, message):
     with pytest.raises(InputError, match=message):
         detector.detect(np.ones(shape), **given)
+
+
+@pytest.mark.parametrize("detector", [CaCfar, OscaCfar])
+def test_large_windows_take_little_memory(detector):
+    power = noise_map(0, (512, 64))
+    tracemalloc.start()
+    try:
+        detector(training=(100, 20)).detect(power)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 16 * power.nbytes
