@@ -137,10 +137,21 @@ def _velocity_errors_mps(pair: CloudPair) -> Floats:
     distance_m, index = pair.two_nearest_estimates
     errors = velocity[index[:, 0]] - true_velocity
     reach_m = distance_m[:, 0] * (1 + TIE_RATIO) + TIE_M
-    for place in np.flatnonzero(distance_m[:, 1] <= reach_m).tolist():
-        tied = pair.estimate_tree.query_ball_point(pair.truth.xyz[place], reach_m[place])
-        errors[place] = np.abs(velocity[tied] - true_velocity[place]).min()
+    has_ties = np.flatnonzero(distance_m[:, 1] <= reach_m)
+    # Those at one place are searched for once.
+    group = np.unique(pair.truth.xyz[has_ties], axis=0, return_inverse=True)[1].ravel()
+    in_order = has_ties[np.argsort(group, kind="stable")]
+    for here in np.split(in_order, np.cumsum(np.bincount(group))[:-1]) if has_ties.size else ():
+        tied = pair.estimate_tree.query_ball_point(pair.truth.xyz[here[0]], reach_m[here[0]])
+        errors[here] = _nearest_differences(true_velocity[here], velocity[tied])
     return errors
+
+
+def _nearest_differences(values: Floats, others: Floats) -> Floats:
+    """Difference of each value from the nearest of the others, without sign."""
+    ascending = np.concatenate([[-np.inf], np.sort(others), [np.inf]])
+    above = np.searchsorted(ascending, values)
+    return np.minimum(ascending[above] - values, values - ascending[above - 1])
 
 
 @dataclass(frozen=True)
