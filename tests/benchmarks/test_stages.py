@@ -1,4 +1,4 @@
-"""What the steps of an observation cost, and detectors on its map."""
+"""What the steps of an observation cost, and detectors on its map; those of images are in `test_images`."""
 
 from itertools import count
 
