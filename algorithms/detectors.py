@@ -508,12 +508,16 @@ class OscaCfar(_PlacewiseCfar):
             )
         n_cells, n_columns = along.n_window, prod(axis.n_window for axis in across)
         rank = _column_rank(n_cells)
-        # Windows share columns, whose order statistics are the same for all of them.
-        orders = rank_filter(power, rank - 1, (n_cells, *(1 for _ in across)))
-        sums = orders[along.start(np.arange(along.length)) + along.reach]
-        for number, axis in enumerate(across, start=1):
-            sums = sums_along(number, axis, sums, sums)
-        noise = sums / n_columns if cells is None else sums[cells] / n_columns
+        if cells is None:
+            noise = _orders_of_map(power, axes, rank)
+        else:
+            noise = np.empty(cells[0].size)
+            for some, windows in windows_of(axes, cells):
+                orders = np.partition(windows.whole(power), rank - 1, axis=1)[:, rank - 1]
+                for _ in across:
+                    orders = total_of(np.moveaxis(orders, 1, 0))
+                noise[some] = orders
+        noise /= n_columns
         # The column of the cell under test has one training cell less.
         columns = (*((rank, n_cells),) * (n_columns - 1), (rank, n_cells - 1))
         exact = self.threshold == "exact"
@@ -600,6 +604,16 @@ class FixedThreshold:
 def _mean(values: Floats) -> Floats:
     """Mean along the last axis."""
     return total_of(np.moveaxis(values, -1, 0)) / values.shape[-1]
+
+
+def _orders_of_map(power: Floats, axes: tuple[Axis, ...], rank: int) -> Floats:
+    """Sums of the order statistics of the columns of each window; windows share columns."""
+    along, *across = axes
+    orders = rank_filter(power, rank - 1, (along.n_window, *(1 for _ in across)))
+    sums: Floats = orders[along.start(np.arange(along.length)) + along.reach]
+    for number, axis in enumerate(across, start=1):
+        sums = sums_along(number, axis, sums, sums)
+    return sums
 
 
 def _column_rank(n_cells: Any) -> Any:
