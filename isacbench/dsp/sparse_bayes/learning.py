@@ -36,9 +36,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
+from isacbench.dsp.positive_matrices import root_of_inverse, roots_of_inverses
 
 LEAST_INFORMATION = 1e-30
 """Least s = a^T C^-1 a: an atom that the data do not see keeps a finite power, which is 0 soon."""
@@ -235,15 +235,12 @@ def learn_grid(
     model = GridModel(dictionaries, noise._replace(power=noise.power / unit / unit))
     target = np.stack([data.real.ravel(), data.imag.ravel()], axis=1)
     for step in range(n_steps):
-        cholesky, failed = lapack.dpotrf(model.covariance(power), lower=1)
-        if failed:
-            raise np.linalg.LinAlgError("covariance of a tile is not positive definite")
-        solution, _ = lapack.dpotrs(cholesky, target, lower=1)
+        (root,) = roots_of_inverses(model.covariance(power)[None])
+        solution = root @ (root.T @ target)
         seen = matched(dictionaries, (solution @ np.array([1, 1j])).reshape(data.shape))
         amplitude = power * seen
         if step % STEPS_A_VARIANCE == 0:
-            inverse, _ = lapack.dpotrs(cholesky, np.eye(len(cholesky)), lower=1)  # faster than by potri
-            information = model.information(inverse)
+            information = model.information(root @ root.T)
         power = np.abs(amplitude) / np.sqrt(np.maximum(information, LEAST_INFORMATION))
     return unit * amplitude
 
@@ -295,13 +292,12 @@ def learn_atoms(
         root = np.sqrt(power)
         system = gram * (root[:, None] * root / noise)
         system[np.diag_indices(len(system))] += 1
-        cholesky, _ = lapack.dpotrf(system, lower=1, overwrite_a=1)
-        target = root * products / noise
-        solution, _ = lapack.dpotrs(cholesky, np.stack([target.real, target.imag], axis=1), lower=1)
+        inverse_root = root_of_inverse(system, 1.0)
+        target = (root * products / noise).view(np.float64).reshape(-1, 2)
+        solution = inverse_root @ (inverse_root.T @ target)
         amplitude = root * (solution @ np.array([1, 1j]))
-        inverse, _ = lapack.dpotri(cholesky, lower=1, overwrite_c=1)
         # Of the noise's 1 the data leave the inverse: the rest is what they tell of the atom, g s.
-        data_share = np.maximum(1 - inverse.diagonal(), LEAST_SEEN)
+        data_share = np.maximum(1 - np.vecdot(inverse_root, inverse_root), LEAST_SEEN)
         power = np.abs(amplitude) * np.sqrt(power / data_share)
         size = np.abs(amplitude)
         stays = size > size.max() * 10 ** (-PRUNED_DB / 20)
