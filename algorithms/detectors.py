@@ -609,7 +609,7 @@ def _mean(values: Floats) -> Floats:
 def _orders_of_map(power: Floats, axes: tuple[Axis, ...], rank: int) -> Floats:
     """Sums of the order statistics of the columns of each window; windows share columns."""
     along, *across = axes
-    orders = rank_filter(power, rank - 1, (along.n_window, *(1 for _ in across)))
+    orders = rank_filter(power.reshape(along.length, -1), rank - 1, (along.n_window, 1)).reshape(power.shape)
     sums: Floats = orders[along.start(np.arange(along.length)) + along.reach]
     for number, axis in enumerate(across, start=1):
         sums = sums_along(number, axis, sums, sums)
