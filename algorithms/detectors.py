@@ -26,10 +26,10 @@ from math import prod
 from typing import Any, ClassVar, get_args
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import rank_filter
 
-from isacbench.checked_arrays import Floats, Mask
+from isacbench.checked_arrays import Floats, Mask, parts_of
 from isacbench.dsp.cfar.factors import (
     ca_factor,
     check_pfa,
@@ -39,6 +39,7 @@ from isacbench.dsp.cfar.factors import (
     soca_factor,
 )
 from isacbench.dsp.cfar.training_cells import (
+    CACHED_VALUES,
     Axis,
     Cells,
     CellsPerSide,
@@ -425,6 +426,9 @@ class _OrderDetection(Detection):
     def __init__(self, mask: Mask, thresholds: Callable[[], tuple[Floats, Floats]]) -> None:
         self.__dict__.update(mask=mask, _thresholds=thresholds)
 
+    def __reduce__(self) -> tuple[type[Detection], tuple[NDArray[np.generic], ...]]:
+        return Detection, (self.mask, self.threshold, self.noise)
+
     @cached_property
     def _estimated(self) -> tuple[Floats, Floats]:
         return self.__dict__["_thresholds"]()
@@ -609,8 +613,11 @@ def _mean(values: Floats) -> Floats:
 def _orders_of_map(power: Floats, axes: tuple[Axis, ...], rank: int) -> Floats:
     """Sums of the order statistics of the columns of each window; windows share columns."""
     along, *across = axes
-    orders = rank_filter(power.reshape(along.length, -1), rank - 1, (along.n_window, 1)).reshape(power.shape)
-    sums: Floats = orders[along.start(np.arange(along.length)) + along.reach]
+    columns = sliding_window_view(power, along.n_window, axis=0)
+    orders = np.empty(columns.shape[:-1])
+    for some in parts_of(len(orders), CACHED_VALUES // columns[0].size):
+        orders[some] = np.partition(columns[some], rank - 1)[..., rank - 1]
+    sums: Floats = orders[along.start(np.arange(along.length))]
     for number, axis in enumerate(across, start=1):
         sums = sums_along(number, axis, sums, sums)
     return sums

@@ -42,7 +42,7 @@ _ROUNDING = 1e-9
 _MOST_VALUES = 2**19
 """Largest number of values of windows that are gathered at a time."""
 
-_CACHED_VALUES = 2**16
+CACHED_VALUES = 2**16
 """Values of windows that stay in the cache together."""
 
 
@@ -182,8 +182,12 @@ class Axis:
         """Cells (n_window, n) of the windows of n cells under test."""
         return self.start(cell) + np.arange(self.n_window)[:, None]
 
+    def n_guards(self, cell: NDArray[np.intp]) -> Integers:
+        """Number (n,) of the guard cells in these windows."""
+        return np.minimum(cell + self.guard, self.length - 1) - np.maximum(cell - self.guard, 0) + 1
+
     def guards(self, cell: NDArray[np.intp]) -> Mask:
-        """Mask (n_window, n) of the guard cells in these windows, the cells under test among them."""
+        """Mask (n_window, n) of these guard cells, the cells under test among them."""
         return np.abs(self.window(cell) - cell) <= self.guard
 
 
@@ -255,7 +259,7 @@ class Windows:
         ndarray of float64
             Axes of the cells under test, then those of the window.
         """
-        windows = sliding_window_view(power, self.trains.shape)
+        windows = sliding_window_view(power, [axis.n_window for axis in self.axes])
         first = tuple(
             slice(cell.start - place, cell.stop - place) if isinstance(cell, slice) else cell - place
             for cell, place in zip(cast("tuple[Any, ...]", self.cells), self.place, strict=True)
@@ -317,11 +321,10 @@ def training_sums(
 ) -> tuple[Floats, Integers]:
     """Sums of the training cells of every window, or of those of listed cells, and numbers of these cells."""
     tested = [np.arange(axis.length) for axis in axes] if cells is None else cells
-    guards = [axis.guards(cell) for axis, cell in zip(axes, tested, strict=True)]
-    n_guarded = [np.count_nonzero(guarded, axis=0) for guarded in guards]
+    n_guarded = [axis.n_guards(cell) for axis, cell in zip(axes, tested, strict=True)]
     n_all: Any = prod(axis.n_window for axis in axes)
     if cells is not None:
-        return _listed_sums(power, axes, cells, guards), n_all - prod(n_guarded)
+        return _listed_sums(power, axes, cells), n_all - prod(n_guarded)
     lines, sums = power, np.zeros(power.shape)
     for number, axis in reversed([*enumerate(axes)]):
         sums = sums_along(number, axis, lines, sums)
@@ -343,21 +346,21 @@ def sums_along(number: int, axis: Axis, lines: Floats, guarded: Floats) -> Float
         edges[: axis.reach], edges[axis.length - axis.reach :] = edges[axis.reach], edges[-axis.reach - 1]
         return sums
     guarded, lines = (np.moveaxis(each, number, 0) for each in (guarded, lines))
-    for some in parts_of(edge.size, _CACHED_VALUES // (axis.n_window * lines[0].size)):
+    for some in parts_of(edge.size, CACHED_VALUES // (axis.n_window * lines[0].size)):
         window = axis.window(edge[some])
         is_guarded = axis.guards(edge[some]).reshape(*window.shape, *[1] * (lines.ndim - 1))
         edges[edge[some]] = total_of(np.where(is_guarded, guarded[window], lines[window]))
     return sums
 
 
-def _listed_sums(power: Floats, axes: tuple[Axis, ...], cells: Cells, guards: list[Mask]) -> Floats:
+def _listed_sums(power: Floats, axes: tuple[Axis, ...], cells: Cells) -> Floats:
     """The same of listed cells, in parts that stay in the cache."""
     windows, sums = sliding_window_view(power, [axis.n_window for axis in axes]), np.empty(cells[0].size)
-    for some in parts_of(sums.size, _CACHED_VALUES // prod(axis.n_window for axis in axes)):
+    for some in parts_of(sums.size, CACHED_VALUES // prod(axis.n_window for axis in axes)):
         starts = tuple(axis.start(index[some]) for axis, index in zip(axes, cells, strict=True))
         is_guarded = np.ones(1, dtype=bool)
-        for guarded in guards:
-            is_guarded = is_guarded[..., None, :] & guarded[:, some]
+        for axis, index in zip(axes, cells, strict=True):
+            is_guarded = is_guarded[..., None, :] & axis.guards(index[some])
         # Zeros between the terms of a sum change no digit of it.
         terms = np.where(is_guarded, 0, np.moveaxis(windows[starts], 0, -1))
         for _ in axes:

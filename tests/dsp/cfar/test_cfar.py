@@ -238,6 +238,8 @@ def test_noise_of_the_order_statistic_belongs_to_the_map_that_was_tested():
     power[:] = 0
     for one in (found, copied):
         assert_equal(one, expected)
+    listed = detector.detect(power, cells=(np.arange(3), np.arange(3)))
+    assert len(pickle.dumps(listed)) < power.nbytes / 2
 
 
 QUICK, SLOW = [(1, 3000, 0.02), (4, 3000, 0.02)], [(256, 3000, 0.02), (1, 200_000, 1e-3)]
@@ -346,13 +348,16 @@ def test_looks_windows_axes_and_lists_that_do_not_fit_the_map_are_refused(detect
         detector.detect(np.ones(shape), **given)
 
 
+@pytest.mark.parametrize("n_listed", [None, 5000])
+@pytest.mark.parametrize(("shape", "training"), [((512, 64), (100, 20)), ((32_768,), 300)])
 @pytest.mark.parametrize("detector", [CaCfar, OscaCfar])
-def test_large_windows_take_little_memory(detector):
-    power = noise_map(0, (512, 64))
+def test_large_windows_take_little_memory(detector, shape, training, n_listed):
+    power = noise_map(0, shape)
+    cells = n_listed and tuple(np.random.default_rng(1).integers(0, shape, (n_listed, len(shape))).T)
     tracemalloc.start()
     try:
-        detector(training=(100, 20)).detect(power)
+        detector(training=training).detect(power, cells=cells)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak < 16 * power.nbytes
+    assert peak < 64 * power.nbytes
