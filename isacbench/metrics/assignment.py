@@ -140,28 +140,36 @@ def connected_pieces(places: Floats) -> list[Indices]:
     n = len(places)
     if not n:
         return []
-    corners, cell, size = np.unique(np.floor(places), axis=0, return_inverse=True, return_counts=True)
-    by_cell, end = np.argsort(cell, kind="stable"), np.cumsum(size)
+    corners = np.floor(places)
+    by_cell = np.lexsort(corners.T)
+    is_first = np.append(True, (np.diff(corners[by_cell], axis=0) != 0).any(axis=1))
+    start, cell = np.flatnonzero(is_first), np.cumsum(is_first) - 1
+    size = np.diff(start, append=n)
     # A cell's points are one piece, so that few of each cell find most pieces without the pairs of all.
-    few = by_cell[np.arange(n) - np.repeat(end - size, size) < FEW]
+    few = by_cell[np.arange(n) - start[cell] < FEW]
     near = few[cKDTree(places[few]).query_pairs(1.0, p=np.inf, output_type="ndarray")]
-    links = np.concatenate([near, np.column_stack([np.arange(n), n + cell])])
-    piece = _components(links, n + size.size)
+    links = np.concatenate([near, np.column_stack([by_cell, n + cell])])
+    piece = _components(links, n + start.size)
     if few.size < n:
-        pairs = cKDTree(corners).query_pairs(1.0, p=np.inf, output_type="ndarray")
+        pairs = cKDTree(corners[by_cell[start]]).query_pairs(1.0, p=np.inf, output_type="ndarray")
         pairs = pairs[(size[pairs] > FEW).any(axis=1) & (piece[n + pairs[:, 0]] != piece[n + pairs[:, 1]])]
-        points = np.split(places[by_cell], end[:-1])
-        touching = [_touch(points[one], points[other]) for one, other in pairs]
-        piece = _components(np.concatenate([links, n + pairs[touching]]), n + size.size)
+        touching = n + pairs[_touch(places[by_cell], start, size, pairs)]
+        piece = _components(np.concatenate([links, touching]), n + start.size)
     order = np.argsort(piece[:n], kind="stable")
     return np.split(order, np.flatnonzero(np.diff(piece[order])) + 1)
 
 
-def _touch(first: Floats, second: Floats) -> bool:
-    """Whether a point of the first cell is within 1 of one of the second."""
-    tree = cKDTree(np.unique(first, axis=0))  # many at one place take a tree time in squares
-    apart, _ = tree.query(np.unique(second, axis=0), p=np.inf, distance_upper_bound=np.nextafter(1, 2))
-    return bool(np.isfinite(apart).any())
+def _touch(places: Floats, start: Indices, size: Indices, pairs: Indices) -> Indices:
+    """Find pairs (n, 2) of cells that have points within 1; a cell's are ``size`` ones from ``start`` on."""
+    sides = []
+    for cell in pairs.T:
+        n_points = size[cell]
+        member = np.arange(n_points.sum()) + np.repeat(start[cell] - np.cumsum(n_points) + n_points, n_points)
+        # A coordinate more keeps the pairs apart.
+        sides.append(np.column_stack([places[member], np.repeat(3.0 * np.arange(cell.size), n_points)]))
+    tree = cKDTree(np.unique(sides[0], axis=0))  # many at one place take a tree time in squares
+    apart = tree.query(sides[1], p=np.inf, distance_upper_bound=np.nextafter(1, 2))[0]
+    return np.unique(sides[1][np.isfinite(apart), -1] / 3).astype(np.intp)
 
 
 def _components(links: Indices, n: int) -> Indices:
