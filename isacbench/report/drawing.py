@@ -44,9 +44,13 @@ class DrawingProcess(GuardedProcess):
 
         self._is_due.set()
         there = self._thread.submit(call_there)
-        for arguments in todo:
-            function(*arguments)
-        there.result()
+        try:
+            for arguments in todo:
+                function(*arguments)
+            there.result()
+        except BaseException:
+            self.stop()
+            raise
         for arguments in lost:
             function(*arguments)
 

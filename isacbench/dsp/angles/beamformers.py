@@ -97,9 +97,10 @@ def iaa_spectrum(
     a, into_u = _spanned(real_steering(snapshots.shape[1], u))
     b, into_w = _spanned(real_steering(snapshots.shape[2], w))
     columns = np.einsum("npqs,pi,qj->nijs", real_columns(snapshots), into_u, into_w, optimize=True)
-    beams = projections(columns, a, b)
-    power = np.vecdot(beams, beams) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
+    power = np.empty((len(snapshots), u.size, w.size))
     for some in parts_of(len(snapshots), CHUNK_VALUES // (len(a) * len(b)) ** 2):
+        beams = projections(columns[some], a, b)
+        power[some] = np.vecdot(beams, beams) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
         for _ in range(n_iterations):
             power[some] = _adapted_power(power[some], columns[some], a, b, noise)
     return AngularSpectrum(u, w, power)

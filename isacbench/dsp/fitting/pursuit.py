@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats, Integers, Mask
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask, parts_of
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix, sum_of_echoes
@@ -379,8 +379,10 @@ def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
     apart = apart[first, second]
     length = np.sum(apart**2, axis=1)
     # Variance of the distance along the line between the two.
-    joint = np.einsum("pi,ipk->pk", apart, root[:, first] - root[:, second])
-    along = noise / 2 * np.vecdot(joint, joint)
+    along = np.empty(len(first))
+    for some in parts_of(len(first), MOST_PAIRS // max(n, 1)):
+        joint = np.einsum("pi,ipk->pk", apart[some], root[:, first[some]] - root[:, second[some]])
+        along[some] = noise / 2 * np.vecdot(joint, joint)
     blurred = fit.blurred
     is_resolved = (length**2 >= RESOLVED_VARIANCES * along) & ~(blurred[first] & blurred[second])
     for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
