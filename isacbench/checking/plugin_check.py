@@ -217,6 +217,7 @@ def check_guarded(
                 break
             finally:
                 timer.cancel()
+                timer.join()  # a thread that is left would end the command without its exit handlers
     return found + [Finding(name, "skipped", f"needs {found[-1].check!r}") for name in names[len(found) :]]
 
 

@@ -3,6 +3,8 @@
 import json
 import os
 import sys
+import threading
+import time
 from dataclasses import dataclass
 from importlib import import_module
 from typing import ClassVar
@@ -213,6 +215,14 @@ def test_a_check_that_runs_on_is_told_while_it_does(deadly, monkeypatch):
     check_guarded(*find_plugins("deadly"), still_at=told.append)
     assert "2 x 2 array" in told
     assert told == [name for name in check_names("estimator") if name in told]
+
+
+def test_no_thread_that_tells_of_a_check_is_left(deadly, monkeypatch):
+    monkeypatch.setattr(plugin_check, "LONG_S", 0.0)
+    deadly("pass")
+    last = check_names("estimator")[-1]
+    check_guarded(*find_plugins("deadly"), still_at=lambda name: time.sleep(0.5 * (name == last)))
+    assert not any(isinstance(one, threading.Timer) for one in threading.enumerate())
 
 
 @pytest.mark.parametrize(
