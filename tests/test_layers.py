@@ -27,7 +27,7 @@ APART = {
     "report": {"process_state", "dsp"},
     "cli": {"display", "dsp"},
 }
-"""What a package does not import although it lies below it."""
+"""Packages below each package that it does not import."""
 
 KNOWN = {
     ("isacbench.bench.cells.process", "isacbench.bench.cells.worker"),  # in workers

@@ -194,7 +194,7 @@ class Axis:
 def window_axes(shape: tuple[int, ...], training: CellsPerSide, guard: CellsPerSide) -> tuple[Axis, ...]:
     """Axes of a map with the window along each, of cells per side for all axes or for each.
 
-    What are no numbers of cells, or not one for each axis, is refused, and a window larger than the map.
+    InputError if there is not one number for each axis, or if the window is larger than the map.
     """
     per_side = []
     for name, sizes in (("training", training), ("guard", guard)):
