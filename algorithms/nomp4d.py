@@ -9,8 +9,8 @@ A scatterer is an atom with four coordinates off any grid. In rounds:
 2. All atoms move together by damped Newton steps towards the least-squares fit,
    each within a box around its first place.
 3. Atoms are dropped if they are weak compared with what the map shows of their
-   neighbours, or if the Cramér-Rao bound leaves their place undetermined or does
-   not separate them from another atom.
+   neighbours, or if without them others, one of them moved, explain as much but
+   for what noise may show.
 
 There is no detector: the threshold follows from `pfa` and the noise in Doppler
 bins that no speed of the region reaches. The errors of a single scatterer are at
@@ -63,9 +63,9 @@ from isacbench.dsp.fitting.pursuit import (
     descending,
     drop_lobe_images,
     least_chosen,
+    needless_atoms,
     noise_maximum,
     reachable_places,
-    redundant_pairs,
     sidelobe_energy,
     split_gains,
     strongest_around,
@@ -96,6 +96,9 @@ FLAT, FLAT_NOISE = 1e-3, 3.0
 
 STEPS = 4
 """Newton steps that are tried in each round; in crowds some explain less and are taken back."""
+
+DOUBTFUL = 10.0
+"""Energy lost without an atom while one other moves, over the highest of noise, up to which all are moved."""
 
 STRONGEST_PEAKS = 1000
 """Peaks of the residual among which new atoms are sought first."""
@@ -215,6 +218,24 @@ class Pursuit:
         self.origins = self.origins + moved - places
         return moved
 
+    def drop_replaceable(self) -> None:
+        """Drop atoms without which all others, moved, explain as much but for what noise may show."""
+        if not len(self.fit):
+            return
+        drop, _ = needless_atoms(self.fit, DOUBTFUL * self.highest_noise)
+        while drop.any() and not drop.all():
+            origins = self.origins[~drop]
+            box = origins - BOX_CELLS, origins + BOX_CELLS
+            moved = refine_atoms(self.space.atom_map, self.fit.places[~drop], STEPS, box, known=self.fit)
+            if self.fit.energy - moved.energy <= drop.sum() * self.highest_noise:
+                self.fit, self.origins = moved, origins
+                return
+            # Those that still explain something beside the others stay.
+            places = np.concatenate([moved.places, self.fit.places[drop]])
+            again = fit_atoms(self.space.atom_map, places, known=self.fit)
+            is_needed = (again.power * again.own)[len(moved) :] > self.highest_noise
+            drop[drop] = ~is_needed & is_needed.any()
+
     def finish(self) -> None:
         """Give atoms that have all settled their last digits."""
         if not len(self.fit):
@@ -315,6 +336,8 @@ class Nomp4d:
         for _ in range(LAST_ROUNDS):
             pursuit.residual()
             self._round(pursuit, NO_MOVES)
+            with stage("refinement"):
+                pursuit.drop_replaceable()
         pursuit.finish()
         return pursuit
 
@@ -368,7 +391,7 @@ class Nomp4d:
             pursuit.remember(moves, n_before)
 
     def _refine(self, pursuit: Pursuit, places: Floats) -> None:
-        """Move all atoms from places (n, 4), each within its box, and drop weak and redundant ones."""
+        """Move all atoms from places (n, 4), each within its box, and drop weak and needless ones."""
         atom_map = pursuit.space.atom_map
         if not atom_map.bursts.is_whole_frame:
             places = pursuit.move_to_best_lobes(places)
@@ -380,7 +403,7 @@ class Nomp4d:
             stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
             stays &= np.all(np.abs(places[:, 2:] * atom_map.cell_size[2:]) <= 1, axis=1)
             if stays.all():
-                drop, places = redundant_pairs(fit, pursuit.noise)
+                drop, places = needless_atoms(fit, pursuit.highest_noise)
                 stays = ~drop
             if stays.all():
                 break

@@ -211,6 +211,14 @@ def test_pairs_a_quarter_of_a_cell_apart_are_two_in_nine_of_ten_images(dimension
     assert np.mean(resolved) >= 0.9
 
 
+@pytest.mark.parametrize("snr_after_gain_db", [25.0, 40.0])
+def test_a_row_of_echoes_in_phase_closer_than_resolved_is_seen_in_all_its_length(snr_after_gain_db):
+    # In phase, most of what a row shows are its two ends.
+    row = scene(near_middle(np.linspace(0, 6, 25)[:, None] * [1, 0, 0, 0]))
+    error = np.abs(errors(row, image(row, snr_after_gain_db)))
+    assert (error < 0.75).all(axis=2).any(axis=0).mean() > 0.8
+
+
 @pytest.mark.slow
 def test_scatterers_of_which_two_rounds_explain_less_than_half_are_sought_to_the_end():
     scenario = load_scenario("town[seed=200]")
@@ -275,13 +283,12 @@ def rounds(monkeypatch):
     """Number of atoms that each joint refinement within boxes starts from."""
     started = []
 
-    def counted(atom_map, places, n_steps, *limits, **damping):
-        if limits:
-            started.append(len(places))
-        return refine(atom_map, places, n_steps, *limits, **damping)
+    def counted(self, pursuit, places):
+        started.append(len(places))
+        refine(self, pursuit, places)
 
-    refine = nomp4d.refine_atoms
-    monkeypatch.setattr(nomp4d, "refine_atoms", counted)
+    refine = Nomp4d._refine
+    monkeypatch.setattr(Nomp4d, "_refine", counted)
     return started
 
 

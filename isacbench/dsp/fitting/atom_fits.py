@@ -7,7 +7,7 @@ noise, the joint Fisher information, whose inverse is the Cramér-Rao bound.
 Products of atoms square the data: of two atoms d Rayleigh cells apart, d²
 survives in the Gram matrix, and in the information d⁴ for echoes in phase, d²
 for echoes in quadrature. Rounding leaves places known from about 0.01 cells in
-phase and 0.001 in quadrature (`AtomFit.blurred`).
+phase and 0.001 in quadrature.
 
 Only the right side of a step needs all digits, not its matrix. So a fit is
 settled on its misfit to the map, cell by cell (`polish_atoms`): differences are
@@ -29,7 +29,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats, Mask
+from isacbench.checked_arrays import Complex, Floats
 from isacbench.dsp.fitting.atoms import (
     N_COORDINATES,
     AtomFactors,
@@ -50,9 +50,6 @@ LEVERAGE = 4.0
 
 LEAST_SLOPE = 1e-6
 """Least energy of a unit atom's slope along a coordinate: 3 of many samples, 0 of one sample."""
-
-BLURRED = 0.01
-"""Largest share of a variance that rounding may decide."""
 
 NOT_LESS = 1e-12
 """Of the explained energy: a step that loses no more may as well gain."""
@@ -153,32 +150,6 @@ class AtomFit:
         rounding: Floats = slopes * np.tile(self.power / self.own, N_COORDINATES)
         return LEVERAGE * ROUNDING * rounding
 
-    def covariance(self, noise: float) -> Floats:
-        """Joint Cramér-Rao bound of the places.
-
-        No variance is above that of an information of the size of its
-        rounding; see `blurred`.
-
-        Parameters
-        ----------
-        noise : float
-            Noise power.
-
-        Returns
-        -------
-        ndarray of float64, shape (4, n, 4, n)
-            In Rayleigh cells squared.
-        """
-        n = len(self)
-        bound: Floats = noise / 2 * self.bound_root @ self.bound_root.T
-        return bound.reshape(N_COORDINATES, n, N_COORDINATES, n)
-
-    @property
-    def blurred(self) -> Mask:
-        """Mask (n,) of atoms with a coordinate whose variance is rounding: the true one may be larger."""
-        share = np.vecdot(self.bound_root, self.bound_root) * self.rounding
-        return (share > BLURRED).reshape(N_COORDINATES, -1).any(axis=0)
-
     def steps(self, rest: Correlations) -> tuple[Complex, Floats]:
         """Undamped Gauss-Newton steps of the amplitudes and of the places.
 
@@ -199,6 +170,27 @@ class AtomFit:
         along = self.bound_root @ (self.bound_root.T @ score)
         amplitude: Complex = own - self._gram_root @ (self._explained @ (turning * along))
         return amplitude, along.reshape(N_COORDINATES, -1).T
+
+    def lost_without(self) -> Floats:
+        """Energy (n, n) not explained any more without an atom (row) if another (column) moves instead.
+
+        To first order in the move; all amplitudes are fitted anew. On the diagonal no atom moves.
+        """
+        n, each, own = len(self), np.arange(len(self)), self.own
+        explained = self._explained.reshape(n, N_COORDINATES, n)
+        free = self._slopes.reshape(N_COORDINATES, n, N_COORDINATES, n)[:, each, :, each]
+        free = free - np.einsum("kli,kri->ilr", explained, explained) + LEAST_SLOPE * np.eye(N_COORDINATES)
+        # The atom that moves is the first axis from here on, the one that is missing the last.
+        share = (self._gram_root @ self._explained).reshape(explained.shape).T
+        by_moving = own * np.sum(share * np.linalg.solve(free, share), axis=1)
+        by_amplitude = -own * (self._gram_root @ self._gram_root.T)
+        by_moving[each, each] = by_amplitude[each, each] = 0
+        merged = self.amplitude[:, None] + by_amplitude * self.amplitude
+        energy = merged.real**2 + merged.imag**2
+        turned = self.amplitude[:, None].conj() * self.amplitude
+        # A move explains only what is in phase with the atom.
+        left = np.minimum(turned.real**2 / (1 + by_moving) + turned.imag**2, self.power * energy)
+        return (own * left / np.maximum(energy, np.finfo(np.float64).tiny)).T
 
     @cached_property
     def _mixed(self) -> Floats:
@@ -228,7 +220,10 @@ class AtomFit:
 
     @cached_property
     def bound_root(self) -> Floats:
-        """Root W (4 n, 4 n) of the places' Cramér-Rao bound W Wᵀ in noise of power 2; see `covariance`."""
+        """Root W (4 n, 4 n) of the places' Cramér-Rao bound W Wᵀ in noise of power 2.
+
+        No variance is above that of an information of the size of its rounding.
+        """
         # Unit diagonal: strong and weak atoms are rounded alike.
         scale = 1 / np.sqrt(np.maximum(self.information.diagonal(), self.rounding))
         loaded = self.information * scale[:, None] * scale

@@ -26,7 +26,7 @@ from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.fitting.atom_fits import AtomFit, polish_atoms, refine_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
-from isacbench.dsp.fitting.pursuit import redundant_pairs
+from isacbench.dsp.fitting.pursuit import needless_atoms, noise_maximum
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.model.gate import Gate
@@ -73,6 +73,9 @@ MOST_UNEXPLAINED_POWER = 20.0
 MOST_MISPLACED = 1e-3
 """Largest misfit before the first step, per element, in powers of the strongest scatterer: a tenth of a bin
 leaves as much. Sparse maps leave 1e-5; crowds leave 2e-3 and more, which no step explains."""
+
+NOISE_CHANCE = 1e-2
+"""Probability that noise alone explains a scatterer that is kept."""
 
 LEAST_RESOLVED = 0.5
 """Share of scatterers from resolved cells below which a map counts as crowded, and no fit is tried."""
@@ -271,6 +274,8 @@ def explain_map(filters: MatchedFilters, noise: float) -> LocatedScatterers | No
     if not len(scatterers):
         return scatterers
     most_left = MOST_UNEXPLAINED_POWER * noise
+    n_independent = float(np.count_nonzero(gated.gate.reachable) * gated.n_elements)
+    highest_noise = noise * noise_maximum(n_independent, NOISE_CHANCE)
     if len(scatterers) > FEW:
         if np.mean(scatterers.family >= 0) < LEAST_RESOLVED:
             return None
@@ -283,7 +288,7 @@ def explain_map(filters: MatchedFilters, noise: float) -> LocatedScatterers | No
     if _most_unexplained(MatchedFilters(_placed(scatterers, fit, atom_map), gated, system)) > most_left:
         return None
     while True:
-        drop, places = redundant_pairs(fit, noise)
+        drop, places = needless_atoms(fit, highest_noise)
         scatterers = scatterers.select(~drop)
         if not len(scatterers):
             return scatterers

@@ -1,4 +1,4 @@
-"""Residual of a matching pursuit in four dimensions, the moves of a round, and redundant pairs.
+"""Residual of a matching pursuit in four dimensions, the moves of a round, and needless atoms.
 
 The residual is seen through beams towards the directions of the region. Beams
 of the map are formed once; those of atoms are products of four kernels, so that
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats, Integers, Mask, parts_of
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.bursts import SymbolBursts, whole_frame
 from isacbench.dsp.fitting.atom_fits import AtomFit
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap, product_matrix, sum_of_echoes
@@ -54,18 +54,8 @@ LEAST_FREE = 1e-6
 FIXED_POINT_STEPS = 40
 """Each halves the error of a level, or better."""
 
-RESOLVED_VARIANCES = 16.0
-"""Squared distance of two atoms over its variance, four standard deviations, below which they are one."""
-
 TIE_DIGITS = 9
 """Digits in which energies are compared: the rest is rounding."""
-
-LEAST_VARIANCE = 2.0**-1000
-"""Variance in place of 0, without noise: ratios to it are still numbers."""
-
-LOST = 0.5
-"""Standard deviation of a coordinate in Rayleigh cells from which an atom has no place."""
-
 
 UNGAPPED = whole_frame(1)
 """Symbols of a frame that is sensed as a whole: the bound of its sidelobes holds for any number of them."""
@@ -359,38 +349,24 @@ def split_gains(fit: AtomFit, residual_around: Floats, least_energy: float) -> t
     return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
-def redundant_pairs(fit: AtomFit, noise: float) -> tuple[Mask, Floats]:
-    """Atoms that noise or rounding leaves without a place of their own, by the joint Cramér-Rao bound.
+def needless_atoms(fit: AtomFit, most_lost: float) -> tuple[Mask, Floats]:
+    """Atoms without which others explain as much of the map, but for an energy of at most `most_lost`.
 
-    Returned is a mask (n,) of atoms to drop: the weaker half of those without a place, or if all have one,
-    the weaker one of each pair that noise or rounding does not tell apart. Without noise two atoms are one
-    from 0.01 Rayleigh cells in phase, from 0.001 in quadrature (`AtomFit.blurred`). The places (n, 4) of
-    those that stay are moved to the mean of their pair.
+    Returned is a mask (n,) of atoms to drop, one less than a Rayleigh cell away from another at most: those
+    that need not be replaced, and the weaker of two if the stronger can move instead. The places (n, 4) of
+    the stronger ones are moved to the mean of their pair.
     """
-    n, power, places = len(fit), fit.power, fit.places.copy()
-    drop = np.zeros(n, dtype=np.bool_)
-    root = fit.bound_root.reshape(N_COORDINATES, n, -1)
-    lost = np.flatnonzero((noise / 2 * np.vecdot(root, root) > LOST**2).any(axis=0))
-    if lost.size:
-        drop[lost[descending(power[lost])[::-1]][: max(1, lost.size // 2)]] = True
-        return drop, places
+    places, power, lost = fit.places.copy(), fit.power, fit.lost_without()
     apart = unwrapped(places[:, None], places, fit.atom_map.periods) - places
-    first, second = np.nonzero(np.triu(np.all(np.abs(apart) < 1, axis=2), 1))
-    apart = apart[first, second]
-    length = np.sum(apart**2, axis=1)
-    # Variance of the distance along the line between the two.
-    along = np.empty(len(first))
-    for some in parts_of(len(first), MOST_PAIRS // max(n, 1)):
-        joint = np.einsum("pi,ipk->pk", apart[some], root[:, first[some]] - root[:, second[some]])
-        along[some] = noise / 2 * np.vecdot(joint, joint)
-    blurred = fit.blurred
-    is_resolved = (length**2 >= RESOLVED_VARIANCES * along) & ~(blurred[first] & blurred[second])
-    for k in descending(length**2 / np.maximum(along, LEAST_VARIANCE))[::-1]:
-        pair = np.array([first[k], second[k]])
-        if is_resolved[k] or drop[pair].any():
+    are_close = np.all(np.abs(apart) < 1, axis=2)
+    may_go = are_close & (lost <= most_lost) & (power[:, None] <= power)
+    drop, is_settled = np.zeros((2, len(fit)), dtype=np.bool_)
+    for pair in np.argwhere(may_go)[descending(lost[may_go])[::-1]]:
+        weaker, stronger = pair
+        if is_settled[weaker]:
             continue
-        stronger, weaker = pair[descending(power[pair])]
         drop[weaker] = True
+        is_settled |= are_close[weaker]
         # The two ends of a coordinate meet at the stronger one's, not in the middle.
         near = unwrapped(places[pair], places[stronger], fit.atom_map.periods)
         places[stronger] = np.average(near, axis=0, weights=power[pair])

@@ -25,6 +25,11 @@ AMPLITUDE = np.array([1.0 + 2j, -1.5 + 0.3j, 0.8j])
 noisy = partial(noisy_map, SYSTEM, SHAPE)
 
 
+def covariance(fit, noise):
+    """Bound (4, n, 4, n) of the places."""
+    return (noise / 2 * fit.bound_root @ fit.bound_root.T).reshape(4, len(fit), 4, len(fit))
+
+
 def test_amplitudes_and_energy_are_those_of_least_squares():
     atom_map = noisy(PART, PLACES, AMPLITUDE, 0.3)
     moved = PLACES + 0.1
@@ -57,7 +62,7 @@ def test_on_the_whole_map_the_covariance_is_the_joint_bound():
     amplitude = AMPLITUDE / np.sqrt(n_total) * np.exp(1j * np.pi * PLACES @ first)
     bound = joint_bound(SYSTEM, SHAPE, *(PLACES * unit).T, amplitude, 0.01)
     expected = bound.joint_covariance.transpose(1, 0, 3, 2) / unit[:, None, None, None] / unit[:, None]
-    actual = fit.covariance(0.01)
+    actual = covariance(fit, 0.01)
     np.testing.assert_allclose(actual, expected, atol=1e-6 * expected.max())
 
 
@@ -105,7 +110,7 @@ def test_of_two_atoms_that_nearly_cancel_little_is_shown_and_all_of_a_lone_one()
 def test_two_atoms_in_one_place_share_an_amplitude():
     fit = fit_atoms(noisy(PART, PLACES[:1], AMPLITUDE[:1], 0.0), PLACES[[0, 0]])
     np.testing.assert_allclose(fit.amplitude.sum(), AMPLITUDE[0], rtol=1e-6)
-    assert np.all(np.isfinite(fit.covariance(1.0)))
+    assert np.all(np.isfinite(fit.bound_root))
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -137,26 +142,31 @@ def bound_by_qr(atom_map, places, amplitude):
 # Three elements along w see three waves: a pair in phase has no place there, however far apart.
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize(("turn", "known_from"), [(1.0, 0.05), (1j, 2e-3), (np.exp(0.3j), 5e-3)])
-def test_variances_of_close_atoms_are_right_or_said_to_be_those_of_rounding(axis, turn, known_from):
+def test_variances_of_close_atoms_are_right_as_long_as_rounding_allows(axis, turn, known_from):
     amplitude = np.array([1.0, turn])
     for apart in 10.0 ** np.arange(-0.5, -9, -0.75):
         places = PLACES[0] + apart * np.array([[0], [1]]) * np.eye(4)[axis]
         atom_map = noisy(WHOLE, places, amplitude, 0.0)
         fit = fit_atoms(atom_map, places)
-        assert np.all(np.isfinite(fit.covariance(1.0)))
-        if fit.blurred.any():
-            assert apart < known_from
-            continue
-        both = fit.covariance(1.0), bound_by_qr(atom_map, places, amplitude)
-        actual, expected = (covariance[axis, :, axis].diagonal() for covariance in both)
-        np.testing.assert_allclose(actual, expected, rtol=0.06)
-    assert fit.blurred.all()
+        assert np.all(np.isfinite(fit.bound_root))
+        if apart > known_from:
+            both = covariance(fit, 1.0), bound_by_qr(atom_map, places, amplitude)
+            actual, expected = (bound[axis, :, axis].diagonal() for bound in both)
+            np.testing.assert_allclose(actual, expected, rtol=0.06)
 
 
-def test_an_atom_far_from_a_close_pair_is_not_blurred():
-    places = np.concatenate([PLACES, PLACES[:1] + 1e-5])
-    fit = fit_atoms(noisy(WHOLE, PLACES, AMPLITUDE, 0.0), places)
-    assert fit.blurred.tolist() == [True, False, False, True]
+@pytest.mark.parametrize("axis", range(4))
+@pytest.mark.parametrize("apart", [0.03, 0.2])
+@pytest.mark.parametrize("turn", [0.6, 0.6j, -0.6, 0.6 * np.exp(0.7j)])
+def test_without_one_of_two_close_atoms_as_much_is_lost_as_a_fit_of_the_others_leaves(axis, apart, turn):
+    places = np.concatenate([PLACES, PLACES[:1] + apart * np.eye(4)[axis]])
+    atom_map = noisy(WHOLE, places, np.append([1.0, *AMPLITUDE[1:] / 4], turn), 0.0)
+    fit, others = fit_atoms(atom_map, places), fit_atoms(atom_map, places[:3])
+    lost = fit.lost_without()[3]
+    assert lost[3] == pytest.approx(fit.energy - others.energy, rel=1e-6)
+    one_moves = np.array([[np.inf], [1e-9], [1e-9]])
+    moved = refine_atoms(atom_map, places[:3], 12, (places[:3] - one_moves, places[:3] + one_moves))
+    assert lost[0] == pytest.approx(fit.energy - moved.energy, rel=0.4)
 
 
 def test_amplitudes_of_close_opposite_atoms_keep_their_digits():

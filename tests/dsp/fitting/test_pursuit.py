@@ -38,12 +38,6 @@ def fitted(places, amplitude, noise=NOISE, seed=0):
     return atom_map, fit_atoms(atom_map, np.reshape(places, (-1, N_COORDINATES)))
 
 
-def distance_variance(fit, axis):
-    """Bound of the first two atoms' distance along a coordinate in unit noise."""
-    covariance = fit.covariance(1.0)[axis, :, axis, :]
-    return covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]
-
-
 def test_beams_are_outputs_of_unit_energy_at_their_directions():
     atom_map = noisy(PLACE, [2.0])
     space = space_of(atom_map)
@@ -218,41 +212,30 @@ def test_the_strongest_around_is_near_across_the_end_of_a_coordinate():
 
 
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
-def test_a_pair_that_noise_does_not_tell_apart_becomes_one_in_its_middle(axis):
+def test_a_pair_becomes_one_in_its_middle_if_that_loses_no_more_than_is_allowed(axis):
     apart = 0.1 * np.eye(N_COORDINATES)[axis]
-    _, fit = fitted([PLACE, PLACE + apart, PLACE + 2.0], [1.0, 0.7j, 1.0], noise=0.0)
-    distance_std = distance_variance(fit, axis) ** 0.5
-    # Half as far apart as a standard deviation of 0.05 cells allows to tell.
-    noise = (0.05 / distance_std) ** 2
-    drop, places = pursuit.redundant_pairs(fit, noise)
+    atom_map, fit = fitted([PLACE, PLACE + apart, PLACE + 2.0], [1.0, 0.7j, 1.0], noise=0.0)
+    lost = fit.lost_without()[1, 0]
+    drop, places = pursuit.needless_atoms(fit, 1.01 * lost)
     assert drop.tolist() == [False, True, False]
     weight = fit.power[1] / (fit.power[0] + fit.power[1])
     np.testing.assert_allclose(places[0], PLACE + weight * apart, atol=1e-9)
     np.testing.assert_array_equal(places[2], fit.places[2])
-    assert not pursuit.redundant_pairs(fit, noise / 8)[0].any()
+    assert not pursuit.needless_atoms(fit, 0.99 * lost)[0].any()
+    assert fit.energy - refine_atoms(atom_map, places[~drop], 8).energy == pytest.approx(lost, rel=0.1)
 
 
-def test_four_standard_deviations_of_the_distance_tell_a_pair_apart():
-    apart = 0.5 * np.eye(N_COORDINATES)[0]
-    _, fit = fitted([PLACE, PLACE + apart], [1.0, 1j], noise=0.0)
-    limit = 0.25 / distance_variance(fit, 0) / pursuit.RESOLVED_VARIANCES
-    assert not pursuit.redundant_pairs(fit, 0.99 * limit)[0].any()
-    assert pursuit.redundant_pairs(fit, 1.01 * limit)[0].sum() == 1
-
-
-def test_atoms_without_a_place_go_the_weaker_half_first():
-    places = PLACE + np.array([[0, 0, 0, 0], [3, 0, 0, 0], [-3, 0, 0, 0], [0, 3, 0, 0]])
-    _, fit = fitted(places, [1.0, 0.1, 0.11, 0.12], noise=0.0)
-    drop, _ = pursuit.redundant_pairs(fit, 0.05)
-    # Of three with standard deviations above half a cell, one.
-    assert drop.tolist() == [False, True, False, False]
+def test_an_atom_that_others_explain_without_moving_is_needless_wherever_it_is():
+    places = PLACE + np.array([[0, 0, 0, 0], [3, 0, 0, 0], [-3, 0, 0, 0]])
+    _, fit = fitted(places, [1.0, 0.1, 0.2], noise=0.0)
+    assert pursuit.needless_atoms(fit, 0.011)[0].tolist() == [False, True, False]
 
 
 def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
     half = SHAPE[0] / 2
     ends = np.array([[16.3, 0.4, half - 0.01, -0.3], [16.3, 0.4, 0.01 - half, -0.3]])
     _, fit = fitted(ends, [1.0, 0.5])
-    drop, places = pursuit.redundant_pairs(fit, NOISE)
+    drop, places = pursuit.needless_atoms(fit, 20 * NOISE)
     assert drop.sum() == 1
     (stays,) = np.flatnonzero(~drop)
     assert np.abs(np.abs(places[stays, 2]) - half).max() <= 0.01
