@@ -164,6 +164,8 @@ class Pursuit:
         Places of failed new atoms, and of failed splits.
     around : ndarray of float64, shape (n,)
         Mean energy of the last residual around each atom.
+    is_full : bool
+        True if its largest number of atoms ended it.
     """
 
     observation: Observation
@@ -177,6 +179,7 @@ class Pursuit:
     failed: Floats = field(default_factory=NO_PLACES.copy)
     unsplit: Floats = field(default_factory=NO_PLACES.copy)
     around: Floats = field(default_factory=lambda: np.empty(0))
+    is_full: bool = False
 
     def residual(self) -> Complex:
         """Outputs of the beams minus the echoes of all atoms; measures `around`."""
@@ -331,7 +334,8 @@ class Nomp4d:
                 break
             n_sought = len(pursuit.fit) + moves.number
             self._round(pursuit, moves)  # joint Newton steps, pruning
-            if n_sought >= self.max_scatterers:
+            pursuit.is_full = n_sought >= self.max_scatterers
+            if pursuit.is_full:
                 break
         for _ in range(LAST_ROUNDS):
             pursuit.residual()

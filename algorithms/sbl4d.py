@@ -8,11 +8,13 @@ the scatterers, or to centroids of a few, wherever noise allows to tell.
 
 1. A short pursuit (`nomp4d`) tries to explain the map by few atoms. If it leaves
    noise alone, its atoms are the image: lone scatterers, at the Cramér-Rao bound.
+   Where noise hides the misfit of most atoms, the pursuit goes on to its end.
 2. First atoms, from range-Doppler tiles of the tapered map
    (`isacbench.dsp.sparse_bayes.first_atoms`): Doppler spectra, the static layer,
    moving echoes with Doppler as a coordinate, angular sectors.
 3. All atoms settle together off the grid under a falling ridge, and those that
-   are weak compared with others nearby are dropped (`ridge_steps`).
+   are weak compared with others nearby are dropped (`ridge_steps`). Those of the
+   pursuit take their place if they explain the map better, each at its price in noise.
 4. The residual is learned in the same way without a taper along range: objects
    whose echoes are in phase have their energy at the edge of the band, which a
    taper removes.
@@ -46,9 +48,9 @@ from isacbench.checked_arrays import Complex, Floats
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.fitting.atom_fits import AtomFit, fit_atoms
 from isacbench.dsp.sparse_bayes.first_atoms import SAME_PLACE, first_atoms
-from isacbench.dsp.sparse_bayes.places import Reach
+from isacbench.dsp.sparse_bayes.places import PITCH, Reach
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, learn_blocks
-from isacbench.dsp.sparse_bayes.ridge_steps import drop_model_error, refine_on_map
+from isacbench.dsp.sparse_bayes.ridge_steps import RIDGES, drop_model_error, refine_on_map, worth
 from isacbench.dsp.sparse_bayes.tiles import BinTaper
 from isacbench.errors import require_least
 from isacbench.instrument.remarks import remark
@@ -58,7 +60,7 @@ from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Needs
 
 from .esprit2d import Esprit2d
-from .nomp4d import Nomp4d, atoms_as_cloud, read_atom_map
+from .nomp4d import NO_PLACES, Nomp4d, atoms_as_cloud, read_atom_map
 
 LEAST_NOISE = 1e-12
 """Least noise power over the map's strongest cell: without noise the misfit of the grids decides."""
@@ -66,8 +68,9 @@ LEAST_NOISE = 1e-12
 FIRST_RIDGE = 1e-2
 """Ridge on the amplitudes of atoms that have not settled."""
 
-MOST_UNEXPLAINED = 0.1
-"""Share of the map's energy above noise from which atoms are no model of it."""
+MOST_UNEXPLAINED = 0.5
+"""Share of the map's energy above noise from which atoms are no model of it: of weak maps much is below the
+price of an atom."""
 
 NOISE_DEVIATIONS = 6.0
 """Standard deviations by which a cell's mean power exceeds that of noise if it holds echoes."""
@@ -105,17 +108,22 @@ class Sbl4d:
     @one_blas_thread()
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation."""
-        if self.lone_scatterers:
-            pursuit = Nomp4d(max_scatterers=self.lone_scatterers).pursue(observation)
+        pursued = NO_PLACES
+        # Where noise hides the misfit of most atoms, a second pursuit goes on to its end.
+        for most in (self.lone_scatterers, self.max_scatterers) if self.lone_scatterers else ():
+            pursuit = Nomp4d(max_scatterers=most).pursue(observation)
             if pursuit.explains_all:
                 return pursuit.to_cloud()
+            pursued = np.rint(pursuit.fit.places / PITCH) * PITCH  # as centroids of learned atoms
+            hidden = pursuit.highest_noise * 10 ** (Nomp4d.local_dynamic_range_db / 10)
+            if not pursuit.is_full or 2 * np.count_nonzero(pursuit.fit.power <= hidden) < len(pursuit.fit):
+                break
         reach, noise, unit = _read(observation)
         if not noise:
             return PointCloud.empty()  # all cells are 0
-        fit = self._first_image(reach, noise)
-        if len(fit):
-            fit = self._second_image(reach, noise, fit)
-        return self._checked(reach, noise, fit, unit)
+        fits = self._first_image(reach, noise), fit_atoms(reach.atom_map, pursued, RIDGES[-1])
+        fit = max(fits, key=lambda fit: worth(fit, noise))
+        return self._checked(reach, noise, self._second_image(reach, noise, fit), unit)
 
     def _first_image(self, reach: Reach, noise: float) -> AtomFit:
         """Learn the tapered map, and let its atoms settle."""
@@ -135,12 +143,14 @@ class Sbl4d:
             is_new = ~np.all(distance <= SAME_PLACE, axis=2).any(axis=1)
             found = np.concatenate([fit.places, places[is_new]])
             found = self._strongest(found, np.concatenate([np.abs(fit.amplitude), strength[is_new]]))
+        if not len(found):
+            return fit
         with stage("refinement"):
             loaded = fit_atoms(atom_map, found, FIRST_RIDGE)
             atoms = learn_blocks(Atoms.of(atom_map, found, loaded.amplitude), reach, noise)
         settled = self._settled(reach, noise, self._strongest(atoms.places, np.abs(atoms.amplitude)))
         with stage("refinement"):
-            return drop_model_error(settled, reach)
+            return drop_model_error(settled, reach, noise)
 
     def _settled(self, reach: Reach, noise: float, places: Floats) -> AtomFit:
         with stage("refinement"):

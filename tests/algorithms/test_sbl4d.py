@@ -66,6 +66,17 @@ def test_a_street_is_dense_without_ghosts_and_remarks_are_of_atoms_left_out(make
     assert np.mean(ratios) < 0.9  # a single one hangs on one point
 
 
+def test_in_noise_it_sees_what_the_pursuit_sees():
+    street = street_part((16, 16), (10.0, 22.0), (6.0, 11.0))
+    scenario, recall = replace(street, system=replace(street.system, coherent_phase=True)), []
+    for trial in range(2):
+        observation = observe(scenario, -45, trial)
+        clouds = [estimator.estimate(observation) for estimator in (Sbl4d(), Nomp4d())]
+        recall.append([score(scenario, cloud)["recall"] for cloud in clouds])
+    learned, pursued = np.mean(recall, axis=0)
+    assert learned > 0.85 * pursued
+
+
 @pytest.mark.slow
 def test_the_coherent_street_has_few_ghosts():
     scenario = load_scenario("street-coherent")

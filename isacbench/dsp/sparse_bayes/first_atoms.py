@@ -65,8 +65,11 @@ LINE_NEIGHBOURHOOD = 5, 9
 LINE_GROWTH = 3, 5
 """The same of the lines around active ones, which their tile may use."""
 
-ABOVE_NOISE = 1.5, 3.0
-"""Least power of a static range bin, and of a line, over noise."""
+STATIC_ABOVE_NOISE = 1.5
+"""Least power of a static range bin over noise."""
+
+LINE_DEVIATIONS = 6.0
+"""Least power of a line, in standard deviations of the mean power of noise over the array."""
 
 TILE_BINS, CORE_BINS = 14, 8
 """Range bins of a tile, and those in its middle whose atoms are kept."""
@@ -185,7 +188,7 @@ def _static_atoms(rows: _Rows) -> Iterator[tuple[Floats, Floats]]:
     noise = np.sum(filters**2, axis=1) * rows.noise
     power = np.mean(layer.real**2 + layer.imag**2, axis=(1, 2))
     top = np.sort(power)[-PEAK_BINS // 2 :].mean()
-    is_live = power > np.maximum(top * 10 ** (-DYNAMIC_RANGE_DB / 10), ABOVE_NOISE[0] * noise)
+    is_live = power > np.maximum(top * 10 ** (-DYNAMIC_RANGE_DB / 10), STATIC_ABOVE_NOISE * noise)
     is_live &= rows.is_reachable
     live = np.flatnonzero(is_live)
     if not live.size:
@@ -298,7 +301,8 @@ class _MovingAtoms:
         least = maximum_filter(power, LINE_NEIGHBOURHOOD) * 10 ** (-LINE_RANGE_DB / 10)
         # Lines gather the power of cells, and of a bin's half-dozen lines: ten decibels more.
         least = np.maximum(least, power.max() * 10 ** (-(DYNAMIC_RANGE_DB + 10) / 10))
-        least = np.maximum(least, ABOVE_NOISE[1] * spectra.noise[:, None])
+        deviation = spectra.noise[:, None] / np.sqrt(self.cells[0, 0].size)
+        least = np.maximum(least, LINE_DEVIATIONS * deviation)
         return (power > least) & is_moving & self.rows.is_reachable[:, None]
 
     def atoms(

@@ -21,7 +21,7 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Mask
 from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, loaded_step
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
-from isacbench.dsp.fitting.pursuit import BeamSpace, sidelobe_energy
+from isacbench.dsp.fitting.pursuit import BeamSpace, descending, sidelobe_energy
 from isacbench.dsp.floating_point import round_step
 from isacbench.dsp.sparse_bayes.places import Reach, strongest_near
 
@@ -61,8 +61,12 @@ ABOVE_MISFIT_DB = 6.0
 REGION_TOLERANCE_M = 0.5
 """Largest distance outside the region."""
 
-LEAST_POWER = 20.0
-"""Least power over noise at the end."""
+LEAST_GAIN = 20.0
+"""Least energy over noise that an atom explains and the others do not: about the highest that noise shows
+anywhere on a map."""
+
+SHARED = 0.1
+"""Least product of two unit atoms that may share an echo."""
 
 MOST_ROUNDS = 3
 """Rounds of dropping atoms at the end."""
@@ -88,35 +92,55 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
         places, origins = fit.places[keep], origins[keep]
     for _ in range(MOST_ROUNDS):
         fit = fit_atoms(atom_map, places, RIDGES[-1], fit)
-        places = places[significant_atoms(fit, reach, RIDGES[-1], LEAST_POWER * noise)]
+        places = places[significant_atoms(fit, reach, RIDGES[-1])]
         if len(places) == len(fit):
             break
-    return fit_atoms(atom_map, places, RIDGES[-1], fit)
+    return _drop_noise(fit_atoms(atom_map, places, RIDGES[-1], fit), noise)
 
 
-def significant_atoms(fit: AtomFit, reach: Reach, ridge: float, least_power: float = 0.0) -> Mask:
-    """Tell which atoms lie in the region, have a least power and are no misfit of others."""
+def worth(fit: AtomFit, noise: float) -> float:
+    """Energy that a fit explains, less the price of its atoms in noise: the better of two explains more."""
+    return fit.energy - LEAST_GAIN * noise * len(fit)
+
+
+def _drop_noise(fit: AtomFit, noise: float) -> AtomFit:
+    """Drop the atoms that are not worth their price: noise, and doubles of others that noise has parted."""
+    while len(fit):
+        gain = fit.power * fit.own
+        order = descending(gain)[::-1]
+        weak = order[gain[order] < LEAST_GAIN * noise]
+        if not weak.size:
+            break
+        # Once an atom is dropped, those that share its echo are worth more.
+        shares = np.abs(fit.gram[np.ix_(weak, weak)]) > SHARED
+        drop = weak[~np.tril(shares, -1).any(axis=1)]
+        fit = fit_atoms(fit.atom_map, np.delete(fit.places, drop, axis=0), RIDGES[-1], fit)
+    return fit
+
+
+def significant_atoms(fit: AtomFit, reach: Reach, ridge: float) -> Mask:
+    """Tell which atoms lie in the region and are no misfit of others."""
     size = np.abs(_weighed(fit, ridge))
     power = size**2
     far = sidelobe_energy(fit.places, fit.places, power, fit.atom_map.bursts, FAR_BINS)
-    keep: Mask = reach.contains(fit.places, REGION_TOLERANCE_M) & (power >= least_power)
+    keep: Mask = reach.contains(fit.places, REGION_TOLERANCE_M)
     keep &= size > strongest_near(fit.places, size, NEAR_BINS) * 10 ** (-LOCAL_RANGE_DB / 20)
     return keep & (power > far * 10 ** (-FAR_RANGE_DB / 10))
 
 
-def drop_model_error(fit: AtomFit, reach: Reach) -> AtomFit:
+def drop_model_error(fit: AtomFit, reach: Reach, noise: float) -> AtomFit:
     """Drop atoms that are weak compared with both the sidelobes of other ranges and what is left around them.
 
     Either alone says little: weak echoes lie among strong ones, and are wanted where the map is explained;
     and a crowd's misfit lies among its echoes. The misfit that an atom is compared with is their weighted
-    geometric mean. The fit has settled, with the last ridge.
+    geometric mean. What is left as noise is no misfit. The fit has settled, with the last ridge.
     """
     atom_map, power = fit.atom_map, np.abs(_weighed(fit, RIDGES[-1])) ** 2
     far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
     rest = atom_map.without(fit.lines, fit.amplitude)
     space = BeamSpace.from_map(rest, reach.observation.gate, reach.observation.cosine_limits)
     around = space.mean_around(space.beams, fit.places)
-    misfit = far**FAR_SHARE * around ** (1 - FAR_SHARE)
+    misfit = far**FAR_SHARE * np.maximum(around - noise, 0) ** (1 - FAR_SHARE)
     keep = power > misfit * 10 ** (ABOVE_MISFIT_DB / 10)
     return fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit)
 

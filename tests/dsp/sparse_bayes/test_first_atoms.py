@@ -25,6 +25,13 @@ def test_every_echo_has_an_atom_close_by(taper, noisy_map, reach, middle):
     assert distance.max(axis=2).min(axis=1).max() < 0.3
 
 
+@pytest.mark.parametrize("taper", [BinTaper.hann, BinTaper.none])
+def test_a_moving_echo_is_seen_once_its_line_is_no_noise(taper, noisy_map, reach, middle):
+    place = middle + np.array([0, 2.0, 0, 0])
+    learned, _ = found(noisy_map(place[None], [np.sqrt(300 * NOISE)]), reach, taper)
+    assert np.abs(learned - place).max(axis=1).min() < 0.3
+
+
 def test_places_beyond_the_region_have_no_atom(noisy_map, reach, middle):
     learned, _ = found(noisy_map(middle + OFFSETS, np.ones(5)), reach, BinTaper.hann)
     assert reach.contains(learned, tolerance_m=1.5).all()

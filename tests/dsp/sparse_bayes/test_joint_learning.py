@@ -7,7 +7,7 @@ import pytest
 
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.sparse_bayes.range_blocks import Atoms, learn_blocks
-from isacbench.dsp.sparse_bayes.ridge_steps import drop_model_error, refine_on_map
+from isacbench.dsp.sparse_bayes.ridge_steps import drop_model_error, refine_on_map, worth
 
 from .conftest import NOISE
 
@@ -52,6 +52,22 @@ def test_nothing_stands_out_of_noise(noisy_map, reach, middle):
     assert len(refine_on_map(noisy_map(middle[None], [0]), reach, middle + OFFSETS, NOISE)) == 0
 
 
+def test_of_two_atoms_on_one_echo_in_noise_one_stays(noisy_map, reach, middle):
+    atom_map = noisy_map(middle[None], [12 * np.sqrt(NOISE)])
+    double = middle + 0.4 * np.array([[0, 0, 1, 0], [0, 0, -1, 0]])
+    apart = fit_atoms(atom_map, double, 1e-4)
+    assert (apart.power > 20 * NOISE).all()
+    fit = refine_on_map(atom_map, reach, double, NOISE)
+    assert len(fit) == 1
+    assert worth(fit, NOISE) > worth(apart, NOISE)
+
+
+def test_noise_around_an_atom_is_no_misfit(noisy_map, reach, middle):
+    echoes = middle + np.array([[0, 0, 0, 0], [4.5, 0.2, 0, 0]])
+    fit = fit_atoms(noisy_map(echoes, np.sqrt(NOISE) * np.array([7.5, 120])), echoes, 1e-4)
+    assert len(drop_model_error(fit, reach, NOISE)) == len(fit)
+
+
 def test_learning_in_blocks_keeps_count_of_what_is_left(noisy_map, reach, middle, rng):
     places, atom_map = middle + OFFSETS, noisy_map(middle + OFFSETS, AMPLITUDE)
     first = places + rng.uniform(-0.1, 0.1, places.shape)
@@ -66,15 +82,15 @@ def test_learning_in_blocks_keeps_count_of_what_is_left(noisy_map, reach, middle
 def test_weak_atoms_stay_where_the_map_is_explained_and_are_misfit_where_it_is_not(noisy_map, reach, middle):
     places = middle + np.array([[-3.0, 0, 0, 0], [4.0, 0, 0.3, 0]])
     explained = noisy_map(places, [1, 0.05])
-    kept = drop_model_error(fit_atoms(explained, places, 1e-4), reach)
+    kept = drop_model_error(fit_atoms(explained, places, 1e-4), reach, NOISE)
     np.testing.assert_array_equal(kept.places, places)
     beside = places[1] + np.array([[0.5, 0.8, 0, 0.7], [-0.6, -0.8, 0.6, 0]])
     crowded = explained.without(explained.lines(beside), np.array([-0.05, 0.05j]))
-    kept = drop_model_error(fit_atoms(crowded, places, 1e-4), reach)
+    kept = drop_model_error(fit_atoms(crowded, places, 1e-4), reach, NOISE)
     np.testing.assert_array_equal(kept.places, places[:1])
 
 
 def test_no_atom_stands_out_of_a_map_that_none_explains(noisy_map, reach, middle):
     echoes = middle + np.array([[-3.0, 0, 0, 0], [3.0, 0, 0, 0]])
     atom_map, elsewhere = noisy_map(echoes, [1, 1]), echoes + np.array([0, 1.0, 0, 0])
-    assert len(drop_model_error(fit_atoms(atom_map, elsewhere, 1e-4), reach)) == 0
+    assert len(drop_model_error(fit_atoms(atom_map, elsewhere, 1e-4), reach, NOISE)) == 0
