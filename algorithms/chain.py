@@ -37,9 +37,16 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Integers
 from isacbench.cores import one_blas_thread
 from isacbench.dsp.angles.aperture import Aperture, Cross, Plane
+from isacbench.dsp.angles.beamformers import strongest_direction
 from isacbench.dsp.angles.line_subspaces import Eigenpairs, separated_order
 from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.dsp.cell_detection import DetectedCells, Integration, detect_cells, white_noise
+from isacbench.dsp.cell_detection import (
+    BeamsOfCells,
+    DetectedCells,
+    Integration,
+    detect_cells,
+    white_noise,
+)
 from isacbench.dsp.fitting.joint_selection import MatchedFilters, select_jointly
 from isacbench.dsp.floating_point import scale_to_unit
 from isacbench.dsp.rangedoppler import GatedMap, TaperedMap
@@ -157,8 +164,10 @@ class CellSnapshots:
         Map with the tapers of the rule.
     around : ndarray of complex, shape (n, 5, *elements)
         Samples of each cell, and of the next nearer, farther, slower and faster ones.
+    beams : BeamsOfCells or None
+        Their strongest beams, if they were detected on beams.
     pairs : Eigenpairs or None
-        Those of the covariances of the cells, once an estimator has decomposed them.
+        Those of the covariances of the clear cells, once an estimator has decomposed them.
     """
 
     rule: SnapshotRule
@@ -166,10 +175,20 @@ class CellSnapshots:
     tapered: TaperedMap
     around: Complex
     levels: Levels
+    beams: BeamsOfCells | None = None
     pairs: Eigenpairs | None = None
 
     def __len__(self) -> int:
         return len(self.around)
+
+    @property
+    def clear(self) -> CellSnapshots:
+        """The cells that a beam does not show alone."""
+        if self.beams is None:
+            return self
+        clear = ~self.beams.alone
+        bins = self.bins[0][clear], self.bins[1][clear]
+        return replace(self, bins=bins, around=self.around[clear], beams=None)
 
     @property
     def own(self) -> Complex:
@@ -224,6 +243,7 @@ def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
             estimator.integration,
             estimator.dynamic_range_db,
             estimator.m_of_n,
+            rdm.observation.cosine_limits,
         )
         least_noise = LEAST_NOISE**2 * float(cells.power.max())
         white = min(max(white_noise(gated), least_noise), cells.floor)
@@ -245,8 +265,9 @@ def read_cells(rdm: ReadMap, detected: Detected, rule: SnapshotRule) -> CellSnap
         doppler_window = gated.doppler_taper(rule.doppler_window)
         tapered = gated.tapered(rule.range_window, doppler_window, neighbours=1)
         inside = tapered.gate.surrounds(bins)
-        bins = bins[0][inside], bins[1][inside]
-        return CellSnapshots(rule, bins, tapered, tapered.around(bins), detected.levels)
+        bins, beams = (bins[0][inside], bins[1][inside]), detected.cells.beams
+        around = tapered.around(bins)
+        return CellSnapshots(rule, bins, tapered, around, detected.levels, beams and beams.select(inside))
 
 
 def determined_order(pairs: Eigenpairs, order: Integers) -> Integers:
@@ -315,6 +336,7 @@ def locate(cells: CellSnapshots, waves: PlaneWaves, estimator: CellwiseEstimator
             cells.rule.one_doppler and not cells.tapered.sees_lobes,
             cells.rule.resolved_only,
             cells.levels.min_power,
+            cells.levels.white / cells.tapered.aperture.n_elements,
         )
 
 
@@ -356,10 +378,11 @@ class MapEstimator(ABC):
         Detector of range-Doppler cells.
     pfa : float or None
         Overrides the detector's probability of false alarm.
-    integration : {"noncoherent", "element", "binary"}
-        Detect on power averaged over the array, on its element (0, 0), or where
-        `m_of_n` elements or more detect, each in its own map
-        (`isacbench.dsp.cell_detection.BinaryIntegration`). With
+    integration : {"beams", "noncoherent", "element", "binary"}
+        Detect on the strongest of the beams towards the directions of the region
+        (`isacbench.dsp.beam_integration.BeamIntegration`), on power averaged over
+        the array, on its element (0, 0), or where `m_of_n` elements or more detect, each
+        in its own map (`isacbench.dsp.cell_detection.BinaryIntegration`). With
         "element", a separable estimator reads no more than the column and the
         row of that element, P + Q - 1 elements instead of P Q.
     m_of_n : int
@@ -446,7 +469,7 @@ class MapEstimator(ABC):
         unseparated, unit = remarks.counts.get("unseparated"), rdm.unit
         return Diagnosis(
             # Unit by unit: its square may overflow where the power does not.
-            found.power.astype(np.float64) * unit * unit,
+            found.tested_power.astype(np.float64) * unit * unit,
             Detection(
                 found.detection.mask,
                 found.detection.threshold * unit * unit,
@@ -528,7 +551,7 @@ class CellwiseEstimator(MapEstimator):
         cells = read_cells(rdm, detected, self.snapshot_rules()[0])  # P x Q snapshots
         if not len(cells):
             return PointCloud.empty()
-        waves = self.plane_waves(observation, cells)  # by the estimator's own method
+        waves = self.waves(observation, cells)  # by the estimator's own method
         waves = determined(cells, waves, self)  # no directions between scatterers
         located = locate(cells, waves, self)  # range and velocity
         found = self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels)
@@ -567,6 +590,21 @@ class CellwiseEstimator(MapEstimator):
     def snapshot_rules(self) -> tuple[SnapshotRule, ...]:
         """Readings of the cells, one after the other; `diagnose` draws the last."""
         return (SnapshotRule(self.range_window, self.doppler_window),)
+
+    def waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
+        """Find the plane waves of each cell; where a beam alone shows a cell, the wave in that beam.
+
+        A covariance of such a cell holds more noise than echo, and only all elements together tell
+        where the echo comes from.
+        """
+        beams = cells.beams
+        if beams is None or not beams.alone.any():
+            return self.plane_waves(observation, cells)
+        with stage("peaks"):
+            in_beams = strongest_direction(cells.own[beams.alone], *beams.select(beams.alone)[:2])
+        if beams.alone.all():
+            return in_beams
+        return in_beams.among(self.plane_waves(observation, cells.clear), beams.alone)
 
     @abstractmethod
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:

@@ -37,7 +37,7 @@ from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.peaks import PERIOD, Peaks, Places, plane_maxima, plane_peaks, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
-from isacbench.dsp.cell_detection import detect_listed
+from isacbench.dsp.detection import detect_listed
 from isacbench.dsp.rangedoppler import CACHED_SAMPLES
 from isacbench.errors import require_least, require_positive
 from isacbench.instrument.stages import stage

@@ -145,7 +145,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             return PointCloud.empty()
         by_rule = []
         for cells in self.readings(rdm, detected):
-            waves = self.plane_waves(observation, cells)  # maximum likelihood in resolved cells
+            waves = self.waves(observation, cells)  # maximum likelihood in resolved cells
             waves = determined(cells, waves, self)  # no directions between scatterers
             located = locate(cells, waves, self)  # range and velocity
             by_rule.append(self.sidelobe_test(self.own_cell_test(located), rdm, detected.levels))
@@ -153,11 +153,14 @@ class JointSubspaceEstimator(CellwiseEstimator):
         return self.to_cloud(rdm, found)
 
     def readings(self, rdm: ReadMap, detected: Detected) -> tuple[CellSnapshots, ...]:
-        """Read the cells by each snapshot rule; single cells are read and decomposed once."""
+        """Read the cells by each snapshot rule; single cells are read and decomposed once.
+
+        Those that a beam shows alone are among the single cells of the last rule.
+        """
         resolved, crowds, single = self.snapshot_rules()
-        alone = read_cells(rdm, detected, resolved)
-        alone = replace(alone, pairs=self.eigenpairs(alone))
-        return alone, read_cells(rdm, detected, crowds), replace(alone, rule=single)
+        cells = read_cells(rdm, detected, single)
+        cells = replace(cells, pairs=self.eigenpairs(cells.clear))
+        return replace(cells.clear, rule=resolved), read_cells(rdm, detected, crowds).clear, cells
 
     def plane_waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
         """Find directions down to the noise in snapshots of resolved cells, and those of crowds in others.

@@ -65,7 +65,7 @@ from isacbench.dsp.angles.peaks import (
     within_period,
 )
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
-from isacbench.dsp.cell_detection import detect_listed
+from isacbench.dsp.detection import detect_listed
 from isacbench.errors import require, require_least, require_option
 from isacbench.instrument.stages import stage
 from isacbench.model.observation import Observation

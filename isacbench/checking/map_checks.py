@@ -15,7 +15,7 @@ from scipy.stats import binom
 
 from isacbench.checking import checks
 from isacbench.checking.checks import ODD, Check, CheckFailedError, NotApplicableError, require
-from isacbench.dsp.cell_detection import detect_listed
+from isacbench.dsp.detection import detect_listed
 from isacbench.errors import InputError
 from isacbench.plugins.contracts import Detection, Detector
 

@@ -1,4 +1,4 @@
-"""Detection of the range-Doppler cells that hold echoes, on one element, on all, or on m of n, above a floor.
+"""Detection of the range-Doppler cells that hold echoes, on beams, on one element, on all, or on m of n.
 
 A CFAR detector distinguishes an echo from noise, but not from the leakage of a
 strong echo into other cells: window sidelobes, and the misfit of any model to a
@@ -9,30 +9,58 @@ noise or this limit, whichever is higher.
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc
+from scipy.special import betainc, gammaincinv
 
-from isacbench.checked_arrays import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.display import short_repr
-from isacbench.dsp.detection import Detection, Detector
+from isacbench.dsp.beam_integration import BeamDetection, BeamIntegration, Beams
+from isacbench.dsp.detection import Detection, Detector, detect_listed
 from isacbench.dsp.rangedoppler import WHOLE, GatedMap, TaperedMap
+from isacbench.dsp.windows import Window
 from isacbench.errors import require
 from isacbench.model.gate import Bins, Gate
+from isacbench.model.region import Interval
 
-Integration = Literal["element", "noncoherent", "binary"]
+Integration = Literal["beams", "noncoherent", "element", "binary"]
 
 PEAK_CELLS = 20
 """Number of cells whose mean power counts as the strongest echo: one cell may hold two echoes in phase."""
 
+LEAST_NOISE = 1e-20
+"""Least noise power relative to the strongest cell."""
+
+WHOLE_CIRCLE = (-1.0, 1.0), (-1.0, 1.0)
+"""Limits of direction cosines u, and w, without a region."""
+
 CLEAR_BINS = 3
 """Bins left out between those that echoes of the region can reach and those where noise is measured."""
+
+
+class BeamsOfCells(NamedTuple):
+    """Strongest beam of each of n detected cells.
+
+    Attributes
+    ----------
+    u, w : ndarray of float64, shape (n,)
+        Its direction cosines.
+    alone : ndarray of bool, shape (n,)
+        Mask of the cells that this beam alone shows: their mean power is that of noise.
+    """
+
+    u: Floats
+    w: Floats
+    alone: Mask
+
+    def select(self, keep: Mask | Integers) -> BeamsOfCells:
+        """Select cells by a mask or by indices."""
+        return BeamsOfCells(self.u[keep], self.w[keep], self.alone[keep])
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +70,7 @@ class DetectedCells:
     Attributes
     ----------
     power : ndarray of float64, shape (n_range, n_doppler)
-        The map that was tested.
+        Mean power of the elements, or power of one element.
     detector : Detector
         The detector.
     looks : int
@@ -55,6 +83,8 @@ class DetectedCells:
     floor : float
         Power below which echoes cannot be distinguished from noise or from the
         leakage of the strongest ones.
+    beams : BeamsOfCells or None
+        Strongest beams of these cells, if they were detected on beams.
     """
 
     power: Floats
@@ -63,6 +93,7 @@ class DetectedCells:
     bins: Bins
     gate: Gate
     floor: float
+    beams: BeamsOfCells | None = None
 
     __repr__ = short_repr
 
@@ -71,10 +102,16 @@ class DetectedCells:
         """Test of the whole map, made when first asked for."""
         return self.detector.detect(self.power, self.looks)
 
+    @property
+    def tested_power(self) -> Floats:
+        """Power map that `detection` compares with its thresholds."""
+        return self.detection.power if isinstance(self.detection, BeamDetection) else self.power
+
     def strongest(self) -> DetectedCells:
         """Keep only the strongest of the cells; none if there is none."""
         first = np.argsort(-self.power[self.gate.index(self.bins)], kind="stable")[:1]
-        return replace(self, bins=(self.bins[0][first], self.bins[1][first]))
+        beams = self.beams and self.beams.select(first)
+        return replace(self, bins=(self.bins[0][first], self.bins[1][first]), beams=beams)
 
 
 def power_map(cells: Complex, integration: Integration) -> tuple[Floats, int]:
@@ -131,34 +168,6 @@ def white_noise(gated: GatedMap) -> float:
         power[part], _ = tapered_power(tapered, "noncoherent", part)
     noise = reference_noise(power, tapered.gate, gated.sees_lobes)
     return float(np.median(power)) if noise is None else noise
-
-
-def detect_listed(
-    detector: Detector, power: Floats, looks: int, cells: tuple[NDArray[np.intp], ...]
-) -> Detection:
-    """Test listed cells of a power map, and only those if the detector takes a list.
-
-    Parameters
-    ----------
-    detector : Detector
-        If its `detect` does not take ``cells``, all cells are tested and the
-        listed ones picked.
-    power : ndarray of float64
-        Power map of any rank.
-    looks : int
-        Independent noise powers that each cell averages.
-    cells : tuple of ndarray of int, each shape (n,)
-        Cells to test, as `numpy.nonzero` gives them.
-
-    Returns
-    -------
-    Detection
-        Arrays of shape (n,).
-    """
-    if "cells" in inspect.signature(detector.detect).parameters:
-        return cast("Detection", cast("Any", detector).detect(power, looks, cells=cells))
-    whole = detector.detect(power, looks)
-    return Detection(whole.mask[cells], whole.threshold[cells], whole.noise[cells])
 
 
 @dataclass(frozen=True)
@@ -240,11 +249,13 @@ def detect_cells(
     integration: Integration,
     dynamic_range_db: float,
     m_of_n: int = 1,
+    cosine_limits: tuple[Interval, Interval] = WHOLE_CIRCLE,
 ) -> DetectedCells:
     """Detect cells of a tapered range-Doppler map.
 
     Echoes within `dynamic_range_db` of the strongest cells can be distinguished from their leakage. With
-    `integration` "binary", `m_of_n` elements must detect a cell, and one of them must lie above the floor.
+    `integration` "beams", the strongest beam within `cosine_limits` of u and w must lie above that leakage.
+    With "binary", `m_of_n` elements must detect a cell, and one of them must lie above the floor.
     """
     gate = tapered.gate
     power, looks = tapered_power(tapered, integration)
@@ -257,8 +268,44 @@ def detect_cells(
     if noise is None:
         noise = float(np.median(detector.detect(power, looks).noise))
     strongest = np.sort(power[gate.reachable])[-PEAK_CELLS:].mean()
-    floor = max(noise, float(strongest) * 10 ** (-dynamic_range_db / 10))
-    rows, columns = candidates = np.nonzero(gate.reachable & (highest > floor))
-    found = detect_listed(detector, power, looks, candidates).mask
-    bins = gate.range_bins[rows[found]], gate.doppler_bins[columns[found]]
-    return DetectedCells(power, detector, looks, bins, gate, floor)
+    leakage = float(strongest) * 10 ** (-dynamic_range_db / 10)
+    least = floor = max(noise, leakage)
+    if integration == "beams":
+        detector, least = beam_integration(tapered, detector, power, leakage, cosine_limits), leakage
+    rows, columns = candidates = np.nonzero(gate.reachable & (highest > least))
+    found = detect_listed(detector, power, looks, candidates)
+    bins = gate.range_bins[rows[found.mask]], gate.doppler_bins[columns[found.mask]]
+    beams = None
+    if isinstance(detector, BeamIntegration) and isinstance(found, BeamDetection):
+        directions = detector.beams.directions(found.beam[found.mask])
+        beams = BeamsOfCells(*directions, found.alone[found.mask])
+    return DetectedCells(power, detector, looks, bins, gate, floor, beams)
+
+
+def beam_integration(
+    tapered: TaperedMap,
+    detector: Detector,
+    power: Floats,
+    leakage: float,
+    cosine_limits: tuple[Interval, Interval],
+) -> BeamIntegration:
+    """Detector on beams, for the mean power of a map's elements and the leakage of its strongest cells.
+
+    Where no beam shows this leakage, the taper is one that keeps more of an echo.
+    """
+    aperture, sees_lobes = tapered.aperture, tapered.sees_lobes
+    looks, windows = aperture.n_elements, tapered.windows
+    noise = reference_noise(power, tapered.gate, sees_lobes)
+    if noise is None:
+        noise = float(np.median(power) * looks / gammaincinv(looks, 0.5))
+    # Without noise, and without any power, levels are still numbers.
+    noise = max(noise, LEAST_NOISE * float(power.max())) or 1.0
+    if leakage * looks < noise:
+        windows = _less_tapered(windows[0]), _less_tapered(windows[1])
+    beams = Beams((aperture.n_p, aperture.n_q), cosine_limits)
+    return BeamIntegration(detector, replace(tapered, windows=windows), beams, noise, leakage)
+
+
+def _less_tapered(window: Window) -> Window:
+    """Window of the same reach as Hann's that keeps 0.4 dB more; all others stay."""
+    return "hamming" if window == "hann" else window

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast, runtime_checkable
 
 from isacbench.display import Description, Displayed, range_text
 from isacbench.files.escaping import plural
@@ -79,3 +80,31 @@ class Detector(Protocol):
         looks : int, default 1
             Independent noise powers that each cell averages.
         """
+
+
+def detect_listed(
+    detector: Detector, power: NDArray[np.floating], looks: int, cells: tuple[NDArray[np.intp], ...]
+) -> Detection:
+    """Test listed cells of a power map, and only those if the detector takes a list.
+
+    Parameters
+    ----------
+    detector : Detector
+        If its `detect` does not take ``cells``, all cells are tested and the
+        listed ones picked.
+    power : ndarray of float64
+        Power map of any rank.
+    looks : int
+        Independent noise powers that each cell averages.
+    cells : tuple of ndarray of int, each shape (n,)
+        Cells to test, as `numpy.nonzero` gives them.
+
+    Returns
+    -------
+    Detection
+        Arrays of shape (n,).
+    """
+    if "cells" in inspect.signature(detector.detect).parameters:
+        return cast("Detection", cast("Any", detector).detect(power, looks, cells=cells))
+    whole = detector.detect(power, looks)
+    return Detection(whole.mask[cells], whole.threshold[cells], whole.noise[cells])

@@ -9,16 +9,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from isacbench_algorithms.bartlett2d import Bartlett2d
+from isacbench_algorithms.capon2d import Capon2d
 from isacbench_algorithms.detectors import CaCfar, OscaCfar
 from isacbench_algorithms.esprit2d import Esprit2d
 from isacbench_algorithms.fft4d import Fft4d
+from isacbench_algorithms.iaa2d import Iaa2d
 from isacbench_algorithms.music2d import Music2d
 from isacbench_algorithms.music2d_joint import Music2dJoint
+from isacbench_algorithms.omp4d import Omp4d
 
 from isacbench.dsp.windows import Window
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, observe_echo
-from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
+from isacbench.model.radio_coordinates import gain_db, radio_places, rayleigh_cells
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
 from tests.algorithms import scenes
@@ -98,6 +102,33 @@ def test_a_scene_of_noise_is_detected_as_often_as_pfa_says_and_hardly_ever_image
     # 162 cells can be reached, so 1.6 are detected an image; angle_pfa stops all but a few of these.
     assert points[0] > 0.9 * points.total()
     assert max(points) <= 1
+
+
+@pytest.mark.parametrize("estimator", [Bartlett2d, Esprit2d, Omp4d, Fft4d], ids=lambda one: one.name)
+def test_noise_is_imaged_on_beams_as_often_as_pfa_promises(estimator):
+    scene, pfa, n = simulator(NOTHING), 1e-2, 12
+    one = estimator(pfa=pfa, integration="beams")
+    points = sum(len(one.estimate(scene.observe(0.0, trial))) for trial in range(n))
+    promised = n * pfa * np.count_nonzero(scene.gate.reachable)
+    # Next to each other, detected cells show one echo; tapers colour the noise.
+    assert points < 1.3 * promised + 3 * np.sqrt(promised)
+
+
+@pytest.mark.parametrize(
+    "estimator", [Bartlett2d, Capon2d, Iaa2d, Music2dJoint, Esprit2d, Omp4d], ids=lambda one: one.name
+)
+def test_an_echo_that_a_beam_alone_shows_is_one_point_in_its_place(estimator):
+    scene, found = simulator(XYZ[:1], array=VirtualArray((2, 2), (8, 8), 8, 1)), Counter()
+    scenario = scene.scenario
+    for trial in range(8):
+        # 18 dB after all sums: a tenth of the noise of an element, which the mean power does not show.
+        observation = scene.observe(18 - gain_db(scenario), trial)
+        for integration in ("beams", "noncoherent"):
+            cloud = estimator(integration=integration).estimate(observation)
+            apart = np.abs(radio_places(scenario, cloud) - radio_places(scenario, scenario.truth))
+            found[integration] += bool((apart / rayleigh_cells(scenario) < 0.4).all(axis=1).any())
+    assert found["beams"] >= 6
+    assert found["noncoherent"] <= 2
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,11 @@ from isacbench.dsp.cell_detection import (
     PEAK_CELLS,
     BinaryIntegration,
     detect_cells,
-    detect_listed,
     power_map,
     reference_noise,
     white_noise,
 )
+from isacbench.dsp.detection import detect_listed
 from isacbench.dsp.rangedoppler import GatedMap
 from isacbench.errors import InputError
 from isacbench.model.gate import Gate

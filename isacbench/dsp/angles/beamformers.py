@@ -26,10 +26,12 @@ from isacbench.dsp.angles.line_subspaces import real_steering, unitary_transform
 from isacbench.dsp.angles.planar_spectra import (
     AngularSpectrum,
     BeamformerSpectrum,
+    descended_minima,
     projections,
     squared_projections,
 )
 from isacbench.dsp.angles.planar_subspaces import CHUNK_VALUES, planar_covariance
+from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.positive_matrices import roots_of_inverses
 
 LEAST_NOISE = 16 * float(np.finfo(np.float64).eps)
@@ -58,6 +60,24 @@ def bartlett_spectrum(snapshots: Complex, u: Floats, w: Floats) -> BeamformerSpe
     columns = real_columns(snapshots)
     power = squared_projections(columns, u, w) / (snapshots.shape[1] * snapshots.shape[2]) ** 2
     return BeamformerSpectrum(u, w, power, columns, reciprocal=False)
+
+
+def strongest_direction(snapshots: Complex, u: Floats, w: Floats) -> PlaneWaves:
+    """Find one plane wave a cell: the maximum of Bartlett's spectrum next to a start, by Newton's method.
+
+    It is the most likely direction of a wave that is alone in its cell.
+
+    Parameters
+    ----------
+    snapshots : ndarray of complex, shape (n, P, Q)
+    u, w : ndarray of float64, shape (n,)
+        Starts, which it is at most half a Rayleigh cell away from.
+    """
+    n, *shape = snapshots.shape
+    places, *_ = descended_minima(
+        real_columns(snapshots), np.arange(n), np.stack([u, w], axis=1), 1 / np.array(shape), -1
+    )
+    return PlaneWaves(places[:, :1], places[:, 1:], np.ones((n, 1), dtype=np.bool_))
 
 
 def capon_spectrum(

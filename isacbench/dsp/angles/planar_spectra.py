@@ -136,13 +136,13 @@ def planar_minima(
         cell, np.stack([u[row], w[column]], axis=-1), np.empty(len(cell)), np.empty((len(cell), 2, 2))
     )
     for some in parts_of(len(cell), COLUMN_VALUES // max(columns[:1].size, 1)):
-        minima.place[some], minima.level[some], minima.curvature[some] = _descended(
+        minima.place[some], minima.level[some], minima.curvature[some] = descended_minima(
             columns, cell[some], minima.place[some], reach, sign
         )
     return minima
 
 
-def _descended(
+def descended_minima(
     columns: Floats, cell: Integers, start: Floats, reach: Floats, sign: Literal[-1, 1]
 ) -> tuple[Floats, Floats, Floats]:
     """Minima (m, 2) at most a reach (2,) from their starts, with level and curvature, by Newton's method.

@@ -61,6 +61,14 @@ class PlaneWaves:
         """
         return PlaneWaves(self.u[keep], self.w[keep], self.found[keep])
 
+    def among(self, others: PlaneWaves, own: Mask) -> PlaneWaves:
+        """Take these waves for the cells of a mask (n,), in order, and other waves for all others."""
+        k = max(self.found.shape[1], others.found.shape[1])
+        rows = np.zeros((3, own.size, k))
+        for cells, waves in ((own, self), (~own, others)):
+            rows[:, cells, : waves.found.shape[1]] = waves.u, waves.w, waves.found
+        return PlaneWaves(rows[0], rows[1], rows[2] > 0)
+
     def compact(self, count: int) -> tuple[PlaneWaves, Integers]:
         """Keep the first `count` waves of each cell, at entries (n, count), which are returned as well.
 
