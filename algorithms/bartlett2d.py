@@ -31,8 +31,6 @@ from typing import ClassVar
 from isacbench.checked_arrays import Floats
 from isacbench.dsp.angles.beamformers import bartlett_spectrum
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
-from isacbench.dsp.angles.plane_waves import PlaneWaves
-from isacbench.model.observation import Observation
 
 from .angular_spectra import AngularSpectrumEstimator
 from .chain import CellSnapshots
@@ -79,7 +77,3 @@ class Bartlett2d(AngularSpectrumEstimator):
             Direction cosines of the samples.
         """
         return bartlett_spectrum(cells.own, u, w)
-
-    def waves(self, observation: Observation, cells: CellSnapshots) -> PlaneWaves:
-        """Find the plane waves of all cells alike: those in single beams are maxima of this spectrum, too."""
-        return self.plane_waves(observation, cells)

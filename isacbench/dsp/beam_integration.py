@@ -268,7 +268,7 @@ class BeamIntegration:
         n_more = 2 * reach(in_range)
         highest, beam = np.empty(rows.size), np.empty(rows.size, dtype=np.intp)
         n_values = len(cells[0]) * max(self.beams.n_beams, tapered.aperture.n_elements)
-        for some in parts_of(tapered.gate.shape[0], CACHED_SAMPLES // n_values):
+        for some in parts_of(tapered.gate.shape[0], 2 * CACHED_SAMPLES // n_values):
             here = slice(*np.searchsorted(rows, (some.start, some.stop)))
             if here.start == here.stop:
                 continue
