@@ -44,6 +44,9 @@ ROUNDING = 1e-9
 RARELY = -5.0
 """Logarithm of a share of false alarms that does not count."""
 
+IN_PHASE = 4.0
+"""Leakage in a beam over that in the mean power: of two echoes it may add up in phase."""
+
 LEAST_LOG = -600.0
 """Logarithm of a rate below which the incomplete gamma function underflows."""
 
@@ -196,8 +199,9 @@ class BeamIntegration:
     beams : Beams
     noise : float
         Power of white noise per cell and element.
-    least_power : float
-        Power per element that the strongest beam must show in any case.
+    leakage : float
+        Power per element that the strongest cells may show elsewhere: a beam must exceed it, and `IN_PHASE`
+        times as much where the mean power does not exceed its threshold.
     """
 
     name: ClassVar[str] = "beams"
@@ -206,7 +210,7 @@ class BeamIntegration:
     tapered: TaperedMap
     beams: Beams
     noise: float
-    least_power: float
+    leakage: float
 
     @property
     def pfa(self) -> float:
@@ -240,11 +244,12 @@ class BeamIntegration:
         found = detect_listed(self.detector, mean_power, looks, (rows, columns))
         threshold_rate, own_rate = _log_rate(np.stack([found.threshold, mean]) / self.noise, looks)
         levels = self.noise * _beam_level(threshold_rate, independent_beams(self.beams, self.pfa))
-        threshold = np.maximum(levels, looks * self.least_power)
+        alone = mean <= found.threshold
+        threshold = np.maximum(levels, looks * self.leakage * np.where(alone, IN_PHASE, 1))
         power, beam = self._strongest(rows, columns)
         # Many echoes in a cell add up in its mean power alone; it counts where it cannot be noise.
         clear = own_rate < np.log(self.pfa) + RARELY
-        exceeds = mean[clear] / np.maximum(found.threshold[clear], self.least_power)
+        exceeds = mean[clear] / np.maximum(found.threshold[clear], self.leakage)
         power[clear] = np.maximum(power[clear], exceeds * threshold[clear])
         return BeamDetection(
             (power > threshold).reshape(shape),
@@ -252,7 +257,7 @@ class BeamIntegration:
             found.noise.reshape(shape),
             power.reshape(shape),
             beam.reshape(shape),
-            (mean <= found.threshold).reshape(shape),
+            alone.reshape(shape),
         )
 
     def _strongest(

@@ -191,3 +191,17 @@ def test_a_cell_below_the_leakage_of_the_strongest_is_not_detected():
         for db in (30.0, 60.0)
     ]
     assert kept == [False, True]
+
+
+def test_a_beam_alone_must_exceed_the_leakage_of_two_echoes_in_phase():
+    beams, cells = PARTS[0], noise(32, 32, *SHAPE)
+    u, w = beams.directions(np.array([5]))
+    cells[16, 16] = echo(1.2, u[0], w[0], SHAPE)
+    power, looks = power_map(cells, "noncoherent")
+    tapered, detector = GatedMap(cells, SQUARE).tapered(), CaCfar(pfa=1e-4)
+    found = {
+        leakage: BeamIntegration(detector, tapered, beams, 1.0, leakage).detect(power, looks)
+        for leakage in (0.2, 0.4)
+    }
+    assert found[0.2].alone[16, 16]
+    assert [one.mask[16, 16] for one in found.values()] == [True, False]
