@@ -4,9 +4,9 @@ Learned atoms are many, and near each other: least squares would let them cancel
 and drive them apart. A ridge keeps their amplitudes small, and makes the fit of
 the places well posed; as it falls the places become those of least squares.
 After each step atoms that are weak compared with their neighbours, or with the
-sidelobes of all others, are dropped. Those that stand for misfit are recognised
-once no step follows (`drop_model_error`): earlier, echoes that are not all found
-look like it.
+sidelobes of all others, are dropped; after the last, those that others, moved,
+can replace in noise. Those that stand for misfit are recognised once no step
+follows (`drop_model_error`): earlier, echoes that are not all found look like it.
 
 References
 ----------
@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Mask
-from isacbench.dsp.fitting.atom_fits import NOT_LESS, AtomFit, fit_atoms, loaded_step
+from isacbench.dsp.fitting.atom_fits import NOT_LESS, UNLIMITED, AtomFit, fit_atoms, loaded_step
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
-from isacbench.dsp.fitting.pursuit import BeamSpace, descending, sidelobe_energy
+from isacbench.dsp.fitting.pursuit import BeamSpace, needless_atoms, sidelobe_energy
 from isacbench.dsp.floating_point import round_step
 from isacbench.dsp.sparse_bayes.places import Reach, strongest_near
 
@@ -62,11 +62,11 @@ REGION_TOLERANCE_M = 0.5
 """Largest distance outside the region."""
 
 LEAST_GAIN = 20.0
-"""Least energy over noise that an atom explains and the others do not: about the highest that noise shows
-anywhere on a map."""
+"""Least energy over noise that an atom explains and the others, one of them moved, do not: about the highest
+that noise shows anywhere on a map."""
 
-SHARED = 0.1
-"""Least product of two unit atoms that may share an echo."""
+STEPS_WITHOUT = 2
+"""Steps of the others after atoms that they can replace are dropped."""
 
 MOST_ROUNDS = 3
 """Rounds of dropping atoms at the end."""
@@ -80,14 +80,7 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
         fit = fit_atoms(atom_map, places, ridge, fit)
         if not len(fit):
             break
-        step = damped_step(fit, damping)
-        moved = np.clip(round_step(fit.places + step, step), origins - BOX_CELLS, origins + BOX_CELLS)
-        tried = fit_atoms(atom_map, moved, ridge)
-        # As in `refine_atoms`: at the optimum rounding must not decide about a step.
-        if tried.energy >= (1 - NOT_LESS) * fit.energy:
-            fit, damping = tried, max(damping / 3, LEAST_DAMPING)
-        else:
-            damping *= 5
+        fit, damping = _moved(fit, ridge, damping, (origins - BOX_CELLS, origins + BOX_CELLS))
         keep = significant_atoms(fit, reach, ridge)
         places, origins = fit.places[keep], origins[keep]
     for _ in range(MOST_ROUNDS):
@@ -95,7 +88,7 @@ def refine_on_map(atom_map: AtomMap, reach: Reach, places: Floats, noise: float)
         places = places[significant_atoms(fit, reach, RIDGES[-1])]
         if len(places) == len(fit):
             break
-    return _drop_noise(fit_atoms(atom_map, places, RIDGES[-1], fit), noise)
+    return _drop_needless(fit_atoms(atom_map, places, RIDGES[-1], fit), noise, damping)
 
 
 def worth(fit: AtomFit, noise: float) -> float:
@@ -103,19 +96,30 @@ def worth(fit: AtomFit, noise: float) -> float:
     return fit.energy - LEAST_GAIN * noise * len(fit)
 
 
-def _drop_noise(fit: AtomFit, noise: float) -> AtomFit:
-    """Drop the atoms that are not worth their price: noise, and doubles of others that noise has parted."""
+def _drop_needless(fit: AtomFit, noise: float, damping: float) -> AtomFit:
+    """Drop the atoms that are not worth their price, as others, moved, explain their echoes."""
     while len(fit):
-        gain = fit.power * fit.own
-        order = descending(gain)[::-1]
-        weak = order[gain[order] < LEAST_GAIN * noise]
-        if not weak.size:
+        drop, places = needless_atoms(fit, LEAST_GAIN * noise)
+        if not drop.any():
             break
-        # Once an atom is dropped, those that share its echo are worth more.
-        shares = np.abs(fit.gram[np.ix_(weak, weak)]) > SHARED
-        drop = weak[~np.tril(shares, -1).any(axis=1)]
-        fit = fit_atoms(fit.atom_map, np.delete(fit.places, drop, axis=0), RIDGES[-1], fit)
+        fit = fit_atoms(fit.atom_map, places[~drop], RIDGES[-1], fit)
+        for _ in range(STEPS_WITHOUT):
+            fit, damping = _moved(fit, RIDGES[-1], damping)
     return fit
+
+
+def _moved(
+    fit: AtomFit, ridge: float, damping: float, limits: tuple[Floats, Floats] = UNLIMITED
+) -> tuple[AtomFit, float]:
+    """Move all atoms by a step, unless they explain less; returned is the damping of the next one, too."""
+    if not len(fit):
+        return fit, damping
+    step = damped_step(fit, damping)
+    moved = fit_atoms(fit.atom_map, np.clip(round_step(fit.places + step, step), *limits), ridge)
+    # As in `refine_atoms`: at the optimum rounding must not decide about a step.
+    if moved.energy >= (1 - NOT_LESS) * fit.energy:
+        return moved, max(damping / 3, LEAST_DAMPING)
+    return fit, damping * 5
 
 
 def significant_atoms(fit: AtomFit, reach: Reach, ridge: float) -> Mask:

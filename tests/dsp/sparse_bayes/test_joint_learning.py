@@ -52,14 +52,16 @@ def test_nothing_stands_out_of_noise(noisy_map, reach, middle):
     assert len(refine_on_map(noisy_map(middle[None], [0]), reach, middle + OFFSETS, NOISE)) == 0
 
 
-def test_of_two_atoms_on_one_echo_in_noise_one_stays(noisy_map, reach, middle):
-    atom_map = noisy_map(middle[None], [12 * np.sqrt(NOISE)])
+@pytest.mark.parametrize("amplitude", [12, 50, 100])
+def test_of_two_atoms_on_one_echo_one_moves_there(amplitude, noisy_map, reach, middle):
+    atom_map = noisy_map(middle[None], [amplitude * np.sqrt(NOISE)])
     double = middle + 0.4 * np.array([[0, 0, 1, 0], [0, 0, -1, 0]])
     apart = fit_atoms(atom_map, double, 1e-4)
     assert (apart.power > 20 * NOISE).all()
     fit = refine_on_map(atom_map, reach, double, NOISE)
     assert len(fit) == 1
     assert worth(fit, NOISE) > worth(apart, NOISE)
+    assert np.abs(fit.places - middle).max() < 2 / amplitude
 
 
 def test_noise_around_an_atom_is_no_misfit(noisy_map, reach, middle):
