@@ -249,11 +249,11 @@ class Pursuit:
             if np.abs(fit.places - places).max() < CONVERGED_CELLS:
                 self.fit = polish_atoms(atom_map, fit, FINISHING_STEPS)
 
-    @property
-    def explains_all(self) -> bool:
-        """True if what the atoms leave is noise: no beam shows more than noise does."""
+    def leaves_below(self, level_db: float = 0.0) -> bool:
+        """Tell whether no beam shows more of the residual than the highest noise, or than a level over it."""
         rest = self.residual()
-        return bool((rest.real**2 + rest.imag**2).max(initial=0) <= self.highest_noise)
+        left = float((rest.real**2 + rest.imag**2).max(initial=0))
+        return left <= self.highest_noise * 10 ** (level_db / 10)
 
     def to_cloud(self) -> PointCloud:
         """Points at the places of the atoms, with their powers."""

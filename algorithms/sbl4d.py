@@ -8,13 +8,14 @@ the scatterers, or to centroids of a few, wherever noise allows to tell.
 
 1. A short pursuit (`nomp4d`) tries to explain the map by few atoms. If it leaves
    noise alone, its atoms are the image: lone scatterers, at the Cramér-Rao bound.
-   Where noise hides the misfit of most atoms, the pursuit goes on to its end.
+   Where noise hides the misfit of all that it leaves, it goes on to its end.
 2. First atoms, from range-Doppler tiles of the tapered map
    (`isacbench.dsp.sparse_bayes.first_atoms`): Doppler spectra, the static layer,
    moving echoes with Doppler as a coordinate, angular sectors.
 3. All atoms settle together off the grid under a falling ridge, and those that
-   are weak compared with others nearby are dropped (`ridge_steps`). Those of the
-   pursuit take their place if they explain the map better, each at its price in noise.
+   are weak compared with others nearby are dropped (`ridge_steps`). Those of a
+   finished pursuit take their place, and that of the image at the end, if they
+   explain the map better, each at its price in noise.
 4. The residual is learned in the same way without a taper along range: objects
    whose echoes are in phase have their energy at the edge of the band, which a
    taper removes.
@@ -109,21 +110,21 @@ class Sbl4d:
     def estimate(self, observation: Observation) -> PointCloud:
         """Image one observation."""
         pursued = NO_PLACES
-        # Where noise hides the misfit of most atoms, a second pursuit goes on to its end.
-        for most in (self.lone_scatterers, self.max_scatterers) if self.lone_scatterers else ():
-            pursuit = Nomp4d(max_scatterers=most).pursue(observation)
-            if pursuit.explains_all:
+        if self.lone_scatterers:
+            pursuit = Nomp4d(max_scatterers=self.lone_scatterers).pursue(observation)
+            if pursuit.leaves_below():
                 return pursuit.to_cloud()
-            pursued = np.rint(pursuit.fit.places / PITCH) * PITCH  # as centroids of learned atoms
-            hidden = pursuit.highest_noise * 10 ** (Nomp4d.local_dynamic_range_db / 10)
-            if not pursuit.is_full or 2 * np.count_nonzero(pursuit.fit.power <= hidden) < len(pursuit.fit):
-                break
+            if pursuit.leaves_below(Nomp4d.local_dynamic_range_db):  # noise hides the misfit of the rest
+                if pursuit.is_full:
+                    pursuit = Nomp4d(max_scatterers=self.max_scatterers).pursue(observation)
+                pursued = np.rint(pursuit.fit.places / PITCH) * PITCH  # as centroids of learned atoms
         reach, noise, unit = _read(observation)
         if not noise:
             return PointCloud.empty()  # all cells are 0
-        fits = self._first_image(reach, noise), fit_atoms(reach.atom_map, pursued, RIDGES[-1])
-        fit = max(fits, key=lambda fit: worth(fit, noise))
-        return self._checked(reach, noise, self._second_image(reach, noise, fit), unit)
+        of_pursuit = fit_atoms(reach.atom_map, pursued, RIDGES[-1])
+        first = _better(self._first_image(reach, noise), of_pursuit, noise)
+        fit = _better(self._second_image(reach, noise, first), of_pursuit, noise)
+        return self._checked(reach, noise, fit, unit)
 
     def _first_image(self, reach: Reach, noise: float) -> AtomFit:
         """Learn the tapered map, and let its atoms settle."""
@@ -182,6 +183,11 @@ def _read(observation: Observation) -> tuple[Reach, float, float]:
         largest = float((atom_map.cells.real**2 + atom_map.cells.imag**2).max())
         noise = max(noise, LEAST_NOISE * largest)
     return Reach(observation, atom_map), noise, unit
+
+
+def _better(fit: AtomFit, other: AtomFit, noise: float) -> AtomFit:
+    """The fit that explains more of the map, each atom at its price in noise."""
+    return fit if worth(fit, noise) >= worth(other, noise) else other
 
 
 def _energy_above_noise(cells: Complex, noise: float) -> float:
