@@ -18,8 +18,8 @@ from math import ceil, prod
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaincc, gammaln
+from numpy.typing import NDArray
+from scipy.special import gammainccinv
 
 from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
 from isacbench.dsp.angles.peaks import PERIOD
@@ -41,14 +41,14 @@ DRAWN_OUTPUTS = 2**20
 ROUNDING = 1e-9
 """Relative margin for rounding."""
 
-RARELY = -5.0
-"""Logarithm of a share of false alarms that does not count."""
+RARELY = 0.01
+"""Share of the false alarms that cells may add whose mean power alone is too high for noise."""
+
+NOISE_MARGIN = 0.05
+"""By how much more than white noise a detector measures where there are echoes around a cell, too."""
 
 IN_PHASE = 4.0
 """Leakage in a beam over that in the mean power: of two echoes it may add up in phase."""
-
-LEAST_LOG = -600.0
-"""Logarithm of a rate below which the incomplete gamma function underflows."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def independent_beams(beams: Beams, pfa: float) -> float:
         Rate at which noise raises the strongest beam above the level.
     """
     random, n_beams = np.random.default_rng(0), beams.n_beams
-    level = float(_beam_level(np.log(pfa), n_beams))
+    level = _beam_level(pfa, n_beams)
     share = 0.0
     for some in parts_of(DRAWS, DRAWN_OUTPUTS // n_beams):
         drawn = np.arange(some.start, some.stop) % n_beams
@@ -142,23 +142,9 @@ def _spread(n: int, lower: float, upper: float) -> Floats:
     return np.linspace(middle - half, middle + half, n_beams)
 
 
-def _beam_level(log_rate: ArrayLike, n: float) -> Floats:
-    """Level that unit noise exceeds in the strongest of n independent beams, from the logarithm of a rate."""
-    log_rate = np.asarray(log_rate)
-    rate = np.exp(np.clip(log_rate, LEAST_LOG, -ROUNDING))
-    # Of small rates, that of each beam is the n-th part.
-    few: Floats = -np.log(-np.expm1(np.log1p(-rate) / n))
-    return np.where(log_rate > LEAST_LOG, few, np.log(n) - log_rate)
-
-
-def _log_rate(level: Floats, looks: int) -> Floats:
-    """Logarithm of the rate at which the mean of as many noise powers, of mean 1, exceeds a level."""
-    with np.errstate(divide="ignore"):
-        exact: Floats = np.log(gammaincc(looks, looks * level))
-    # Where the rate underflows, the first term of its continued fraction is as good.
-    total = looks * np.maximum(level, 1 + 1 / looks)
-    beyond: Floats = looks * np.log(total) - total - gammaln(looks) - np.log(total - looks + 1)
-    return np.where(exact > LEAST_LOG, exact, beyond)
+def _beam_level(rate: float, n: float) -> float:
+    """Level that noise of unit power exceeds at a rate in the strongest of n independent beams."""
+    return float(-np.log(-np.expm1(np.log1p(-rate) / n)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,11 +170,11 @@ class BeamDetection(Detection):
 class BeamIntegration:
     """Detector of the cells whose strongest beam exceeds its threshold.
 
-    A detector compares the mean power of the elements with a threshold, which
-    white noise exceeds at some rate. The threshold here is the level that noise
-    exceeds at the same rate in the strongest beam. So the false-alarm rate is
-    the detector's, in any window and at edges. Where strong cells raise the detector's
-    threshold, their sidelobes are detected no more often than in the mean power.
+    A detector's threshold on the mean power of the elements, which white noise
+    exceeds at the rate `pfa`, tells how strong the noise around a cell is. In the
+    strongest beam noise exceeds another level at that rate. Around strong cells
+    the detector measures their echoes, too, which have directions and are as strong in
+    a beam as in all elements together: by as much the level rises.
 
     Attributes
     ----------
@@ -197,8 +183,9 @@ class BeamIntegration:
     tapered : TaperedMap
         Map of which beams are formed.
     beams : Beams
+        Towards the directions of the region.
     noise : float
-        Power of white noise per cell and element.
+        Power of white noise per cell and element. What the detector measures beyond it are echoes.
     leakage : float
         Power per element that the strongest cells may show elsewhere: a beam must exceed it, and `IN_PHASE`
         times as much where the mean power does not exceed its threshold.
@@ -242,13 +229,16 @@ class BeamIntegration:
         rows, columns = np.indices(mean_power.shape).reshape(2, -1) if cells is None else cells
         mean = mean_power[rows, columns]
         found = detect_listed(self.detector, mean_power, looks, (rows, columns))
-        threshold_rate, own_rate = _log_rate(np.stack([found.threshold, mean]) / self.noise, looks)
-        levels = self.noise * _beam_level(threshold_rate, independent_beams(self.beams, self.pfa))
+        # Noise around each cell, of which the detector's threshold is the level at its rate.
+        around = found.threshold / (gammainccinv(looks, self.pfa) / looks)
+        echoes = np.maximum(around - (1 + NOISE_MARGIN) * self.noise, 0)
+        n_beams = independent_beams(self.beams, self.pfa)
+        level = _beam_level(self.pfa, n_beams) * around + looks * echoes
         alone = mean <= found.threshold
-        threshold = np.maximum(levels, looks * self.leakage * np.where(alone, IN_PHASE, 1))
+        threshold = np.maximum(level, looks * self.leakage * np.where(alone, IN_PHASE, 1))
         power, beam = self._strongest(rows, columns)
         # Many echoes in a cell add up in its mean power alone; it counts where it cannot be noise.
-        clear = own_rate < np.log(self.pfa) + RARELY
+        clear = looks * mean > gammainccinv(looks, RARELY * self.pfa) * around
         exceeds = mean[clear] / np.maximum(found.threshold[clear], self.leakage)
         power[clear] = np.maximum(power[clear], exceeds * threshold[clear])
         return BeamDetection(
@@ -263,7 +253,7 @@ class BeamIntegration:
     def _strongest(
         self, rows: NDArray[np.intp], columns: NDArray[np.intp]
     ) -> tuple[Floats, NDArray[np.intp]]:
-        """Power and number of the strongest beam of cells, whose rows ascend.
+        """Power and number of the strongest beam of cells.
 
         Beams are formed before the map is tapered: most often there are fewer of them than elements.
         """
@@ -272,10 +262,12 @@ class BeamIntegration:
         cells = tapered.untapered.cells[:, first : last + 2 * reach(in_doppler) + 1]
         n_more = 2 * reach(in_range)
         highest, beam = np.empty(rows.size), np.empty(rows.size, dtype=np.intp)
+        ascending = np.argsort(rows, kind="stable")
         n_values = len(cells[0]) * max(self.beams.n_beams, tapered.aperture.n_elements)
         for some in parts_of(tapered.gate.shape[0], 2 * CACHED_SAMPLES // n_values):
-            here = slice(*np.searchsorted(rows, (some.start, some.stop)))
-            if here.start == here.stop:
+            first_cell, end = np.searchsorted(rows, (some.start, some.stop), sorter=ascending)
+            here = ascending[first_cell:end]
+            if not here.size:
                 continue
             block = cells[some.start : some.stop + n_more].astype(tapered.dtype, copy=False)
             outputs = taper(taper(self.beams.outputs(block), in_range, axis=0), in_doppler, axis=1)

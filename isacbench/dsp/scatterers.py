@@ -265,9 +265,9 @@ def locate_waves(
     own, nearer, farther, slower, faster = np.abs(amplitudes)
     in_ranges, range_offset = amplitudes[[1, 0, 2]], _offset(own, farther, nearer, windows[0])
     # Near the middle of a bin both neighbours are as strong, and only their phases tell the side.
-    shares = [_one_echo_share(in_ranges, side * range_offset, windows[0], noise) for side in (1, -1)]
-    range_offset = np.where(shares[1] > shares[0], -range_offset, range_offset)
-    range_offset[np.maximum(*shares) < ONE_ECHO] = 0
+    behind, before = (_one_echo_share(in_ranges, side * range_offset, windows[0]) for side in (1, -1))
+    range_offset = np.where(before > behind, -range_offset, range_offset)
+    range_offset[_one_echo_share(in_ranges, range_offset, windows[0], noise) < ONE_ECHO] = 0
     bursts = tapered.untapered.bursts if tapered.sees_lobes else None
     doppler_offset = _offset(own, faster, slower, windows[1], bursts)
     loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
@@ -310,7 +310,7 @@ def _own_share(offset: Floats, window: Window, bursts: SymbolBursts | None = Non
     return np.abs(bursts.slopes(offset, 0)[0])
 
 
-def _one_echo_share(amplitudes: Complex, offset: Floats, window: Window, noise: float) -> Floats:
+def _one_echo_share(amplitudes: Complex, offset: Floats, window: Window, noise: float = 0.0) -> Floats:
     """Share of the energy of amplitudes (3, ...), in a bin and its neighbours, that one echo explains.
 
     Not counted is as much of what it leaves as noise may have.

@@ -61,6 +61,19 @@ def test_a_scatterer_between_doppler_bins_is_placed_there(window):
         assert (found.u, found.w) == ([0.05], [0.15])
 
 
+def test_noise_that_may_be_left_does_not_decide_on_which_side_of_a_bin_an_echo_lies():
+    gated, random = gated_map([33.15], [0], [0.05], [0.15], [1.0]), np.random.default_rng(0)
+    energy, n_elements = SYSTEM.processing_gain * gated.n_elements, gated.n_elements
+    noise = energy / 10**1.8 / n_elements  # 18 dB behind all elements
+    sides, trials = [], 40
+    for _ in range(trials):
+        draw = random.standard_normal((2, *gated.cells.shape)) * np.sqrt(noise * n_elements / 2)
+        noisy = replace(gated, cells=gated.cells + draw[0] + 1j * draw[1])
+        found = placed(noisy, waves_in(([33], [0]), 0.05, 0.15), ([33], [0]), noise=noise)
+        sides.append(found.scatterers.range_bin[0] > 33)
+    assert np.mean(sides) > 0.85
+
+
 def test_power_is_that_of_the_echo_in_the_middle_of_its_cell():
     found = located(gated_map([33], [0], [0.05], [0.15], [2.0]), ([33], [0]), window="rect")
     assert found.power == pytest.approx(4 * SYSTEM.processing_gain)
