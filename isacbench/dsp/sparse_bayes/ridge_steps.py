@@ -65,9 +65,6 @@ LEAST_GAIN = 20.0
 """Least energy over noise that an atom explains and the others, one of them moved, do not: about the highest
 that noise shows anywhere on a map."""
 
-STEPS_WITHOUT = 2
-"""Steps of the others after atoms that they can replace are dropped."""
-
 MOST_ROUNDS = 3
 """Rounds of dropping atoms at the end."""
 
@@ -103,8 +100,7 @@ def _drop_needless(fit: AtomFit, noise: float, damping: float) -> AtomFit:
         if not drop.any():
             break
         fit = fit_atoms(fit.atom_map, places[~drop], RIDGES[-1], fit)
-        for _ in range(STEPS_WITHOUT):
-            fit, damping = _moved(fit, RIDGES[-1], damping)
+        fit, damping = _moved(fit, RIDGES[-1], damping)
     return fit
 
 
