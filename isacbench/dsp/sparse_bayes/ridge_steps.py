@@ -23,7 +23,7 @@ from isacbench.dsp.fitting.atom_fits import NOT_LESS, UNLIMITED, AtomFit, fit_at
 from isacbench.dsp.fitting.atoms import N_COORDINATES, AtomMap
 from isacbench.dsp.fitting.pursuit import BeamSpace, needless_atoms, sidelobe_energy
 from isacbench.dsp.floating_point import round_step
-from isacbench.dsp.sparse_bayes.places import Reach, strongest_near
+from isacbench.dsp.sparse_bayes.places import PITCH, Reach, strongest_near
 
 RIDGES = 1e-2, 1e-3, 1e-3, 1e-4, 1e-4
 """Ridge of each step."""
@@ -99,6 +99,8 @@ def _drop_needless(fit: AtomFit, noise: float, damping: float) -> AtomFit:
         drop, places = needless_atoms(fit, LEAST_GAIN * noise)
         if not drop.any():
             break
+        # Rounded as other centroids are: steps would magnify the last digits of means.
+        places = np.where(places == fit.places, places, np.rint(places / PITCH) * PITCH)
         fit = fit_atoms(fit.atom_map, places[~drop], RIDGES[-1], fit)
         fit, damping = _moved(fit, RIDGES[-1], damping)
     return fit
