@@ -73,7 +73,7 @@ ROUNDED = [
     ("nomp4d", "beyond[what=prefix,noise=none,excess=0.3]", ANY_SCALE),
     ("nomp4d", "beyond[what=gate,noise=none,excess=0.96]", ANY_SCALE),
     *(("nomp4d", f"close[exponent=-1.0,along={along}]", ANY_SCALE) for along in ("range", "doppler", "u")),
-    ("sbl4d", "beyond[what=prefix,noise=20dB,excess=0.2]", ELEMENT_ORDER),
+    ("sbl4d", "beyond[what=prefix,noise=none,excess=0.2]", ELEMENT_ORDER),
 ]
 SLOW = [
     ("nomp4d", "coherent[n_echoes=3,separation=0.3]", ANY_SCALE),
