@@ -433,6 +433,7 @@ class MapEstimator(ABC):
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
         require_positive(self, "dynamic_range_db", "local_dynamic_range_db")
         require_least(self, m_of_n=1)
+        require_option(self, "integration", get_args(Integration))
         require_option(self, "precision", get_args(CellPrecision))
         require_option(self, "detection_window", get_args(Window))
         self.cell_detector()

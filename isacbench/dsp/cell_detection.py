@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betainc, gammaincinv
+from scipy.special import betainc
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.display import short_repr
@@ -32,9 +32,6 @@ Integration = Literal["beams", "noncoherent", "element", "binary"]
 
 PEAK_CELLS = 20
 """Number of cells whose mean power counts as the strongest echo: one cell may hold two echoes in phase."""
-
-LEAST_NOISE = 1e-20
-"""Least noise power relative to the strongest cell."""
 
 WHOLE_CIRCLE = (-1.0, 1.0), (-1.0, 1.0)
 """Limits of direction cosines u, and w, without a region."""
@@ -271,7 +268,7 @@ def detect_cells(
     leakage = float(strongest) * 10 ** (-dynamic_range_db / 10)
     least = floor = max(noise, leakage)
     if integration == "beams":
-        detector, least = beam_integration(tapered, detector, power, leakage, cosine_limits), leakage
+        detector, least = beam_integration(tapered, detector, noise, leakage, cosine_limits), leakage
     rows, columns = candidates = np.nonzero(gate.reachable & (highest > least))
     found = detect_listed(detector, power, looks, candidates)
     bins = gate.range_bins[rows[found.mask]], gate.doppler_bins[columns[found.mask]]
@@ -285,22 +282,16 @@ def detect_cells(
 def beam_integration(
     tapered: TaperedMap,
     detector: Detector,
-    power: Floats,
+    noise: float,
     leakage: float,
     cosine_limits: tuple[Interval, Interval],
 ) -> BeamIntegration:
-    """Detector on beams, for the mean power of a map's elements and the leakage of its strongest cells.
+    """Detector on beams, for the noise of a map and the leakage of its strongest cells, per element.
 
     Where no beam shows this leakage, the taper is one that keeps more of an echo.
     """
-    aperture, sees_lobes = tapered.aperture, tapered.sees_lobes
-    looks, windows = aperture.n_elements, tapered.windows
-    noise = reference_noise(power, tapered.gate, sees_lobes)
-    if noise is None:
-        noise = float(np.median(power) * looks / gammaincinv(looks, 0.5))
-    # Without noise, and without any power, levels are still numbers.
-    noise = max(noise, LEAST_NOISE * float(power.max())) or 1.0
-    if leakage * looks < noise:
+    aperture, windows = tapered.aperture, tapered.windows
+    if leakage * aperture.n_elements < noise:
         windows = _less_tapered(windows[0]), _less_tapered(windows[1])
     beams = Beams((aperture.n_p, aperture.n_q), cosine_limits)
     return BeamIntegration(detector, replace(tapered, windows=windows), beams, noise, leakage)
