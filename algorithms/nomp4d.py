@@ -100,6 +100,9 @@ STEPS = 4
 DOUBTFUL = 10.0
 """Energy lost without an atom while one other moves, over the highest of noise, up to which all are moved."""
 
+MERGED_PITCH = 2.0**-16
+"""Lattice of the places of merged atoms, in Rayleigh cells: far below what noise leaves of them."""
+
 STRONGEST_PEAKS = 1000
 """Peaks of the residual among which new atoms are sought first."""
 
@@ -407,7 +410,7 @@ class Nomp4d:
             stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
             stays &= np.all(np.abs(places[:, 2:] * atom_map.cell_size[2:]) <= 1, axis=1)
             if stays.all():
-                drop, places = needless_atoms(fit, pursuit.highest_noise)
+                drop, places = needless_atoms(fit, pursuit.highest_noise, MERGED_PITCH)
                 stays = ~drop
             if stays.all():
                 break

@@ -349,12 +349,13 @@ def split_gains(fit: AtomFit, residual_around: Floats, least_energy: float) -> t
     return offsets, np.where(stands_out & (best > least_energy), best, 0)
 
 
-def needless_atoms(fit: AtomFit, most_lost: float) -> tuple[Mask, Floats]:
+def needless_atoms(fit: AtomFit, most_lost: float, pitch: float = 0.0) -> tuple[Mask, Floats]:
     """Atoms without which others explain as much of the map, but for an energy of at most `most_lost`.
 
     Returned is a mask (n,) of atoms to drop, one less than a Rayleigh cell away from another at most: those
     that need not be replaced, and the weaker of two if the stronger can move instead. The places (n, 4) of
-    the stronger ones are moved to the mean of their pair.
+    the stronger ones are moved to the mean of their pair; above 0, `pitch` is that of a lattice for these
+    means: powers of atoms that nearly cancel hold few digits, and steps would magnify the others.
     """
     places, power, lost = fit.places.copy(), fit.power, fit.lost_without()
     apart = unwrapped(places[:, None], places, fit.atom_map.periods) - places
@@ -369,7 +370,8 @@ def needless_atoms(fit: AtomFit, most_lost: float) -> tuple[Mask, Floats]:
         is_settled |= are_close[weaker]
         # The two ends of a coordinate meet at the stronger one's, not in the middle.
         near = unwrapped(places[pair], places[stronger], fit.atom_map.periods)
-        places[stronger] = np.average(near, axis=0, weights=power[pair])
+        mean = np.average(near, axis=0, weights=power[pair])
+        places[stronger] = np.rint(mean / pitch) * pitch if pitch else mean
     return drop, places
 
 

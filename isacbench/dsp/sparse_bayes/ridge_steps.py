@@ -96,11 +96,10 @@ def worth(fit: AtomFit, noise: float) -> float:
 def _drop_needless(fit: AtomFit, noise: float, damping: float) -> AtomFit:
     """Drop the atoms that are not worth their price, as others, moved, explain their echoes."""
     while len(fit):
-        drop, places = needless_atoms(fit, LEAST_GAIN * noise)
+        # On the lattice of other centroids.
+        drop, places = needless_atoms(fit, LEAST_GAIN * noise, PITCH)
         if not drop.any():
             break
-        # Rounded as other centroids are: steps would magnify the last digits of means.
-        places = np.where(places == fit.places, places, np.rint(places / PITCH) * PITCH)
         fit = fit_atoms(fit.atom_map, places[~drop], RIDGES[-1], fit)
         fit, damping = _moved(fit, RIDGES[-1], damping)
     return fit
