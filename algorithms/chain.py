@@ -410,9 +410,9 @@ class MapEstimator(ABC):
 
     separable: ClassVar[bool] = False
 
-    detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
+    detector: Detector = field(default_factory=lambda: OscaCfar(pfa=1e-4, order_axis=1))
     pfa: float | None = None
-    integration: Integration = "noncoherent"
+    integration: Integration = "beams"
     angle_pfa: float = 1e-5
     dynamic_range_db: float = 28.0
     local_dynamic_range_db: float = 16.5

@@ -37,6 +37,7 @@ from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
 from isacbench.dsp.angles.aperture import Cross
 from isacbench.dsp.angles.peaks import PERIOD, Peaks, Places, plane_maxima, plane_peaks, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.cell_detection import Integration
 from isacbench.dsp.detection import detect_listed
 from isacbench.dsp.rangedoppler import CACHED_SAMPLES
 from isacbench.errors import require_least, require_positive
@@ -47,7 +48,7 @@ from isacbench.plugins.contracts import Detector, Spectrum
 
 from .angular_spectra import spectrum_cut
 from .chain import CellPrecision, CellSnapshots, CellwiseEstimator
-from .detectors import CaCfar
+from .detectors import CaCfar, OscaCfar
 
 CLEARLY = 2.0
 """Ratio of a lone wave's maximum to its threshold; places take up to 28 % off it, and noise some more."""
@@ -102,6 +103,8 @@ class Fft4d(CellwiseEstimator):
     name: ClassVar[str] = "fft4d"
     separable: ClassVar[bool] = True
 
+    detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
+    integration: Integration = "noncoherent"
     dynamic_range_db: float = 33.0
     largest_direction_error: float | None = None
     precision: CellPrecision = "single"

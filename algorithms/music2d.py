@@ -65,6 +65,7 @@ from isacbench.dsp.angles.peaks import (
     within_period,
 )
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
+from isacbench.dsp.cell_detection import Integration
 from isacbench.dsp.detection import detect_listed
 from isacbench.errors import require, require_least, require_option
 from isacbench.instrument.stages import stage
@@ -73,7 +74,7 @@ from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum
 
 from .chain import CellPrecision, CellSnapshots, CellwiseEstimator, determined_order
-from .detectors import CaCfar
+from .detectors import CaCfar, OscaCfar
 
 MIN_GRID_POINTS = 65
 """Samples that the default window of the spectrum's CFAR needs."""
@@ -187,6 +188,8 @@ class Music2d(CellwiseEstimator):
     name: ClassVar[str] = "music2d"
     separable: ClassVar[bool] = True
 
+    detector: Detector = field(default_factory=lambda: OscaCfar(order_axis=1))
+    integration: Integration = "noncoherent"
     dynamic_range_db: float = 33.0
     precision: CellPrecision = "single"
     subarray_fraction: float = 0.625

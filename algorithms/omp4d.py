@@ -83,6 +83,7 @@ class Omp4d(MapEstimator):
 
     name: ClassVar[str] = "omp4d"
 
+    angle_pfa: float = 1e-3
     dynamic_range_db: float = 33.0
     local_dynamic_range_db: float = 10.0
     samples_per_cell: int = 2
