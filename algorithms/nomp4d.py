@@ -97,6 +97,9 @@ FLAT, FLAT_NOISE = 1e-3, 3.0
 STEPS = 4
 """Newton steps that are tried in each round; in crowds some explain less and are taken back."""
 
+MOST_RIDGE = 1e-2
+"""Largest ridge: it leaves 2 % less energy to a lone atom."""
+
 DOUBTFUL = 10.0
 """Energy lost without an atom while one other moves, over the highest of noise, up to which all are moved."""
 
@@ -159,6 +162,9 @@ class Pursuit:
         Least energy of a new atom.
     highest_noise : float
         Highest energy of noise at any place, on or off the grid.
+    ridge : float
+        Weight of the atoms' energies against that of the misfit: the highest of noise over the highest that
+        a beam shows. Without it two atoms nearly coincide and cancel, with any energies.
     fit : AtomFit
         Fit of the atoms.
     origins : ndarray of float64, shape (n, 4)
@@ -177,6 +183,7 @@ class Pursuit:
     noise: float
     threshold: float
     highest_noise: float
+    ridge: float
     fit: AtomFit
     origins: Floats = field(default_factory=NO_PLACES.copy)
     failed: Floats = field(default_factory=NO_PLACES.copy)
@@ -232,13 +239,15 @@ class Pursuit:
         while drop.any() and not drop.all():
             origins = self.origins[~drop]
             box = origins - BOX_CELLS, origins + BOX_CELLS
-            moved = refine_atoms(self.space.atom_map, self.fit.places[~drop], STEPS, box, known=self.fit)
+            moved = refine_atoms(
+                self.space.atom_map, self.fit.places[~drop], STEPS, box, known=self.fit, ridge=self.ridge
+            )
             if self.fit.energy - moved.energy <= drop.sum() * self.highest_noise:
                 self.fit, self.origins = moved, origins
                 return
             # Those that still explain something beside the others stay.
             places = np.concatenate([moved.places, self.fit.places[drop]])
-            again = fit_atoms(self.space.atom_map, places, known=self.fit)
+            again = fit_atoms(self.space.atom_map, places, self.ridge, self.fit)
             is_needed = (again.power * again.own)[len(moved) :] > self.highest_noise
             drop[drop] = ~is_needed & is_needed.any()
 
@@ -248,7 +257,7 @@ class Pursuit:
             return
         with stage("refinement"):
             atom_map, places = self.space.atom_map, self.fit.places
-            fit = refine_atoms(atom_map, places, FINISHING_STEPS, damping=LEAST_DAMPING)
+            fit = refine_atoms(atom_map, places, FINISHING_STEPS, damping=LEAST_DAMPING, ridge=self.ridge)
             if np.abs(fit.places - places).max() < CONVERGED_CELLS:
                 self.fit = polish_atoms(atom_map, fit, FINISHING_STEPS)
 
@@ -403,7 +412,7 @@ class Nomp4d:
         if not atom_map.bursts.is_whole_frame:
             places = pursuit.move_to_best_lobes(places)
         box = pursuit.origins - BOX_CELLS, pursuit.origins + BOX_CELLS
-        fit = refine_atoms(atom_map, places, STEPS, box, known=pursuit.fit)
+        fit = refine_atoms(atom_map, places, STEPS, box, known=pursuit.fit, ridge=pursuit.ridge)
         while len(fit):
             places = fit.places
             weakest = self._weakest(strongest_around(places, fit))
@@ -415,7 +424,7 @@ class Nomp4d:
             if stays.all():
                 break
             pursuit.origins = pursuit.origins[stays]
-            fit = fit_atoms(atom_map, places[stays], known=fit)
+            fit = fit_atoms(atom_map, places[stays], pursuit.ridge, fit)
         pursuit.fit = fit
 
     def _weakest(self, strongest: Floats) -> Floats:
@@ -430,8 +439,10 @@ def _begin(observation: Observation, pfa: float) -> Pursuit:
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
     threshold = noise * np.log(space.n_independent / pfa)
     highest_noise = noise * noise_maximum(space.n_independent, pfa)
+    strongest = float((space.beams.real**2 + space.beams.imag**2).max(initial=highest_noise))
+    ridge = min(highest_noise / strongest, MOST_RIDGE)
     no_atoms = fit_atoms(atom_map, NO_PLACES)
-    return Pursuit(observation, space, unit, noise, threshold, highest_noise, no_atoms)
+    return Pursuit(observation, space, unit, noise, threshold, highest_noise, ridge, no_atoms)
 
 
 def _splits(pursuit: Pursuit) -> tuple[Floats, Floats]:

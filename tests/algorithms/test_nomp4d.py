@@ -241,6 +241,13 @@ def test_no_atom_of_a_crowd_is_left_on_the_grid_where_it_began(facade):
     assert not np.all(np.abs(halves - np.rint(halves)) < 1e-6, axis=1).any()
 
 
+def test_atoms_of_a_crowd_in_noise_do_not_cancel_each_other(facade):
+    # No cell holds the echo of a fifth of the crowd in phase; two that cancel had nine times that of all.
+    cloud = Nomp4d().estimate(Simulator(facade).observe(-20.0))
+    assert len(cloud) > 20
+    assert cloud.power.max() < (facade.scatterers.amplitude.sum() / 5) ** 2
+
+
 def test_an_image_does_not_depend_on_the_peaks_that_are_judged_first(facade, monkeypatch):
     clouds = []
     for n_first in (100, 10**9):

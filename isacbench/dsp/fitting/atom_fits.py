@@ -269,6 +269,7 @@ def refine_atoms(
     limits: tuple[Floats, Floats] = UNLIMITED,
     damping: float = FIRST_DAMPING,
     known: AtomFit | None = None,
+    ridge: float = 0.0,
 ) -> AtomFit:
     """Move all atoms together towards the least-squares fit of the map (Levenberg-Marquardt).
 
@@ -278,12 +279,13 @@ def refine_atoms(
     taken back.
 
     `limits` are the lowest and highest places (n, 4) that a step may lead to. `damping` is that of the first
-    step; less is better nearer to the optimum. `known` is another fit to the map (`fit_atoms`).
+    step; less is better nearer to the optimum. `known` is another fit to the map, and `ridge` the weight of
+    the atoms' energies (`fit_atoms`).
     """
-    best = fit_atoms(atom_map, places, known=known)
+    best = fit_atoms(atom_map, places, ridge, known)
     for _ in range(n_steps):
         step = _step(best, damping)
-        tried = fit_atoms(atom_map, np.clip(round_step(best.places + step, step), *limits))
+        tried = fit_atoms(atom_map, np.clip(round_step(best.places + step, step), *limits), ridge)
         # At the optimum rounding decides which of two explains more; it must not decide about a step.
         if tried.energy >= (1 - NOT_LESS) * best.energy and tried.own.min() > LEAST_OWN:
             best, damping = tried, max(damping / 10, LEAST_DAMPING)
