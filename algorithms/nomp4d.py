@@ -439,8 +439,8 @@ def _begin(observation: Observation, pfa: float) -> Pursuit:
         space = BeamSpace.from_map(atom_map, observation.gate, observation.cosine_limits)
     threshold = noise * np.log(space.n_independent / pfa)
     highest_noise = noise * noise_maximum(space.n_independent, pfa)
-    strongest = float((space.beams.real**2 + space.beams.imag**2).max(initial=highest_noise))
-    ridge = min(highest_noise / strongest, MOST_RIDGE)
+    strongest = float((space.beams.real**2 + space.beams.imag**2).max(initial=0))
+    ridge = highest_noise / max(strongest, highest_noise / MOST_RIDGE, np.finfo(np.float64).tiny)
     no_atoms = fit_atoms(atom_map, NO_PLACES)
     return Pursuit(observation, space, unit, noise, threshold, highest_noise, ridge, no_atoms)
 

@@ -84,7 +84,7 @@ def test_in_noise_it_sees_what_the_pursuit_sees(coherent_phase, snr_db, least):
         clouds = [estimator.estimate(observation) for estimator in (Sbl4d(), Nomp4d())]
         recall.append([score(scenario, cloud)["recall"] for cloud in clouds])
     learned, pursued = np.mean(recall, axis=0)
-    assert learned > least * pursued
+    assert learned >= least * pursued
 
 
 @pytest.mark.slow

@@ -51,5 +51,5 @@ def test_each_seed_of_a_block_occurs_once_and_each_condition_in_a_quarter_of_eac
 def test_the_suites_of_one_version_meet_the_same_estimators():
     suites = [load_suite(f"population{suffix}") for suffix in ("", "-errors", "-quick")]
     assert len({suite.estimators for suite in suites}) == 1
-    assert {suite.version for suite in suites} == {5}
+    assert {suite.version for suite in suites} == {6}
     assert suites[0].snr_db == (-45, -35, 10)
