@@ -251,6 +251,8 @@ def conditions() -> str:
 
 
 PAIRS = (
+    ("fft4d[integration=beams]", "fft4d"),
+    ("music2d[integration=beams]", "music2d"),
     ("music2d", "fft4d"),
     ("capon2d", "music2d"),
     ("music2d[search=root]", "music2d"),
@@ -317,7 +319,7 @@ def places() -> str:
     for variant in place.mean().sort_values().index:
         label = labels_of("population")[variant]
         cells = [code(label), rank[variant], seconds(table.loc[variant]["time_estimate_s_median"])]
-        cells += [apart[label], number(place[variant].mean(), ".1f")]
+        cells += [apart.get(label, ""), number(place[variant].mean(), ".1f")]
         rows.append([*cells, *(number(value, ".1f") for value in means[variant])])
     return markdown(header, rows)
 

@@ -2,7 +2,7 @@ from isacbench import get_estimator, load_scenario, observe, plot_clouds, score
 
 scenario = load_scenario("street")  # or the path of your own .toml
 observation = observe(scenario, snr_db=10, trial=0)  # gated range-Doppler cells of every virtual element
-music = get_estimator("music2d", integration="noncoherent")
+music = get_estimator("music2d", integration="beams")
 cloud = music.estimate(observation)  # PointCloud: xyz, velocity, power
 scores = score(scenario, cloud, "objects")
 print(f"{len(cloud)} points, {scores['objects_detected']:.0%} of the objects")
