@@ -7,7 +7,8 @@ A scatterer is an atom with four coordinates off any grid. In rounds:
    show which atoms should be split into two. The moves that gain most are
    made, one per neighbourhood.
 2. All atoms move together by damped Newton steps towards the least-squares fit,
-   each within a box around its first place.
+   each within a box around its first place. A ridge on their amplitudes
+   keeps them from cancelling each other.
 3. Atoms are dropped if they are weak compared with what the map shows of their
    neighbours, or if without them others, one of them moved, explain as much but
    for what noise may show.
@@ -29,7 +30,7 @@ of the atoms explains the echo, and the least-squares fit bends them to the misf
 There no atom is split, moves are bounded to half a cell, and atoms far below their
 neighbours are dropped. Of crowds and of whole scenes the images are then about as
 good as those of `esprit2d`, with fewer false points, but with more scatterers missed
-(docs/estimators.md).
+(docs/methods.md).
 
 References
 ----------
@@ -97,8 +98,9 @@ FLAT, FLAT_NOISE = 1e-3, 3.0
 STEPS = 4
 """Newton steps that are tried in each round; in crowds some explain less and are taken back."""
 
-MOST_RIDGE = 1e-2
-"""Largest ridge: it leaves 2 % less energy to a lone atom."""
+RIDGE, MOST_RIDGE = 5.0, 1e-2
+"""Ridge in powers of noise over the highest that a beam shows; and the largest: a lone atom has 2 % less
+energy."""
 
 DOUBTFUL = 10.0
 """Energy lost without an atom while one other moves, over the highest of noise, up to which all are moved."""
@@ -111,6 +113,9 @@ STRONGEST_PEAKS = 1000
 
 LAST_ROUNDS = 2
 """Rounds without moves at the end."""
+
+LEAST_LEFT = 1e-24
+"""Energy, relative to that of the strongest atom, which rounding leaves of a map without noise."""
 
 FINISHING_STEPS = 3
 """Steps at the end with hardly any damping, and as many on the misfit, for the last digits."""
@@ -163,8 +168,9 @@ class Pursuit:
     highest_noise : float
         Highest energy of noise at any place, on or off the grid.
     ridge : float
-        Weight of the atoms' energies against that of the misfit: the highest of noise over the highest that
-        a beam shows. Without it two atoms nearly coincide and cancel, with any energies.
+        Weight of the atoms' energies against that of the misfit: `RIDGE` times the power of noise over the
+        highest that a beam shows, and 0 at the end if the atoms explain all but noise. Without it two atoms
+        of a crowd nearly coincide and cancel, with any energies.
     fit : AtomFit
         Fit of the atoms.
     origins : ndarray of float64, shape (n, 4)
@@ -252,11 +258,17 @@ class Pursuit:
             drop[drop] = ~is_needed & is_needed.any()
 
     def finish(self) -> None:
-        """Give atoms that have all settled their last digits."""
+        """Settle atoms that explain all but noise without a ridge; give settled ones their last digits."""
         if not len(self.fit):
             return
+        leaves_noise = self.leaves_below()
         with stage("refinement"):
-            atom_map, places = self.space.atom_map, self.fit.places
+            atom_map = self.space.atom_map
+            if leaves_noise:
+                # The ridge moves opposite echoes apart that the map tells apart.
+                self.ridge, box = 0.0, (self.origins - BOX_CELLS, self.origins + BOX_CELLS)
+                self.fit = refine_atoms(atom_map, self.fit.places, 2 * STEPS, box, known=self.fit)
+            places = self.fit.places
             fit = refine_atoms(atom_map, places, FINISHING_STEPS, damping=LEAST_DAMPING, ridge=self.ridge)
             if np.abs(fit.places - places).max() < CONVERGED_CELLS:
                 self.fit = polish_atoms(atom_map, fit, FINISHING_STEPS)
@@ -265,7 +277,8 @@ class Pursuit:
         """Tell whether no beam shows more of the residual than the highest noise, or than a level over it."""
         rest = self.residual()
         left = float((rest.real**2 + rest.imag**2).max(initial=0))
-        return left <= self.highest_noise * 10 ** (level_db / 10)
+        rounding = LEAST_LEFT * float(self.fit.power.max(initial=0))
+        return left <= max(self.highest_noise, rounding) * 10 ** (level_db / 10)
 
     def to_cloud(self) -> PointCloud:
         """Points at the places of the atoms, with their powers."""
@@ -440,7 +453,7 @@ def _begin(observation: Observation, pfa: float) -> Pursuit:
     threshold = noise * np.log(space.n_independent / pfa)
     highest_noise = noise * noise_maximum(space.n_independent, pfa)
     strongest = float((space.beams.real**2 + space.beams.imag**2).max(initial=0))
-    ridge = highest_noise / max(strongest, highest_noise / MOST_RIDGE, np.finfo(np.float64).tiny)
+    ridge = RIDGE * noise / max(strongest, RIDGE * noise / MOST_RIDGE, np.finfo(np.float64).tiny)
     no_atoms = fit_atoms(atom_map, NO_PLACES)
     return Pursuit(observation, space, unit, noise, threshold, highest_noise, ridge, no_atoms)
 

@@ -13,6 +13,7 @@ from isacbench.instrument.remarks import Remarks
 from isacbench.model.array import VirtualArray
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers
+from tests.algorithms.scenes import stress_case
 from tests.single_scores import paper_scores
 
 
@@ -38,6 +39,12 @@ def test_lone_scatterers_are_the_image_of_the_pursuit():
     np.testing.assert_array_equal(cloud.to_array(), Nomp4d().estimate(observation).to_array())
     assert len(cloud) == len(scenario.truth)
     assert hausdorff_sum_m(scenario, cloud) < 0.2
+
+
+def test_a_lone_scatterer_on_a_bin_without_noise_is_one_point():
+    # Noise is rounding there, and the pursuit leaves more.
+    image, _ = stress_case("bin[range_offset=0.0,doppler_offset=0.0,where=middle]").make(Sbl4d())
+    assert len(image.cloud) == 1
 
 
 @pytest.mark.parametrize(
