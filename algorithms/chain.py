@@ -2,7 +2,8 @@
 
 1. `read_map` reads the range-Doppler map.
 2. `detect` finds the cells that hold echoes, on a map tapered for low
-   sidelobes, by a CFAR detector on one element or on the array's average power.
+   sidelobes, by a CFAR detector on the strongest beam, on the array's average
+   power or on one element.
 3. `read_cells` takes the snapshots of those cells, less tapered, for
    resolution. In them the estimator finds plane waves by its own method.
 4. `determined` drops plane waves that stand for several scatterers: what their
@@ -389,7 +390,8 @@ class MapEstimator(ABC):
         Elements that must detect a cell with `integration` "binary"; 1 unites
         the detections of all elements.
     angle_pfa : float
-        Probability that noise is taken for a plane wave, or for a scatterer.
+        Probability that noise is taken for a plane wave, or for a scatterer, in a cell chosen without
+        regard to its power: one that noise has raised passes more often.
     dynamic_range_db : float
         Range below the strongest cells in which echoes are detected and modelled.
     local_dynamic_range_db : float
@@ -443,7 +445,7 @@ class MapEstimator(ABC):
         """All elements, or one column and one row; and directions of detected cells only."""
         if self.integration == "element":
             return Needs("cross" if self.separable else "plane", "element", "detected")
-        return Needs("plane", "noncoherent", "detected")
+        return Needs("plane", "beams" if self.integration == "beams" else "noncoherent", "detected")
 
     def aperture(self, observation: Observation) -> Aperture:
         """Elements that the estimator reads of an observation."""

@@ -71,7 +71,7 @@ class Omp4d(MapEstimator):
     max_scatterers : int
         Largest number of atoms. Time grows with its square.
     detector, pfa, integration, angle_pfa, dynamic_range_db, local_dynamic_range_db
-        See `isacbench_algorithms.chain.MapEstimator`.
+        See `isacbench_algorithms.chain.MapEstimator`. Noise alone shows an atom in one image of eight.
     precision, detection_window
         See `isacbench_algorithms.chain.MapEstimator`.
 

@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
+from isacbench.dsp.beam_integration import Beams
 from isacbench.dsp.partial_dft import doppler_sums, range_method
 from isacbench.model.gate import build_gate
+from isacbench.model.observation import cosine_limits
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Estimator, needs_of
 
@@ -69,9 +71,15 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     doppler = n * d * e, 0 if is_partial else 2 * sums * size, row_operations * m * sums
     along_range = gated, 2 * gated * DOUBLE_BYTES, sums * (8 * r if is_partial else along_subcarriers)
 
-    averaged = e if needs.integration == "noncoherent" else 1
+    averaged = 1 if needs.integration == "element" else e
     mapped = r * d if needs.integration is not None else 0
     power = f"power of {averaged} element{'s' * (averaged > 1)}" if mapped else "no map"
+    forming = 0  # beams of a cell: along w for each element of a column, then along u
+    if needs.integration == "beams":
+        limits = cosine_limits(scenario.region, scenario.base_station_m, scenario.frame)
+        n_u, n_w = (along.size for along in Beams(lengths, limits).cosines)
+        forming = 8 * (n_all * n_w + lengths[0] * n_u * n_w)
+        power = f"{n_u * n_w} beams of {e} elements"
 
     # Directions in units of an angle FFT of a cell: an estimator's own operations are not known.
     reachable = int(np.count_nonzero(gate.reachable))
@@ -86,7 +94,7 @@ def image_cost(scenario: Scenario, estimator: Estimator, dtype: DTypeLike = np.c
     if needs.elements != "plane":
         n_points, operations = sum(lines), sum(line * _fft_operations(line) for line in lines)
 
-    detection = mapped, 16 * mapped * averaged, 4 * mapped * averaged
+    detection = mapped, 16 * mapped * averaged, mapped * (4 * averaged + forming)
     angles = n_cells * n_points, 16 * n_cells * e, n_cells * operations
     all_angles = n * m * plane, size * n * m * (n_all + plane), n * m * plane * _fft_operations(plane)
     method = f"{'partial DFT' if is_partial else 'FFT'}, {r} of {n} bins"

@@ -2,6 +2,7 @@
 
 __all__ = [
     "angles",
+    "beam_integration",
     "bounds",
     "cell_detection",
     "cfar",

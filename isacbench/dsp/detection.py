@@ -54,7 +54,7 @@ class Detector(Protocol):
 
     `detect` may take a third argument, ``cells``: what to test instead of the
     whole map, as `numpy.nonzero` gives it. Those that do are asked for no more
-    than is needed (`isacbench.dsp.cell_detection.detect_listed`).
+    than is needed (`detect_listed`).
 
     Attributes
     ----------

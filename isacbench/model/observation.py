@@ -98,14 +98,7 @@ class Observation(Displayed):
     @cached_property
     def cosine_limits(self) -> tuple[Interval, Interval]:
         """Lowest and highest u, and w, that a point of the region can have, its tolerance included."""
-        lower, upper = self.region.lower_m - REGION_TOLERANCE_M, self.region.upper_m + REGION_TOLERANCE_M
-        if np.all((self.base_station_m > lower) & (self.base_station_m < upper)):
-            return (-1.0, 1.0), (-1.0, 1.0)
-        axes = _samples(lower, upper, self.base_station_m)
-        offset_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) - self.base_station_m
-        visible = self.frame.in_half_space(offset_m) & (np.linalg.norm(offset_m, axis=1) > 0)
-        u, w = self.frame.direction_cosines(offset_m[visible])
-        return (float(u.min()), float(u.max())), (float(w.min()), float(w.max()))
+        return cosine_limits(self.region, self.base_station_m, self.frame)
 
     def cloud(
         self, range_bin: ArrayLike, doppler_bin: ArrayLike, u: ArrayLike, w: ArrayLike, power: ArrayLike
@@ -158,6 +151,18 @@ class Observation(Displayed):
         xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), *cosines)
         xyz[range_m < -system.range_bin_m / 2] = np.nan
         return xyz
+
+
+def cosine_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple[Interval, Interval]:
+    """Lowest and highest u, and w, that a point of a region can have, its tolerance included."""
+    lower, upper = region.lower_m - REGION_TOLERANCE_M, region.upper_m + REGION_TOLERANCE_M
+    if np.all((base_station_m > lower) & (base_station_m < upper)):
+        return (-1.0, 1.0), (-1.0, 1.0)
+    axes = _samples(lower, upper, base_station_m)
+    offset_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) - base_station_m
+    visible = frame.in_half_space(offset_m) & (np.linalg.norm(offset_m, axis=1) > 0)
+    u, w = frame.direction_cosines(offset_m[visible])
+    return (float(u.min()), float(u.max())), (float(w.min()), float(w.max()))
 
 
 def _samples(lower_m: Floats, upper_m: Floats, base_m: Floats) -> list[Floats]:

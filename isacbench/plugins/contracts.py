@@ -42,9 +42,10 @@ class Needs:
     elements : {"plane", "cross", "none"}
         All P Q virtual elements (`Observation.cells`), the P + Q - 1 of one
         column and one row (`Observation.cross`), or no echo at all.
-    integration : {"noncoherent", "element"} or None
-        Elements whose power its detection map averages: all that it reads, or
-        one. None where it detects on no map.
+    integration : {"beams", "noncoherent", "element"} or None
+        What its detection tests in a cell: the strongest of the beams towards the
+        region, the mean power of all elements that it reads, or the power of one.
+        None where it detects on no map.
     cells : {"gate", "detected", "none"}
         Range-Doppler cells whose directions it looks into.
 
@@ -55,7 +56,7 @@ class Needs:
     """
 
     elements: Literal["plane", "cross", "none"] = "plane"
-    integration: Literal["noncoherent", "element", None] = "noncoherent"
+    integration: Literal["beams", "noncoherent", "element", None] = "noncoherent"
     cells: Literal["gate", "detected", "none"] = "gate"
 
     def __post_init__(self) -> None:

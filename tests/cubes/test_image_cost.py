@@ -52,6 +52,16 @@ def test_what_is_computed_is_the_gate_on_the_elements_that_are_read(street):
     assert cells == [FRAME * 31, 2048 * 33 * 31, 89 * 33 * 31, 89 * 33]
 
 
+def test_beams_take_more_than_the_mean_power_and_less_than_all_directions(street):
+    beams, mean = (
+        steps_of(image_cost(street, Capon2d(integration=one)))["detection"]
+        for one in ("beams", "noncoherent")
+    )
+    assert beams["method"] == "48 beams of 256 elements"
+    each_beam_from_all_elements = 89 * 33 * 48 * 256 * 8
+    assert mean["computed"][OPERATIONS] < beams["computed"][OPERATIONS] < each_beam_from_all_elements
+
+
 def test_the_oracle_takes_no_echo(street):
     total = image_cost(street, Oracle())["total"]
     assert {*total["computed"].values()} == {0}
