@@ -37,7 +37,7 @@ class OneCross:
 def test_a_cross_is_declared_where_one_element_detects_and_angles_are_separable_and_else_the_plane(estimator):
     elements = "cross" if estimator in (Music2d, Fft4d) else "plane"
     cells = "gate" if estimator is Omp4d else "detected"
-    assert needs_of(estimator()) == Needs("plane", "noncoherent", cells)
+    assert needs_of(estimator()) == Needs("plane", estimator().integration, cells)
     assert needs_of(estimator(integration="element")) == Needs(elements, "element", cells)
 
 
