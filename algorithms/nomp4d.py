@@ -13,6 +13,10 @@ A scatterer is an atom with four coordinates off any grid. In rounds:
    neighbours, or if without them others, one of them moved, explain as much but
    for what noise may show.
 
+After the rounds atoms are dropped that explain no more than the misfit that others
+may leave at their place. The misfit of scatterers that are not resolved is highest
+beside them, and each false atom leaves one further away.
+
 There is no detector: the threshold follows from `pfa` and the noise in Doppler
 bins that no speed of the region reaches. The errors of a single scatterer are at
 the Cramér-Rao bound (docs/results.md).
@@ -64,6 +68,7 @@ from isacbench.dsp.fitting.pursuit import (
     descending,
     drop_lobe_images,
     least_chosen,
+    misfit_atoms,
     needless_atoms,
     noise_maximum,
     reachable_places,
@@ -201,7 +206,7 @@ class Pursuit:
         """Outputs of the beams minus the echoes of all atoms; measures `around`."""
         with stage("spectrum"):
             residual = self.space.residual(self.fit)
-            self.around = self.space.mean_around(residual, self.fit.places)
+            self.around = self.space.energy_around(residual, self.fit.places).mean(axis=1)
             return residual
 
     def release(self) -> None:
@@ -236,6 +241,18 @@ class Pursuit:
         moved = at_lobes[best_lobes(scale * atom_map.correlate(lines).value, gram, owner)]
         self.origins = self.origins + moved - places
         return moved
+
+    def drop_misfits(self) -> None:
+        """Drop atoms that explain no more than the misfit that others leave there; measures `around`."""
+        while True:
+            residual = self.residual()
+            left = self.space.energy_around(residual, self.fit.places).max(axis=1, initial=0)
+            stays = ~misfit_atoms(self.fit, left)
+            if stays.all():
+                return
+            self.origins = self.origins[stays]
+            with stage("refinement"):
+                self.fit = fit_atoms(self.space.atom_map, self.fit.places[stays], self.ridge, self.fit)
 
     def drop_replaceable(self) -> None:
         """Drop atoms without which all others, moved, explain as much but for what noise may show."""
@@ -363,7 +380,7 @@ class Nomp4d:
             if pursuit.is_full:
                 break
         for _ in range(LAST_ROUNDS):
-            pursuit.residual()
+            pursuit.drop_misfits()
             self._round(pursuit, NO_MOVES)
             with stage("refinement"):
                 pursuit.drop_replaceable()

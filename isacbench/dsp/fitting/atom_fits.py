@@ -29,7 +29,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isacbench.checked_arrays import Complex, Floats
+from isacbench.checked_arrays import Complex, Floats, Integers
 from isacbench.dsp.fitting.atoms import (
     N_COORDINATES,
     AtomFactors,
@@ -170,6 +170,11 @@ class AtomFit:
         along = self.bound_root @ (self.bound_root.T @ score)
         amplitude: Complex = own - self._gram_root @ (self._explained @ (turning * along))
         return amplitude, along.reshape(N_COORDINATES, -1).T
+
+    def energy_of(self, atoms: Integers) -> float:
+        """Energy that some atoms explain beside all others: not explained any more without them."""
+        root, amplitude = self._gram_root[atoms], self.amplitude[atoms]
+        return float((amplitude.conj() @ np.linalg.solve(root @ root.T, amplitude)).real)
 
     def lost_without(self) -> Floats:
         """Energy (n, n) not explained any more without an atom (row) if another (column) moves instead.

@@ -1,4 +1,4 @@
-"""Residual of a matching pursuit in four dimensions, the moves of a round, and needless atoms.
+"""Residual of a matching pursuit in four dimensions, the moves of a round, and atoms to drop.
 
 The residual is seen through beams towards the directions of the region. Beams
 of the map are formed once; those of atoms are products of four kernels, so that
@@ -159,8 +159,8 @@ class BeamSpace:
         )
         return places, energy
 
-    def mean_around(self, residual: Complex, places: Floats) -> Floats:
-        """Average the energy (n,) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
+    def energy_around(self, residual: Complex, places: Floats) -> Floats:
+        """Energies (n, 81) of a residual's beams within about 1.5 Rayleigh cells of places (n, 4)."""
         samples_per_cell, last = (1, 1, BEAMS_A_CELL, BEAMS_A_CELL), np.array(residual.shape) - 1
         first = [axis[0] for axis in self.axes]
         # Atoms at the edge of their boxes lie halfway between two bins, but for rounding.
@@ -168,7 +168,8 @@ class BeamSpace:
         around = np.indices([3] * N_COORDINATES).reshape(N_COORDINATES, -1).T - 1
         samples = np.clip(np.clip(at, 0, last)[:, None] + around, 0, last)
         seen = residual[tuple(np.moveaxis(samples, 2, 0))]
-        return np.mean(seen.real**2 + seen.imag**2, axis=1)
+        energy: Floats = seen.real**2 + seen.imag**2
+        return energy
 
 
 def _around(reachable: slice) -> slice:
@@ -263,10 +264,13 @@ def sidelobe_envelope(distance: Floats, bursts: SymbolBursts = UNGAPPED) -> Floa
     """Bound the amplitude response of an atom at distances (..., 4) from it, in Rayleigh cells."""
     envelope = np.ones(distance.shape[:-1])
     for axis in range(N_COORDINATES):
-        along = distance[..., axis]
-        drop = bursts.sidelobe_drop(along) if axis == 1 else np.maximum(np.pi * np.abs(along), 1)
-        envelope /= drop
+        envelope /= _sidelobe_drop(distance[..., axis], axis, bursts)
     return envelope
+
+
+def _sidelobe_drop(along: Floats, axis: int, bursts: SymbolBursts) -> Floats:
+    """Peak over the bound of the response at distances along a coordinate."""
+    return bursts.sidelobe_drop(along) if axis == 1 else np.maximum(np.pi * np.abs(along), 1)
 
 
 def sidelobe_energy(
@@ -373,6 +377,27 @@ def needless_atoms(fit: AtomFit, most_lost: float, pitch: float = 0.0) -> tuple[
         mean = np.average(near, axis=0, weights=power[pair])
         places[stronger] = np.rint(mean / pitch) * pitch if pitch else mean
     return drop, places
+
+
+def misfit_atoms(fit: AtomFit, left: Floats) -> Mask:
+    """Atoms (n,) that explain no more, with all nearby, than the misfit that others may leave there.
+
+    Where echoes are not resolved along a coordinate, m atoms leave a misfit that varies along its samples
+    like the Legendre polynomial of degree 2 m. It is highest some 2 m / π Rayleigh cells away, on both sides,
+    and atoms there would leave another one further away. `left` (n,) is the highest energy left around each
+    atom. It may show along the coordinate of the largest distance as it is, along the others like a sidelobe.
+    Atoms are nearby less than a Rayleigh cell away.
+    """
+    apart = unwrapped(fit.places[:, None], fit.places, fit.atom_map.periods) - fit.places
+    drops = np.stack([_sidelobe_drop(apart[..., k], k, fit.atom_map.bursts) for k in range(N_COORDINATES)])
+    are_close = np.all(np.abs(apart) < 1, axis=2)
+    shares = np.where(are_close, 0, (drops.max(axis=0) / drops.prod(axis=0)) ** 2)
+    shown = (shares * left).max(axis=1, initial=0)
+    # An atom alone explains no more than with those nearby.
+    is_misfit: Mask = fit.power * fit.own <= shown
+    for atom in np.flatnonzero(is_misfit):
+        is_misfit[atom] = fit.energy_of(np.flatnonzero(are_close[atom])) <= shown[atom]
+    return is_misfit
 
 
 def reachable_places(places: Floats, gate: Gate) -> Mask:

@@ -140,7 +140,7 @@ def drop_model_error(fit: AtomFit, reach: Reach, noise: float) -> AtomFit:
     far = sidelobe_energy(fit.places, fit.places, power, atom_map.bursts, FAR_BINS)
     rest = atom_map.without(fit.lines, fit.amplitude)
     space = BeamSpace.from_map(rest, reach.observation.gate, reach.observation.cosine_limits)
-    around = space.mean_around(space.beams, fit.places)
+    around = space.energy_around(space.beams, fit.places).mean(axis=1)
     misfit = far**FAR_SHARE * np.maximum(around - noise, 0) ** (1 - FAR_SHARE)
     keep = power > misfit * 10 ** (ABOVE_MISFIT_DB / 10)
     return fit_atoms(atom_map, fit.places[keep], RIDGES[-1], fit)

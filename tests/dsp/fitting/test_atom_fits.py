@@ -169,6 +169,15 @@ def test_without_one_of_two_close_atoms_as_much_is_lost_as_a_fit_of_the_others_l
     assert lost[0] == pytest.approx(fit.energy - moved.energy, rel=0.4)
 
 
+@given(st.sets(st.integers(0, 3), min_size=1))
+def test_some_atoms_explain_what_a_fit_without_them_does_not(some):
+    places = np.concatenate([PLACES, PLACES[:1] + 0.3])
+    atom_map = noisy(WHOLE, places, np.append(AMPLITUDE, 1j), 0.01)
+    fit = fit_atoms(atom_map, places)
+    others = fit_atoms(atom_map, np.delete(places, sorted(some), axis=0))
+    assert fit.energy_of(np.array(sorted(some))) == pytest.approx(fit.energy - others.energy, rel=1e-6)
+
+
 def test_amplitudes_of_close_opposite_atoms_keep_their_digits():
     # Their condition number is 1e6; a loading of 1e-10 alone would cost 1e-4.
     places = PLACES[[0, 0]] + np.array([[0.0], [1e-3]]) * np.eye(4)[0]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import spherical_jn
 
 from isacbench.dsp.fitting import pursuit
 from isacbench.dsp.fitting.atom_fits import fit_atoms, refine_atoms
@@ -101,7 +102,7 @@ def test_the_mean_residual_around_a_place_is_that_of_its_surroundings():
     residual = np.ones_like(space.beams)
     residual[:, :, space.u > 0] = 2.0
     places = np.array([[16, 0, -1.5, 0], [16, 0, 1.5, 0], [0, -90, -50, 50.0]])
-    np.testing.assert_allclose(space.mean_around(residual, places), [1, 4, 1])
+    np.testing.assert_allclose(space.energy_around(residual, places).mean(axis=1), [1, 4, 1])
 
 
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
@@ -229,6 +230,40 @@ def test_an_atom_that_others_explain_without_moving_is_needless_wherever_it_is()
     places = PLACE + np.array([[0, 0, 0, 0], [3, 0, 0, 0], [-3, 0, 0, 0]])
     _, fit = fitted(places, [1.0, 0.1, 0.2], noise=0.0)
     assert pursuit.needless_atoms(fit, 0.011)[0].tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("n_atoms", [1, 2])
+def test_the_misfit_of_unresolved_echoes_is_highest_where_the_bessel_function_of_twice_the_atoms_is(n_atoms):
+    along = np.linspace(-0.25, 0.25, 7)[:, None] * np.eye(N_COORDINATES)[0]
+    atom_map = noisy(PLACE + along, [1.0, -0.5, 1.0, 2.0, 0.3, 1.0, 0.8], noise=0.0)
+    starts = PLACE + np.linspace(-0.1, 0.1, n_atoms + 2)[1:-1, None] * np.eye(N_COORDINATES)[0]
+    fit = refine_atoms(atom_map, starts, 30)
+    cells = np.linspace(-4, 4, 321)
+    beside = fit_atoms(atom_map, PLACE + cells[:, None] * np.eye(N_COORDINATES)[0], ridge=1.0)
+    lines = zip(beside.lines, fit.lines, strict=True)
+    products = np.prod([line.value @ other.value.T for line, other in lines], axis=0)
+    left = np.abs(beside.correlations.value - products @ fit.amplitude)
+    expected = np.abs(spherical_jn(2 * n_atoms, np.pi * np.abs(cells)))
+    assert np.abs(cells[left.argmax()]) == pytest.approx(np.abs(cells[expected.argmax()]), abs=0.2)
+    assert left[cells.size // 2] < 0.3 * left.max()
+
+
+@pytest.mark.parametrize("axis", range(N_COORDINATES))
+def test_a_weak_atom_on_the_line_of_a_misfit_is_one_itself_and_beside_that_line_is_not(axis):
+    along, across = 2.5 * np.eye(N_COORDINATES)[[axis, axis - 1]]
+    _, fit = fitted([PLACE, PLACE + along, PLACE + along + across], [2.0, 0.1, 0.1], noise=0.0)
+    explained = fit.power[1] * fit.own[1]
+    left = np.array([1.05 * explained, 0, 0])
+    assert pursuit.misfit_atoms(fit, left).tolist() == [False, True, False]
+    assert not pursuit.misfit_atoms(fit, 0.9 * left).any()
+
+
+def test_atoms_that_explain_much_together_are_no_misfit():
+    far, pair = np.eye(N_COORDINATES)[0] * [[4.0], [0.2]]
+    _, fit = fitted([PLACE, PLACE + far, PLACE + far + pair], [2.0, 1.0, 1.0], noise=0.0)
+    assert np.all((fit.power * fit.own)[1:] < 0.2)
+    assert not pursuit.misfit_atoms(fit, np.array([1.0, 0, 0])).any()
+    assert pursuit.misfit_atoms(fit, np.array([4.5, 0, 0])).tolist() == [False, True, True]
 
 
 def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
