@@ -32,6 +32,7 @@ REFUSED = [
     (["goca", "soca"], "split_axis", [-1, 0.5], "split_axis = "),
     (CELLWISE, "max_sources", [0], "max_sources = 0: allowed is 1 and more"),
     (CELLWISE, "angle_pfa", [0.0, math.nan], "angle_pfa = .*: allowed is between 0 and 1"),
+    (CELLWISE, "m_of_n", [2], "m_of_n = 2: allowed is 1, or a number with integration \"binary\""),
     (CELLWISE, "dynamic_range_db", [0.0], r"dynamic_range_db = 0\.0: allowed is above 0"),
     (CELLWISE, "local_dynamic_range_db", [-1.0], r"local_dynamic_range_db = -1\.0: allowed is above 0"),
     (CELLWISE, "doppler_excess", [0.9], r"doppler_excess = 0\.9: allowed is 1 and more"),
