@@ -20,6 +20,8 @@ SMALL = 24
 def roots_of_inverses(matrices: Floats) -> Floats:
     """Upper triangular roots W of inverses W Wᵀ of matrices (n, d, d), which are overwritten."""
     matrices = np.ascontiguousarray(matrices, dtype=np.float64)
+    if not matrices.size:
+        return matrices  # LAPACK would print that it refuses them
     for matrix in matrices:
         # Transposed, the order of LAPACK, in which it writes over its argument.
         if dpotrf(matrix.T, lower=1, overwrite_a=1)[1]:

@@ -21,6 +21,11 @@ def test_inverses_are_those_of_elimination(size):
     np.testing.assert_array_equal(root_of_inverse(matrices[0], 0.0), roots[0])
 
 
+def test_of_no_rows_the_root_has_none_and_lapack_prints_no_complaint(capfd):
+    assert root_of_inverse(np.empty((0, 0)), 0.0).shape == (0, 0)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_indefinite_matrices_are_solved_all_the_same_but_have_no_real_roots_unless_they_are_raised():
     matrix = np.array([[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(np.linalg.LinAlgError):

@@ -258,6 +258,11 @@ def test_a_weak_atom_on_the_line_of_a_misfit_is_one_itself_and_beside_that_line_
     assert not pursuit.misfit_atoms(fit, 0.9 * left).any()
 
 
+def test_of_no_atoms_none_is_misfit():
+    no_atoms = fit_atoms(noisy(PLACE, [1.0]), np.empty((0, N_COORDINATES)))
+    assert pursuit.misfit_atoms(no_atoms, np.empty(0)).shape == (0,)
+
+
 def test_atoms_that_explain_much_together_are_no_misfit():
     far, pair = np.eye(N_COORDINATES)[0] * [[4.0], [0.2]]
     _, fit = fitted([PLACE, PLACE + far, PLACE + far + pair], [2.0, 1.0, 1.0], noise=0.0)
