@@ -246,12 +246,12 @@ class Pursuit:
         """Drop atoms that explain no more than the misfit that others leave there; measures `around`."""
         while True:
             residual = self.residual()
-            left = self.space.energy_around(residual, self.fit.places).max(axis=1, initial=0)
-            stays = ~misfit_atoms(self.fit, left)
-            if stays.all():
-                return
-            self.origins = self.origins[stays]
             with stage("refinement"):
+                left = self.space.energy_around(residual, self.fit.places).max(axis=1, initial=0)
+                stays = ~misfit_atoms(self.fit, left)
+                if stays.all():
+                    return
+                self.origins = self.origins[stays]
                 self.fit = fit_atoms(self.space.atom_map, self.fit.places[stays], self.ridge, self.fit)
 
     def drop_replaceable(self) -> None:
