@@ -172,7 +172,7 @@ class AtomFit:
         return amplitude, along.reshape(N_COORDINATES, -1).T
 
     def energy_of(self, atoms: Integers) -> float:
-        """Energy that some atoms explain beside all others: not explained any more without them."""
+        """Energy that some atoms explain beside all others, less that of the ridge."""
         root, amplitude = self._gram_root[atoms], self.amplitude[atoms]
         return float((amplitude.conj() @ np.linalg.solve(root @ root.T, amplitude)).real)
 

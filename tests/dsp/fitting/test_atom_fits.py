@@ -169,12 +169,12 @@ def test_without_one_of_two_close_atoms_as_much_is_lost_as_a_fit_of_the_others_l
     assert lost[0] == pytest.approx(fit.energy - moved.energy, rel=0.4)
 
 
-@given(st.sets(st.integers(0, 3), min_size=1))
-def test_some_atoms_explain_what_a_fit_without_them_does_not(some):
+@given(st.sets(st.integers(0, 3), min_size=1), st.sampled_from([0.0, 0.01, 1.0]))
+def test_some_atoms_explain_what_a_fit_without_them_does_not(some, ridge):
     places = np.concatenate([PLACES, PLACES[:1] + 0.3])
     atom_map = noisy(WHOLE, places, np.append(AMPLITUDE, 1j), 0.01)
-    fit = fit_atoms(atom_map, places)
-    others = fit_atoms(atom_map, np.delete(places, sorted(some), axis=0))
+    fit = fit_atoms(atom_map, places, ridge)
+    others = fit_atoms(atom_map, np.delete(places, sorted(some), axis=0), ridge)
     assert fit.energy_of(np.array(sorted(some))) == pytest.approx(fit.energy - others.energy, rel=1e-6)
 
 

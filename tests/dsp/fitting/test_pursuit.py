@@ -248,14 +248,22 @@ def test_the_misfit_of_unresolved_echoes_is_highest_where_the_bessel_function_of
     assert left[cells.size // 2] < 0.3 * left.max()
 
 
+def least_left(fit, atoms):
+    """What is left elsewhere from which these atoms, all nearby, are misfit."""
+    return np.sqrt(fit.energy_of(np.array(atoms)) ** 3 / fit.power[atoms].sum()) / pursuit.MISFIT_SHARE
+
+
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
-def test_a_weak_atom_on_the_line_of_a_misfit_is_one_itself_and_beside_that_line_is_not(axis):
+def test_a_weak_atom_on_the_line_of_a_misfit_is_one_itself_and_beside_that_line_is_not(axis, monkeypatch):
     along, across = 2.5 * np.eye(N_COORDINATES)[[axis, axis - 1]]
     _, fit = fitted([PLACE, PLACE + along, PLACE + along + across], [2.0, 0.1, 0.1], noise=0.0)
-    explained = fit.power[1] * fit.own[1]
-    left = np.array([1.05 * explained, 0, 0])
-    assert pursuit.misfit_atoms(fit, left).tolist() == [False, True, False]
-    assert not pursuit.misfit_atoms(fit, 0.9 * left).any()
+    left = np.array([least_left(fit, [1]), 0, 0])
+    assert pursuit.misfit_atoms(fit, 1.05 * left).tolist() == [False, True, False]
+    assert not pursuit.misfit_atoms(fit, 0.95 * left).any()
+    # From its reach on a misfit decays like a sidelobe: twice as far its energy is a quarter.
+    monkeypatch.setattr(pursuit, "MISFIT_REACH_CELLS", 1.25)
+    assert not pursuit.misfit_atoms(fit, 0.95 * 4 * left).any()
+    assert pursuit.misfit_atoms(fit, 1.05 * 4 * left).tolist() == [False, True, False]
 
 
 def test_of_no_atoms_none_is_misfit():
@@ -266,9 +274,10 @@ def test_of_no_atoms_none_is_misfit():
 def test_atoms_that_explain_much_together_are_no_misfit():
     far, pair = np.eye(N_COORDINATES)[0] * [[4.0], [0.2]]
     _, fit = fitted([PLACE, PLACE + far, PLACE + far + pair], [2.0, 1.0, 1.0], noise=0.0)
-    assert np.all((fit.power * fit.own)[1:] < 0.2)
-    assert not pursuit.misfit_atoms(fit, np.array([1.0, 0, 0])).any()
-    assert pursuit.misfit_atoms(fit, np.array([4.5, 0, 0])).tolist() == [False, True, True]
+    left = np.array([least_left(fit, [1, 2]), 0, 0])
+    assert np.all((fit.power * fit.own)[1:] < 0.05 * left[0])
+    assert not pursuit.misfit_atoms(fit, 0.95 * left).any()
+    assert pursuit.misfit_atoms(fit, 1.05 * left).tolist() == [False, True, True]
 
 
 def test_a_duplicate_half_a_turn_of_the_array_away_is_one_and_stays_at_the_stronger_end():
