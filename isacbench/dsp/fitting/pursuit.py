@@ -72,11 +72,9 @@ SPLIT_PREFERENCE = 2.0
 PAIR_CELLS = 0.8
 """Distance from the atom that was split, within which its two parts must lie."""
 
-MISFIT_REACH_CELLS = 12.0
-"""Distance along a coordinate up to which what is left around an atom may show as it is."""
-
-MISFIT_SHARE = 0.3
-"""Part of what may show of a misfit that a lone atom must explain."""
+MISFIT_SHARE, MISFIT_AROUND = 0.3, 6.0
+"""Energy that a lone atom explains at most, over what is left elsewhere on its line and around itself, if it
+may be the misfit of others."""
 
 MOST_LEFT = 64
 """Number of strongest unexplained peaks of the residual whose sidelobes are not taken for atoms."""
@@ -392,18 +390,19 @@ def misfit_atoms(fit: AtomFit, left: Floats) -> Mask:
     2 m - 1 along its samples. What is left is like a Legendre polynomial, whose spectrum is highest one to
     three Rayleigh cells away, on both sides. Atoms there cancel each other, and leave a misfit further away.
 
-    `left` (n,) is the highest energy left around each atom. Up to `MISFIT_REACH_CELLS` away it may show as it
-    is along the coordinate in which sidelobes decay most; beyond, and along the others, it decays like a
-    sidelobe. An atom is dropped if it explains no more than that beside all others, and if it and those less
-    than a Rayleigh cell away explain no more than a geometric mean: two parts of `MISFIT_SHARE` of what may
-    show, and one of the energies of these atoms, of which those that cancel each other explain little.
+    `left` (n,) is the highest energy left around each atom. It may show elsewhere as it is along the
+    coordinate in which sidelobes decay most, and like a sidelobe along the others. An atom is dropped if it
+    explains no more than that beside all others, and if it and those less than a Rayleigh cell away explain
+    no more than a geometric mean: two parts of `MISFIT_SHARE` of what may show there, or of `MISFIT_AROUND`
+    times what does, and one of the energies of these atoms: those that cancel each other explain little.
     """
     apart = unwrapped(fit.places[:, None], fit.places, fit.atom_map.periods) - fit.places
     drops = np.stack([_sidelobe_drop(apart[..., k], k, fit.atom_map.bursts) for k in range(N_COORDINATES)])
-    are_close, most = np.all(np.abs(apart) < 1, axis=2), drops.max(axis=0)
-    shares = np.minimum(most, np.pi * MISFIT_REACH_CELLS) / drops.prod(axis=0)
-    shown = (np.where(are_close, 0, shares**2) * left).max(axis=1, initial=0)
-    least = np.cbrt((MISFIT_SHARE * shown) ** 2 * (are_close @ fit.power))
+    are_close = np.all(np.abs(apart) < 1, axis=2)
+    shares = np.where(are_close, 0, (drops.max(axis=0) / drops.prod(axis=0)) ** 2)
+    shown = (shares * left).max(axis=1, initial=0)
+    misfit = np.minimum(MISFIT_SHARE * shown, MISFIT_AROUND * left)
+    least = np.cbrt(misfit**2 * (are_close @ fit.power))
     is_misfit: Mask = fit.power * fit.own <= np.minimum(shown, least)
     for atom in np.flatnonzero(is_misfit):
         is_misfit[atom] = fit.energy_of(np.flatnonzero(are_close[atom])) <= least[atom]

@@ -248,22 +248,21 @@ def test_the_misfit_of_unresolved_echoes_is_highest_where_the_bessel_function_of
     assert left[cells.size // 2] < 0.3 * left.max()
 
 
-def least_left(fit, atoms):
-    """What is left elsewhere from which these atoms, all nearby, are misfit."""
-    return np.sqrt(fit.energy_of(np.array(atoms)) ** 3 / fit.power[atoms].sum()) / pursuit.MISFIT_SHARE
+def least_misfit(fit, atoms):
+    """Misfit from which these atoms, all nearby, are dropped."""
+    return np.sqrt(fit.energy_of(np.array(atoms)) ** 3 / fit.power[atoms].sum())
 
 
 @pytest.mark.parametrize("axis", range(N_COORDINATES))
-def test_a_weak_atom_on_the_line_of_a_misfit_is_one_itself_and_beside_that_line_is_not(axis, monkeypatch):
+def test_a_weak_atom_on_the_line_of_a_misfit_is_one_itself_and_beside_that_line_is_not(axis):
     along, across = 2.5 * np.eye(N_COORDINATES)[[axis, axis - 1]]
     _, fit = fitted([PLACE, PLACE + along, PLACE + along + across], [2.0, 0.1, 0.1], noise=0.0)
-    left = np.array([least_left(fit, [1]), 0, 0])
-    assert pursuit.misfit_atoms(fit, 1.05 * left).tolist() == [False, True, False]
-    assert not pursuit.misfit_atoms(fit, 0.95 * left).any()
-    # From its reach on a misfit decays like a sidelobe: twice as far its energy is a quarter.
-    monkeypatch.setattr(pursuit, "MISFIT_REACH_CELLS", 1.25)
-    assert not pursuit.misfit_atoms(fit, 0.95 * 4 * left).any()
-    assert pursuit.misfit_atoms(fit, 1.05 * 4 * left).tolist() == [False, True, False]
+    least = least_misfit(fit, [1])
+    elsewhere, around = least / pursuit.MISFIT_SHARE, least / pursuit.MISFIT_AROUND
+    for low, high in ((0.95, 1.5), (1.5, 0.95)):
+        assert not pursuit.misfit_atoms(fit, np.array([low * elsewhere, high * around, 0])).any()
+    found = pursuit.misfit_atoms(fit, np.array([1.05 * elsewhere, 1.05 * around, 0]))
+    assert found.tolist() == [False, True, False]
 
 
 def test_of_no_atoms_none_is_misfit():
@@ -273,9 +272,10 @@ def test_of_no_atoms_none_is_misfit():
 
 def test_atoms_that_explain_much_together_are_no_misfit():
     far, pair = np.eye(N_COORDINATES)[0] * [[4.0], [0.2]]
-    _, fit = fitted([PLACE, PLACE + far, PLACE + far + pair], [2.0, 1.0, 1.0], noise=0.0)
-    left = np.array([least_left(fit, [1, 2]), 0, 0])
-    assert np.all((fit.power * fit.own)[1:] < 0.05 * left[0])
+    _, fit = fitted([PLACE, PLACE + far, PLACE + far + pair], [9.0, 1.0, 1.0], noise=0.0)
+    least = least_misfit(fit, [1, 2])
+    assert np.all((fit.power * fit.own)[1:] < 0.2 * least)
+    left = np.full(3, least / pursuit.MISFIT_SHARE)
     assert not pursuit.misfit_atoms(fit, 0.95 * left).any()
     assert pursuit.misfit_atoms(fit, 1.05 * left).tolist() == [False, True, True]
 
