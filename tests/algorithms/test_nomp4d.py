@@ -126,13 +126,20 @@ def test_a_crowd_without_noise_leaves_no_points_around_it(seed):
     assert 1 <= len(image(crowd)) <= 8
 
 
-@pytest.mark.parametrize("phase", ["true", "false"])
-@pytest.mark.parametrize(("seed", "pedestrians"), [(203, 1), (204, 2), (206, 2)])
+@pytest.mark.parametrize(
+    ("seed", "pedestrians", "phase"),
+    [(203, 1, "true"), (204, 2, "true"), (204, 2, "false"), (206, 2, "false")],
+)
 def test_a_few_unresolved_bodies_leave_no_rows_of_points_beside_them(seed, pedestrians, phase):
     scenario = load_scenario(f"crowd[seed={seed},pedestrians={pedestrians},coherent_phase={phase}]")
     scores = score(scenario, Nomp4d().estimate(Simulator(scenario).observe(10.0)))
     assert scores["precision"] > 0.8
     assert scores["recall"] > 0.9
+
+
+def test_weak_objects_that_stand_out_from_their_surroundings_are_not_taken_for_misfit():
+    scenario = load_scenario("weak[seed=304,coherent_phase=true]")
+    assert score(scenario, Nomp4d().estimate(Simulator(scenario).observe(10.0)))["recall"] > 0.6
 
 
 @pytest.mark.parametrize(
