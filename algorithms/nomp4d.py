@@ -252,7 +252,9 @@ class Pursuit:
                 if stays.all():
                     return
                 self.origins = self.origins[stays]
-                self.fit = fit_atoms(self.space.atom_map, self.fit.places[stays], self.ridge, self.fit)
+                # As of merged atoms: steps without the others would magnify the last digits of places.
+                places = np.rint(self.fit.places[stays] / MERGED_PITCH) * MERGED_PITCH
+                self.fit = fit_atoms(self.space.atom_map, places, self.ridge)
 
     def drop_replaceable(self) -> None:
         """Drop atoms without which all others, moved, explain as much but for what noise may show."""
