@@ -388,7 +388,7 @@ class MapEstimator(ABC):
         row of that element, P + Q - 1 elements instead of P Q.
     m_of_n : int
         Elements that must detect a cell with `integration` "binary"; 1 unites
-        the detections of all elements.
+        the detections of all elements. Always 1 with the other integrations.
     angle_pfa : float
         Probability that noise is taken for a plane wave, or for a scatterer, in a cell chosen without
         regard to its power: one that noise has raised passes more often.
@@ -436,8 +436,8 @@ class MapEstimator(ABC):
         require_positive(self, "dynamic_range_db", "local_dynamic_range_db")
         require_least(self, m_of_n=1)
         require_option(self, "integration", get_args(Integration))
-        counts = self.integration == "binary"
-        require(counts or self.m_of_n == 1, "m_of_n", self.m_of_n, '1, or a number with integration "binary"')
+        is_binary = self.integration == "binary"
+        require(is_binary or self.m_of_n == 1, "m_of_n", self.m_of_n, '1, or a number with integration "binary"')
         require_option(self, "precision", get_args(CellPrecision))
         require_option(self, "detection_window", get_args(Window))
         self.cell_detector()

@@ -390,11 +390,12 @@ def misfit_atoms(fit: AtomFit, left: Floats) -> Mask:
     2 m - 1 along its samples. What is left is like a Legendre polynomial, whose spectrum is highest one to
     three Rayleigh cells away, on both sides. Atoms there cancel each other, and leave a misfit further away.
 
-    `left` (n,) is the highest energy left around each atom. It may show elsewhere as it is along the
-    coordinate in which sidelobes decay most, and like a sidelobe along the others. An atom is dropped if it
-    explains no more than that beside all others, and if it and those less than a Rayleigh cell away explain
-    no more than a geometric mean: two parts of `MISFIT_SHARE` of what may show there, or of `MISFIT_AROUND`
-    times what does, and one of the energies of these atoms: those that cancel each other explain little.
+    `left` (n,) is the highest energy left around each atom. It may show elsewhere: as it is along the
+    coordinate in which sidelobes decay most, like a sidelobe along the others. An atom is dropped if two
+    conditions hold. Beside all others it explains no more than may show at its place. And the atoms less than
+    a Rayleigh cell away, itself included, explain at most (m² p)^(1/3). Here m is `MISFIT_SHARE` of what may
+    show, or `MISFIT_AROUND` times what is left around the atom, if that is less; p is the sum of the energies
+    of these atoms, of which those that cancel each other explain little.
     """
     apart = unwrapped(fit.places[:, None], fit.places, fit.atom_map.periods) - fit.places
     drops = np.stack([_sidelobe_drop(apart[..., k], k, fit.atom_map.bursts) for k in range(N_COORDINATES)])
