@@ -436,8 +436,8 @@ class MapEstimator(ABC):
         require_positive(self, "dynamic_range_db", "local_dynamic_range_db")
         require_least(self, m_of_n=1)
         require_option(self, "integration", get_args(Integration))
-        is_binary = self.integration == "binary"
-        require(is_binary or self.m_of_n == 1, "m_of_n", self.m_of_n, '1, or a number with integration "binary"')
+        binary = self.integration == "binary"
+        require(binary or self.m_of_n == 1, "m_of_n", self.m_of_n, '1, or a number with integration "binary"')
         require_option(self, "precision", get_args(CellPrecision))
         require_option(self, "detection_window", get_args(Window))
         self.cell_detector()
