@@ -8,6 +8,7 @@ __all__ = [
     "frame",
     "gate",
     "kernels",
+    "link_budget",
     "number_limits",
     "numerology",
     "observation",

@@ -357,8 +357,8 @@ class Simulator:
 
         Where transmitters take turns, it is as many times σ² as there are:
         echoes keep their peaks, though an element sums fewer resource elements.
-        The SNR is Σ|G|² / σ²; a scene without echoes counts as one unit
-        scatterer. Noise of the transmitter has this power as the sum over
+        The SNR is Σ|G|² / σ²; a scene without echoes, and one with a link budget, counts as
+        one unit scatterer. Noise of the transmitter has this power as the sum over
         echoes, each on its own.
         """
         return self.noise_amplitude(snr_db) ** 2
@@ -371,9 +371,7 @@ class Simulator:
         InputError
             If the SNR is no number, or the noise would be too strong.
         """
-        unit, power = self.scenario.scatterers.power_in_units
-        if power == 0:
-            unit, power = 1.0, 1.0
+        unit, power = self.scenario.reference_power
         lowest_db = 10 * np.log10(power) - 20 * np.log10(LARGEST_NOISE_AMPLITUDE / unit)
         limits = f"{lowest_db:.0f} and more, infinity for no noise"
         require(isinstance(snr_db, Real) and snr_db >= lowest_db, "snr_db", snr_db, limits)

@@ -35,15 +35,15 @@ def gain_db(scenario: Scenario) -> float:
 
     The sums run over N_c subcarriers, N_sym symbols and P Q elements, or over
     the share of them that each transmitter has where they take turns. The
-    SNR of a scene counts the power of all its scatterers. Noise that comes
-    back with an echo is that of the echo alone, and from its direction:
-    only the sums over subcarriers and symbols gain.
+    SNR of a scene counts the power of all its scatterers, with a link budget
+    that of a unit one. Noise that comes back with an echo is that of the echo
+    alone, and from its direction: only the sums over subcarriers and symbols gain.
     """
     system, (n_p, n_q) = scenario.system, scenario.array.shape
     gain = system.processing_gain / scenario.array.n_turns
     if system.noise == "transmitter":
         return float(10 * np.log10(gain))
-    echo_power = float(np.sum(scenario.scatterers.amplitude**2)) or 1.0
+    echo_power = 1.0 if scenario.budget else float(np.sum(scenario.scatterers.amplitude**2)) or 1.0
     return float(10 * np.log10(gain * n_p * n_q / echo_power))
 
 

@@ -17,6 +17,7 @@ from isacbench.files.escaping import plural, quoted
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud, describe_points
 from isacbench.model.frame import Frame
+from isacbench.model.link_budget import LinkBudget
 from isacbench.model.number_limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
 from isacbench.model.region import Region
@@ -141,6 +142,9 @@ class Scenario(Displayed):
     gain_error_db, phase_error_deg : float
         Standard deviations of the gain and phase errors of the virtual elements,
         which no estimator knows.
+    budget : LinkBudget or None
+        Link budget that the amplitudes follow from, which are then roots of the SNR of each echo on a
+        resource element and virtual element: SNRs are offsets from it. None where SNRs are of all echoes.
     family : str
         Family of a generated scenario, empty for others.
     family_version : int
@@ -177,6 +181,7 @@ class Scenario(Displayed):
     radius_m: float = 1.0
     gain_error_db: float = 0.0
     phase_error_deg: float = 0.0
+    budget: LinkBudget | None = None
     family: str = ""
     family_version: int = 0
 
@@ -282,6 +287,15 @@ class Scenario(Displayed):
                 "region": str(self.region),
             },
         )
+
+    @property
+    def reference_power(self) -> tuple[float, float]:
+        """A unit of amplitude, and the power in its square that an SNR of 0 dB sets against the noise.
+
+        It is that of all echoes; 1 with a link budget, and without echoes.
+        """
+        unit, power = self.scatterers.power_in_units
+        return (1.0, 1.0) if self.budget is not None or power == 0 else (unit, power)
 
     @property
     def range_m(self) -> Floats:

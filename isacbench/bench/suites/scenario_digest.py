@@ -14,6 +14,7 @@ import numpy as np
 from isacbench.model.array import PAPER_ORDER, VirtualArray
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
 from isacbench.model.frame import PaperFrame, get_frame
+from isacbench.model.link_budget import LinkBudget
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario, no_input_warnings
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 SIGNIFICANT = 10
 """Significant digits of a number in a digest: random places depend on sines, whose last digits vary."""
 
-OPTIONS = {"radius_m": 1.0, "gain_error_db": 0.0, "phase_error_deg": 0.0, "family": "", "family_version": 0}
+OPTIONS = {
+    **{"radius_m": 1.0, "gain_error_db": 0.0, "phase_error_deg": 0.0},
+    **{"budget": None, "family": "", "family_version": 0},
+}
 """Fields of a scenario, beside its parts, with the values at which its description leaves them out."""
 
 LEFT_OUT = {**OPTIONS, "ascending": PAPER_ORDER, "mimo": "ideal", "leakage_db": None, "noise": "receiver"}
@@ -76,6 +80,7 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
         "frame": {"name": frame, **described_fields(scenario.frame)},
         "base_station_m": scenario.base_station_m.tolist(),
         **{name: value for name, value in described_fields(scenario).items() if name in OPTIONS},
+        **({} if scenario.budget is None else {"budget": dataclasses.asdict(scenario.budget)}),
     }
 
 
@@ -87,6 +92,9 @@ def described_fields(part: Any) -> dict[str, Any]:
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
     """Build a scenario from its description and its rows of the truth, without warnings."""
+    options = {name: described[name] for name in OPTIONS if name in described}
+    if "budget" in options:
+        options["budget"] = LinkBudget(**options["budget"])
     with no_input_warnings():
         return Scenario(
             name=name,
@@ -95,7 +103,7 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
             frame=get_frame(**described["frame"]),
             base_station_m=np.array(described["base_station_m"]),
             region=Region(**_tupled(described["region"])),
-            **{name: described[name] for name in OPTIONS if name in described},
+            **options,
             scatterers=restore_scatterers(truth),
         )
 

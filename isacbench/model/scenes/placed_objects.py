@@ -13,6 +13,9 @@ from scipy.special import ndtri
 
 from isacbench.checked_arrays import Floats, Mask
 from isacbench.errors import InputError
+from isacbench.model.frame import Frame
+from isacbench.model.link_budget import LinkBudget, PathLoss, free_space_loss_db, uma_av_loss_db
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS
 from isacbench.model.region import Region
 from isacbench.model.scene import AT_BASE_STATION_M, Scatterers
 from isacbench.model.scenes.raw_uniforms import raw_uniforms
@@ -150,12 +153,26 @@ def with_cross_section(placed: PlacedObject, key: str) -> PlacedObject:
     return _with_amplitude(placed, np.full(n, np.sqrt(sigma_m2 / n)))
 
 
-def with_path_loss(placed: PlacedObject, base_station_m: Floats, wavelength_m: float) -> PlacedObject:
-    """Weaken echoes by their distance, as in free space."""
-    range_m = np.linalg.norm(placed.scatterers.xyz - base_station_m, axis=1)
+def with_path_loss(
+    placed: PlacedObject, base_station_m: Floats, carrier_hz: float, path_loss: PathLoss, key: str
+) -> PlacedObject:
+    """Weaken echoes by their distance; what is drawn of an object's path follows from a key."""
+    xyz, wavelength_m = placed.scatterers.xyz, SPEED_OF_LIGHT_MPS / carrier_hz
     # A scatterer at the base station is refused later.
-    loss = free_space_amplitudes(np.maximum(range_m, AT_BASE_STATION_M), wavelength_m)
+    range_m = np.maximum(np.linalg.norm(xyz - base_station_m, axis=1), AT_BASE_STATION_M)
+    loss = free_space_amplitudes(range_m, wavelength_m)
+    if path_loss == "uma_av" and len(xyz):
+        loss_db = uma_av_loss_db(xyz, range_m, base_station_m, carrier_hz, key)
+        loss *= 10 ** ((free_space_loss_db(range_m, carrier_hz) - loss_db) / 10)
     return _with_amplitude(placed, placed.scatterers.amplitude * loss)
+
+
+def with_budget(
+    placed: PlacedObject, budget: LinkBudget, unit: float, frame: Frame, base_station_m: Floats
+) -> PlacedObject:
+    """Turn amplitudes of received over transmitted power into roots of SNRs, antenna gains included."""
+    gain = budget.two_way_gain(frame, placed.scatterers.xyz - base_station_m)
+    return _with_amplitude(placed, placed.scatterers.amplitude * unit * np.sqrt(gain))
 
 
 def _with_amplitude(placed: PlacedObject, amplitude: Floats) -> PlacedObject:

@@ -14,6 +14,7 @@ from isacbench.errors import InputError
 from isacbench.files.toml_files import read_toml
 from isacbench.model.array import MOST_LEAKAGE_DB, VirtualArray
 from isacbench.model.frame import FrameName, get_frame
+from isacbench.model.link_budget import ElementPattern, LinkBudget, PathLoss
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
 from isacbench.model.scene import ERRORS, MOST_ERRORS, Scenario
@@ -24,6 +25,7 @@ from isacbench.model.scenes.placed_objects import (
     Surroundings,
     join_scatterers,
     seen_objects,
+    with_budget,
     with_cross_section,
     with_path_loss,
 )
@@ -139,6 +141,13 @@ class _RegionTable(FileTable):
     speed_mps: Limits
 
 
+class _BudgetTable(FileTable):
+    tx_power_dbm: Finite
+    noise_figure_db: Finite = LinkBudget.noise_figure_db
+    residual_dbm: Finite | None = LinkBudget.residual_dbm
+    element: ElementPattern = LinkBudget.element
+
+
 class _ScoringTable(FileTable):
     radius_m: Positive = Scenario.radius_m
 
@@ -150,9 +159,10 @@ class _ScenarioTable(FileTable):
     base_station: _BaseStationTable
     region: _RegionTable
     scoring: _ScoringTable = _ScoringTable()
+    budget: _BudgetTable | None = None
     objects: tuple[AnyObject, ...] = ()
     visible: Literal["all", "seen"] = "all"
-    path_loss: Literal["none", "free_space"] = "none"
+    path_loss: PathLoss = "none"
     rcs_seed: Seed = 0
 
     def scenario(self, source: Path) -> Scenario:
@@ -166,20 +176,41 @@ class _ScenarioTable(FileTable):
         placed = [
             with_cross_section(each, f"rcs {self.rcs_seed} {number}") for number, each in enumerate(placed)
         ]
-        if self.path_loss == "free_space":
-            placed = [with_path_loss(each, base_station_m, system.wavelength_m) for each in placed]
+        if self.path_loss != "none":
+            placed = [
+                with_path_loss(
+                    each, base_station_m, system.carrier_hz, self.path_loss, f"path {self.rcs_seed} {number}"
+                )
+                for number, each in enumerate(placed)
+            ]
+        array = VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg", *ERRORS}))
+        frame = get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg)
+        budget = None if self.budget is None else LinkBudget(**self.budget.model_dump())
+        if budget is not None:
+            self._require_powers()
+            unit = budget.unit_amplitude(system, array)
+            placed = [with_budget(each, budget, unit, frame, base_station_m) for each in placed]
         return Scenario(
             name=self.name,
             system=system,
-            array=VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg", *ERRORS})),
-            frame=get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg),
+            array=array,
+            frame=frame,
             base_station_m=base_station_m,
             region=region,
             scatterers=join_scatterers(placed),
             radius_m=self.scoring.radius_m,
             gain_error_db=self.array.gain_error_db,
             phase_error_deg=self.array.phase_error_deg,
+            budget=budget,
         )
+
+    def _require_powers(self) -> None:
+        """Refuse a link budget of echoes whose powers do not follow from cross sections and path loss."""
+        if self.path_loss == "none":
+            raise InputError('budget: it needs a path loss; allowed is path_loss = "free_space" or "uma_av"')
+        for number, one in enumerate(self.objects):
+            if one.rcs_dbsm is None:
+                raise InputError(f"objects[{number}]: a link budget needs its cross section, rcs_dbsm")
 
     def _placed(self, number: int, around: Surroundings) -> PlacedObject:
         """Place one object; errors name it."""
