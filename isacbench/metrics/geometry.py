@@ -41,7 +41,7 @@ class CloudPair:
     Attributes
     ----------
     truth : PointCloud
-        True scatterers, at least one.
+        True scatterers, at least one unless the scenario has none.
     estimate : PointCloud
         Estimated points, possibly none.
     region : Region or None
@@ -56,8 +56,8 @@ class CloudPair:
     Raises
     ------
     InputError
-        If the truth is empty, a coordinate or velocity is beyond 1e50, or the radius or the velocity bin
-        is no positive number.
+        If the truth is empty and no scenario says so, a coordinate or velocity is beyond 1e50, or the radius
+        or the velocity bin is no positive number.
     """
 
     truth: PointCloud
@@ -79,7 +79,7 @@ class CloudPair:
         return self.truth.has_velocity and self.estimate.has_velocity
 
     def __post_init__(self) -> None:
-        if not len(self.truth):
+        if not len(self.truth) and self.scenario is None:
             raise InputError("truth: the cloud is empty; a score takes at least one true scatterer")
         for name, unit in (("velocity_bin_mps", "m/s"), ("radius_m", "m")):
             number = checked_array(name, getattr(self, name)).item()

@@ -32,6 +32,9 @@ ERRORS = "gain_error_db", "phase_error_deg"
 MOST_ERRORS = 10.0, 180.0
 """Largest standard deviations of the errors of gain and phase: beyond them nothing is left of a beam."""
 
+CLUTTER = "clutter "
+"""Beginning of the name of an object that is no target of sensing."""
+
 MOST_OF_A_NAME = 60
 """Characters of a scenario's name that its ``repr`` shows."""
 ROUNDING = 1e-9

@@ -122,7 +122,8 @@ class Metric(Protocol):
 
     It may have a class attribute ``version``, a whole number, which is counted up when the same image
     gets other scores than before; without one the version is 1. It may have a method ``lacks(scenario)``
-    that says in a text what a scenario lacks for it, empty if nothing: its scores are then NaN.
+    that says in a text what a scenario lacks for it, empty if nothing: its scores are then NaN. They are also
+    NaN for scenes without scatterers, unless a class attribute ``scores_empty_truth`` is true.
     """
 
     name: ClassVar[str]

@@ -95,6 +95,8 @@ def score(
         pair = CloudPair(_as_cloud(truth, "truth"), cloud)
     given: dict[str, Any] = {"region": region, "velocity_bin_mps": velocity_bin_mps, "radius_m": radius_m}
     pair = replace(pair, **{name: value for name, value in given.items() if value is not None})
+    if not (len(pair.truth) or takes_empty_truth(chosen)):
+        raise InputError(f"truth: it is empty, and metric {chosen.name} takes at least one true scatterer")
     if lack := lacks_of(chosen, pair.scenario):
         warnings.warn(f"metric {chosen.name}: {lack}; its scores are NaN", InputWarning, stacklevel=2)
     return {**_counts(pair), **metric_scores(chosen, pair)}
@@ -111,6 +113,11 @@ def lacks_of(metric: Metric, scenario: Scenario | None) -> str:
     return "" if lacks is None else str(lacks(scenario))
 
 
+def takes_empty_truth(metric: Metric) -> bool:
+    """Tell whether a metric scores images of scenes without scatterers, which others have no score for."""
+    return bool(getattr(metric, "scores_empty_truth", False))
+
+
 @plugin_output()
 @one_blas_thread()
 def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
@@ -120,7 +127,7 @@ def metric_scores(metric: Metric, pair: CloudPair) -> dict[str, float]:
     refused with an `InputError`.
     """
     known = expanded(metric.columns, () if pair.scenario is None else object_kinds(pair.scenario))
-    if lacks_of(metric, pair.scenario):
+    if lacks_of(metric, pair.scenario) or not (len(pair.truth) or takes_empty_truth(metric)):
         return dict.fromkeys(known, math.nan)
     try:
         found = dict(metric.score(pair))

@@ -33,7 +33,7 @@ from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Estimator
 from isacbench.plugins.discovery import PluginKind
 from isacbench.plugins.registry import build_variants, canonical_params
-from isacbench.plugins.scoring import PAPER_ALONE, Metrics
+from isacbench.plugins.scoring import PAPER_ALONE, Metrics, takes_empty_truth
 
 Measure = Callable[[Image], Mapping[str, Any]]
 """Function of a kind that derives further columns of the row from an image."""
@@ -209,7 +209,7 @@ class ImagingTask(Task):
         self.is_drawn = draw is not None
         self._draw = draw
         first = self.scenario_of(0)
-        if not len(first.scatterers):
+        if not len(first.scatterers) and not any(map(takes_empty_truth, metrics.further)):
             raise InputError(f"scenarios: {scenario.name!r} has no scatterers, so that nothing can be scored")
         snrs_db = element_snrs_db(suite, gain_db(first))
         super().__init__(

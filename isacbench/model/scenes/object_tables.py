@@ -67,6 +67,8 @@ CrossSection = Annotated[Any, AfterValidator(_number_or_name)]
 
 
 class _EchoTable(FileTable):
+    role: Literal["target", "clutter"] = "target"
+
     @model_validator(mode="after")
     def _require_one_strength(self) -> Self:
         if {"amplitude", "rcs_dbsm"} <= self.model_fields_set:

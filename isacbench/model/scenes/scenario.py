@@ -17,7 +17,7 @@ from isacbench.model.frame import FrameName, get_frame
 from isacbench.model.link_budget import ElementPattern, LinkBudget, PathLoss
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import ERRORS, MOST_ERRORS, Scenario
+from isacbench.model.scene import CLUTTER, ERRORS, MOST_ERRORS, Scenario
 from isacbench.model.scenes.generators import scene_table
 from isacbench.model.scenes.object_tables import AnyObject, FileTable, Finite, Position, Positive
 from isacbench.model.scenes.placed_objects import (
@@ -224,4 +224,9 @@ class _ScenarioTable(FileTable):
         except InputError as error:
             raise InputError(f"objects[{number}]: {error}") from error
         kinds = [each.kind for each in self.objects[: number + 1]]
-        return dataclasses.replace(placed, name=f"{kinds[-1]} {kinds.count(kinds[-1])}")
+        name = f"{kinds[-1]} {kinds.count(kinds[-1])}"
+        if self.objects[number].role == "target":
+            return dataclasses.replace(placed, name=name)
+        own = tuple(CLUTTER + each for each in placed.scatterers.objects)
+        scatterers = dataclasses.replace(placed.scatterers, objects=own)
+        return dataclasses.replace(placed, name=CLUTTER + name, scatterers=scatterers)
