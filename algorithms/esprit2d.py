@@ -85,8 +85,9 @@ class Esprit2d(JointSubspaceEstimator):
         (lowest_u, highest_u), (lowest_w, highest_w) = observation.cosine_limits
 
         def inside(waves: EspritDirections | PlaneWaves) -> Mask:
-            in_u: Mask = (waves.u >= lowest_u) & (waves.u <= highest_u)
-            return in_u & (waves.w >= lowest_w) & (waves.w <= highest_w)
+            u, w = observation.unfolded(waves.u, waves.w)
+            in_u: Mask = (u >= lowest_u) & (u <= highest_u)
+            return in_u & (w >= lowest_w) & (w <= highest_w)
 
         waves = _most_directions(subspaces, lambda found: found.reliable & inside(found).all(axis=1))
         return replace(waves, found=waves.found & inside(waves))

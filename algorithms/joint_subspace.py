@@ -181,7 +181,7 @@ class JointSubspaceEstimator(CellwiseEstimator):
             strongest = power.max(axis=1, keepdims=True, initial=0)
             found = waves.found & (power > cells.levels.min_power)
             found &= power > strongest * 10 ** (-self.dynamic_range_db / 10)
-            found &= waves.u**2 + waves.w**2 <= 1
+            found &= observation.sees(waves.u, waves.w)
             return replace(waves, found=found)
 
     def resolved_waves(self, observation: Observation, cells: CellSnapshots, pairs: Eigenpairs) -> PlaneWaves:

@@ -449,7 +449,8 @@ class Nomp4d:
             places = fit.places
             weakest = self._weakest(strongest_around(places, fit))
             stays = fit.power >= np.maximum(pursuit.highest_noise, weakest)
-            stays &= np.all(np.abs(places[:, 2:] * atom_map.cell_size[2:]) <= 1, axis=1)
+            cosines = np.abs(places[:, 2:] * atom_map.cell_size[2:])
+            stays &= np.all(cosines <= pursuit.observation.frame.cosine_scale, axis=1)
             if stays.all():
                 drop, places = needless_atoms(fit, pursuit.highest_noise, MERGED_PITCH)
                 stays = ~drop

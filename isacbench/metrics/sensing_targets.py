@@ -20,7 +20,7 @@ from isacbench.metrics.descriptions import ScoreColumn, object_kind
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.object_scores import group_points
 from isacbench.model.cloud import PointCloud
-from isacbench.model.scene import CLUTTER, Scenario
+from isacbench.model.scene import Scenario
 
 GATE_M = 22.6
 """6 m, a standard deviation along each axis, times the root of the 0.9973 quantile of chi-square with three
@@ -100,7 +100,7 @@ def _targets(pair: CloudPair) -> PointCloud:
 def targets_of(scenario: Scenario) -> PointCloud:
     """Targets of a scenario, one point each: its objects, but for clutter, and scatterers of no object."""
     names = scenario.scatterers.objects or ("",) * len(scenario.scatterers)
-    is_target = np.array([not name.startswith(CLUTTER) for name in names], dtype=bool)
+    is_target = ~scenario.scatterers.is_clutter
     own = [name if object_kind(name) else f" {number}" for number, name in enumerate(names)]
     truth, groups = scenario.truth.select(is_target), np.array(own)[is_target]
     even = PointCloud(truth.xyz, truth.velocity, np.ones(len(truth)))

@@ -11,17 +11,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Floats, Mask, checked_array
-from isacbench.errors import InputError
+from isacbench.errors import InputError, require
 
 FrameName = Literal["paper", "panel"]
+
+
+Spacing = tuple[float, float]
+
+HALF_WAVELENGTHS: Spacing = (0.5, 0.5)
+LEAST_SPACING, MOST_SPACING = 0.1, 2.0
+"""Spacings in wavelengths: closer elements are no separate ones, and wider ones see hardly one direction."""
 
 
 class Frame(ABC):
     """A one-to-one map between offsets from the base station and (R, u, w).
 
     Offsets are scatterer position minus base station position in metres, x
-    and y horizontal, z up.
+    and y horizontal, z up. u and w are direction cosines where elements are half
+    a wavelength apart. At other spacings they are direction cosines times the
+    spacing over half a wavelength: the phase from one element to the next is
+    -π u, and -π w, at any spacing.
     """
+
+    spacing_wavelengths: Spacing = HALF_WAVELENGTHS
 
     @abstractmethod
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
@@ -81,6 +93,26 @@ class Frame(ABC):
 
     half_space: ClassVar[str]
     """The half-space in words, for messages."""
+
+    @property
+    def cosine_scale(self) -> Floats:
+        """Numbers (2,) that direction cosines are multiplied by to give u and w."""
+        return 2 * np.array(self.spacing_wavelengths)
+
+    @property
+    def ambiguity(self) -> str:
+        """Say from which angle off broadside on directions are ambiguous; empty where they are not."""
+        wide = [
+            f"{np.degrees(np.arcsin(min(1 / spacing - 1, 1.0))):.1f}° along {axis}"
+            for axis, spacing in zip("uw", self.spacing_wavelengths, strict=True)
+            if spacing > 1 / 2
+        ]
+        return ", ".join(wide)
+
+    def visible(self, u: Floats, w: Floats) -> Mask:
+        """Tell which u and w, of equal shapes, are of a direction in space."""
+        scale_u, scale_w = self.cosine_scale
+        return np.square(u / scale_u) + np.square(w / scale_w) <= 1
 
 
 def _normal_cosine(u: Floats, w: Floats) -> Floats:
@@ -174,10 +206,24 @@ class PanelFrame(Frame):
         Turn of the panel about the vertical, counter-clockwise seen from above.
     tilt_deg : float
         Downward tilt of the panel's normal.
+    spacing_wavelengths : (float, float)
+        Distances of elements along u and along w. Beyond half a wavelength, directions are ambiguous.
+
+    Raises
+    ------
+    InputError
+        If a spacing is not from 0.1 to 2 wavelengths.
     """
 
     yaw_deg: float = 0.0
     tilt_deg: float = 0.0
+    spacing_wavelengths: Spacing = HALF_WAVELENGTHS
+
+    def __post_init__(self) -> None:
+        for spacing in self.spacing_wavelengths:
+            limits = f"a number from {LEAST_SPACING:g} to {MOST_SPACING:g}"
+            is_allowed = LEAST_SPACING <= spacing <= MOST_SPACING
+            require(is_allowed, "array.spacing_wavelengths", spacing, limits)
 
     half_space = "in front of the panel"
 
@@ -194,37 +240,47 @@ class PanelFrame(Frame):
         return axes
 
     def direction_cosines(self, offset_m: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute the direction cosines of offsets."""
+        """Compute the direction cosines of offsets, times the spacing over half a wavelength."""
         offset = checked_array("offset_m", offset_m)
         direction = offset / np.linalg.norm(offset, axis=1, keepdims=True)
-        u, w = self.axes[:2] @ direction.T
+        u, w = self.cosine_scale[:, None] * (self.axes[:2] @ direction.T)
         return u, w
 
     def offsets(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
         """Compute the offsets in the half-space that the panel faces."""
-        u, w = checked_array("u", u), checked_array("w", w)
+        u, w = self._cosines(u, w)
         local = np.stack([u, w, _normal_cosine(u, w)], axis=-1)
         direction: Floats = local @ self.axes
         return checked_array("range_m", range_m)[..., None] * direction
 
     def offset_jacobian(self, range_m: ArrayLike, u: ArrayLike, w: ArrayLike) -> Floats:
         """Compute the derivatives; NaN in the plane of the panel."""
-        u, w = checked_array("u", u), checked_array("w", w)
+        (u, w), (scale_u, scale_w) = self._cosines(u, w), self.cosine_scale
         normal = _nonzero(_normal_cosine(u, w))
         one, zero = np.ones_like(normal), np.zeros_like(normal)
         return _jacobian(
             range_m,
             np.stack([u, w, normal], axis=-1) @ self.axes,
-            np.stack([one, zero, -u / normal], axis=-1) @ self.axes,
-            np.stack([zero, one, -w / normal], axis=-1) @ self.axes,
+            np.stack([one, zero, -u / normal], axis=-1) @ self.axes / scale_u,
+            np.stack([zero, one, -w / normal], axis=-1) @ self.axes / scale_w,
         )
+
+    def _cosines(self, u: ArrayLike, w: ArrayLike) -> tuple[Floats, Floats]:
+        """Direction cosines of u and w."""
+        scale_u, scale_w = self.cosine_scale
+        return checked_array("u", u) / scale_u, checked_array("w", w) / scale_w
 
     def in_half_space(self, offset_m: ArrayLike) -> Mask:
         """Tell which offsets lie in front of the panel."""
         return checked_array("offset_m", offset_m) @ self.axes[2] >= 0
 
 
-def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> Frame:
+def get_frame(
+    name: FrameName,
+    yaw_deg: float = 0.0,
+    tilt_deg: float = 0.0,
+    spacing_wavelengths: Spacing = HALF_WAVELENGTHS,
+) -> Frame:
     """Build a frame by name.
 
     Parameters
@@ -232,14 +288,22 @@ def get_frame(name: FrameName, yaw_deg: float = 0.0, tilt_deg: float = 0.0) -> F
     name : {"paper", "panel"}
     yaw_deg, tilt_deg : float
         Of a panel.
+    spacing_wavelengths : (float, float)
+        Of the elements of a panel along u and w.
 
     Raises
     ------
     InputError
-        If yaw or tilt are given to the frame ``paper``, which has none.
+        If yaw, tilt or another spacing than half a wavelength are given to the frame ``paper``, which has
+        none.
     """
     if name == "panel":
-        return PanelFrame(yaw_deg=yaw_deg, tilt_deg=tilt_deg)
+        return PanelFrame(yaw_deg, tilt_deg, spacing_wavelengths)
+    if spacing_wavelengths != HALF_WAVELENGTHS:
+        raise InputError(
+            "array: spacing_wavelengths is that of a panel; the frame 'paper' has elements half a wavelength "
+            "apart"
+        )
     if yaw_deg or tilt_deg:
         raise InputError("array: yaw_deg and tilt_deg turn a panel; the frame 'paper' has neither")
     return PaperFrame()

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isacbench.checked_arrays import Complex, Floats, Integers, checked_array
+from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.choices import Sensing
 from isacbench.display import Description, Displayed, range_text
 from isacbench.errors import InputError
@@ -21,6 +21,9 @@ from isacbench.model.region import Interval, Region
 
 REGION_TOLERANCE_M = 0.5
 """Largest distance outside the region at which a point is still reported."""
+
+PERIOD = 2.0
+"""Distance of two u, or two w, that look alike."""
 
 REGION_SAMPLES = 17
 """Points per edge at which directions of the region are sampled: exact to about 1e-3 on a street."""
@@ -145,19 +148,51 @@ class Observation(Displayed):
             region, and at ranges below 0 by more than an error of estimation.
         """
         system, limits_m = self.system, self.region.range_limits_m(self.base_station_m)
+        cosines = self.unfolded(u, w)
         ranges = checked_array("range_bin", range_bin)
         range_m = _unfolded(ranges, limits_m, system.range_bin_m, system.n_subcarriers)
-        cosines = checked_array("u", u), checked_array("w", w)
         xyz = self.base_station_m + self.frame.offsets(np.maximum(range_m, 0), *cosines)
         xyz[range_m < -system.range_bin_m / 2] = np.nan
         return xyz
 
+    def unfolded(self, u: ArrayLike, w: ArrayLike) -> tuple[Floats, Floats]:
+        """Choose among the aliases of u and w, 2 apart, those nearest to the middle of the region's limits.
+
+        Only elements more than half a wavelength apart have several aliases in space.
+        """
+        found = checked_array("u", u), checked_array("w", w)
+        is_unique = self.frame.cosine_scale <= 1
+        of_u, of_w = (
+            each if alone else _unfolded(each, limits, 1.0, int(PERIOD))
+            for each, alone, limits in zip(found, is_unique, self.cosine_limits, strict=True)
+        )
+        return of_u, of_w
+
+    def sees(self, u: Floats, w: Floats) -> Mask:
+        """Tell which u and w, of equal shapes, are of a direction in space, or have an alias that is."""
+        return self.frame.visible(*self.unfolded(u, w))
+
 
 def cosine_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple[Interval, Interval]:
-    """Lowest and highest u, and w, that a point of a region can have, its tolerance included."""
+    """Lowest and highest u, and w, that a point of a region can have, its tolerance included.
+
+    Where they are further apart than aliases, 2, it is a period in their middle.
+    """
+    limits = _spanned_limits(region, base_station_m, frame)
+    middles = [(low + high) / 2 for low, high in limits]
+    (u, w) = (
+        each if each[1] - each[0] <= PERIOD else (middle - PERIOD / 2, middle + PERIOD / 2)
+        for each, middle in zip(limits, middles, strict=True)
+    )
+    return u, w
+
+
+def _spanned_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple[Interval, Interval]:
+    """Lowest and highest u, and w, that a point of a region can have, whatever their distance."""
     lower, upper = region.lower_m - REGION_TOLERANCE_M, region.upper_m + REGION_TOLERANCE_M
     if np.all((base_station_m > lower) & (base_station_m < upper)):
-        return (-1.0, 1.0), (-1.0, 1.0)
+        scale_u, scale_w = map(float, frame.cosine_scale)
+        return (-scale_u, scale_u), (-scale_w, scale_w)
     axes = _samples(lower, upper, base_station_m)
     offset_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) - base_station_m
     visible = frame.in_half_space(offset_m) & (np.linalg.norm(offset_m, axis=1) > 0)

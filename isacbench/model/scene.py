@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isacbench.checked_arrays import Floats, freeze_arrays
+from isacbench.checked_arrays import Floats, Mask, freeze_arrays
 from isacbench.display import Description, Displayed
 from isacbench.errors import InputError, InputWarning, require
 from isacbench.files.escaping import plural, quoted
@@ -119,6 +119,12 @@ class Scatterers(Displayed):
         return describe_points("Scatterers", self.xyz, self.velocity, amplitude=self.amplitude)
 
     @property
+    def is_clutter(self) -> Mask:
+        """Mask (n,) of the scatterers of clutter."""
+        names = self.objects or ("",) * len(self)
+        return np.array([name.startswith(CLUTTER) for name in names], dtype=bool)
+
+    @property
     def total_amplitude(self) -> float:
         """Root of the power of all echoes, each on its own."""
         unit, power = self.power_in_units
@@ -163,9 +169,10 @@ class Scenario(Displayed):
     Warns
     -----
     InputWarning
-        If scatterers lie outside the region by more than rounding, 1e-9 of
-        its largest coordinate or speed, or farther away than the cyclic prefix
-        reaches.
+        If scatterers that are no clutter lie outside the region by more than
+        rounding, 1e-9 of its largest coordinate or speed, if scatterers are farther
+        away than the cyclic prefix reaches, or if elements are so far apart that
+        directions of the region look alike.
 
     Notes
     -----
@@ -199,6 +206,7 @@ class Scenario(Displayed):
         self._require_sight()
         self._warn_of_strays()
         self._warn_of_interference()
+        self._warn_of_aliases()
 
     def require_default(self, task: str, *options: str) -> None:
         """Refuse options of the radio that a task does not model: "noise", "mimo" or "leakage_db"."""
@@ -256,6 +264,8 @@ class Scenario(Displayed):
         inside = region.contains(scatterers.xyz, rounding_m)
         inside &= scatterers.velocity >= region.speed_mps[0] - rounding_mps
         inside &= scatterers.velocity <= region.speed_mps[1] + rounding_mps
+        # Clutter may lie anywhere: it is not looked for.
+        inside |= scatterers.is_clutter
         if not inside.all():
             warnings.warn(
                 f"scenario {self.name}: {np.sum(~inside)} of {inside.size} scatterers lie outside the region "
@@ -275,9 +285,23 @@ class Scenario(Displayed):
                 stacklevel=4,
             )
 
+    def _warn_of_aliases(self) -> None:
+        corners_m = self.region.corners_m - self.base_station_m
+        seen_m = corners_m[self.frame.in_half_space(corners_m) & (np.abs(corners_m).sum(axis=1) > 0)]
+        for axis, cosines in zip("uw", self.frame.direction_cosines(seen_m), strict=True):
+            if np.ptp(cosines) > 2 * (1 + ROUNDING):
+                warnings.warn(
+                    f"scenario {self.name}: directions of the region look alike along {axis}, where elements "
+                    f"are {self.frame.spacing_wavelengths['uw'.index(axis)]:g} wavelengths apart; points are "
+                    "placed in the middle of the region's angles",
+                    InputWarning,
+                    stacklevel=4,
+                )
+
     def _description(self) -> Description:
         system, (n_p, n_q) = self.system, self.array.shape
         n_scatterers = plural(len(self.scatterers), "scatterer")
+        ambiguity = self.frame.ambiguity
         place = ", ".join(f"{coordinate:g}" for coordinate in self.base_station_m)
         return Description(
             f"Scenario {quoted(self.name, MOST_OF_A_NAME)}: {n_scatterers}, {n_p} x {n_q} virtual elements",
@@ -286,6 +310,7 @@ class Scenario(Displayed):
                 "carrier": f"{system.carrier_hz / 1e9:.4g} GHz",
                 "bandwidth": f"{system.bandwidth_hz / 1e6:.4g} MHz",
                 "bins": f"{system.range_bin_m:.3g} m x {system.velocity_bin_mps:.3g} m/s",
+                **({"ambiguous off broadside from": ambiguity} if ambiguity else {}),
                 "base station": f"({place}) m",
                 "region": str(self.region),
             },

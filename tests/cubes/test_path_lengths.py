@@ -7,7 +7,7 @@ import pytest
 
 from isacbench.cubes.frame import observe_cube
 from isacbench.cubes.writing import FrameSimulator
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator
 from isacbench.model.frame import get_frame
@@ -21,12 +21,12 @@ ORDERS = [("-u", "-w"), ("+u", "-w"), ("-u", "+w"), ("+u", "+w")]
 SPEED_MPS = 7.3
 
 
-def scenario_of(ascending, yaw_deg=0.0, tilt_deg=0.0, place=(3.0, 10.0, 5.0)):
+def scenario_of(ascending, yaw_deg=0.0, tilt_deg=0.0, place=(3.0, 10.0, 5.0), spacing=(0.5, 0.5)):
     return Scenario(
         name="path lengths",
         system=System(n_subcarriers=128, n_symbols=56),
         array=VirtualArray((1, 1), (8, 6), 1, 1, ascending),
-        frame=get_frame("panel", yaw_deg, tilt_deg),
+        frame=get_frame("panel", yaw_deg, tilt_deg, spacing),
         base_station_m=np.array([0.0, 60.0, 10.0]),
         region=Region((-60.0, 60.0), (0.0, 60.0), (-10.0, 30.0), (-40.0, 40.0)),
         scatterers=Scatterers(np.array([place]), np.array([SPEED_MPS]), np.ones(1)),
@@ -41,8 +41,9 @@ def frame_of(scenario, yaw_deg, tilt_deg):
     along_w = np.cos(tilt) * np.array([0, 0, -1]) - np.sin(tilt) * ahead
     p, q = np.meshgrid(*map(np.arange, scenario.array.shape), indexing="ij")
     sign_u, sign_w = (1 if axis[0] == "+" else -1 for axis in scenario.array.ascending)
-    spacing_m = LIGHT_MPS / system.carrier_hz / 2
-    elements_m = base_m + spacing_m * (sign_u * p[..., None] * along_u + sign_w * q[..., None] * along_w)
+    apart_u, apart_w = LIGHT_MPS / system.carrier_hz * np.array(scenario.frame.spacing_wavelengths)
+    elements_m = base_m + apart_u * sign_u * p[..., None] * along_u
+    elements_m += apart_w * sign_w * q[..., None] * along_w
     path_m = np.linalg.norm(place - base_m) + np.linalg.norm(place - elements_m, axis=-1)
     symbol_s = (1 + system.cyclic_prefix_ratio) / system.subcarrier_spacing_hz
     delay_s = path_m / LIGHT_MPS
@@ -53,14 +54,21 @@ def frame_of(scenario, yaw_deg, tilt_deg):
 
 
 @pytest.mark.parametrize(("yaw_deg", "tilt_deg"), [(0.0, 0.0), (20.0, 12.0)])
+@pytest.mark.filterwarnings("ignore:.*look alike along u")
+@pytest.mark.parametrize("spacing", [(0.5, 0.5), (0.5, 0.8), (0.7, 0.4)])
 @pytest.mark.parametrize("ascending", ORDERS)
-def test_a_frame_of_path_lengths_is_imaged_where_its_scatterer_is(ascending, yaw_deg, tilt_deg):
-    scenario = scenario_of(ascending, yaw_deg, tilt_deg)
+def test_a_frame_of_path_lengths_is_imaged_where_its_scatterer_is(ascending, spacing, yaw_deg, tilt_deg):
+    scenario = scenario_of(ascending, yaw_deg, tilt_deg, spacing=spacing)
     seen = observe_cube(frame_of(scenario, yaw_deg, tilt_deg), scenario)
     for estimator in (get_estimator("music2d"), get_estimator("music2d", integration="element")):
         cloud = estimator.estimate(seen)
         np.testing.assert_allclose(cloud.xyz, scenario.scatterers.xyz, atol=0.05)
         np.testing.assert_allclose(cloud.velocity, SPEED_MPS, atol=0.05)
+
+
+def test_a_region_with_directions_that_look_alike_is_warned_of():
+    with pytest.warns(InputWarning, match="look alike along u, where elements are 0.7 wavelengths apart"):
+        scenario_of(ORDERS[0], spacing=(0.7, 0.4))
 
 
 @pytest.mark.parametrize("ascending", ORDERS)

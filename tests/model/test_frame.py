@@ -77,6 +77,41 @@ def test_the_jacobian_is_the_slope_of_the_offsets(frame, cosine, range_m):
     np.testing.assert_allclose(jacobian, np.stack(slopes, -1), rtol=1e-6, atol=1e-5 * max(range_m, 1))
 
 
+@given(PANELS, st.tuples(st.floats(0.1, 2), st.floats(0.1, 2)), cosines(), st.floats(0.1, 600))
+def test_other_spacings_scale_the_cosines_and_nothing_else(frame, spacing, cosine, range_m):
+    spaced = PanelFrame(frame.yaw_deg, frame.tilt_deg, spacing)
+    scale = 2 * np.array(spacing)
+    scaled = [factor * each for factor, each in zip(scale, cosine, strict=True)]
+    assume(0.05 < np.hypot(*cosine)[0] < 0.99)
+    offset = frame.offsets([range_m], *cosine)
+    np.testing.assert_allclose(spaced.direction_cosines(offset), scaled, atol=1e-12)
+    np.testing.assert_allclose(spaced.offsets([range_m], *scaled), offset, atol=1e-9)
+    expected = frame.offset_jacobian([range_m], *cosine) / np.array([1, *scale])
+    np.testing.assert_allclose(spaced.offset_jacobian([range_m], *scaled), expected, rtol=1e-9, atol=1e-9)
+    assert spaced.visible(*scaled).all()
+    assert not spaced.visible(*(each / np.hypot(*cosine) * 1.01 for each in scaled)).any()
+
+
+@pytest.mark.parametrize(("spacing", "text"), [((0.5, 0.5), ""), ((0.4, 0.8), "14.5° along w")])
+def test_ambiguity_begins_where_a_grating_lobe_comes_into_sight(spacing, text):
+    assert PanelFrame(spacing_wavelengths=spacing).ambiguity == text
+    if text:
+        # Two directions whose phases from element to element differ by a whole turn.
+        seen = PanelFrame(spacing_wavelengths=spacing).cosine_scale[1] * np.sin(np.radians(14.5))
+        assert -spacing[1] * 2 == pytest.approx(seen - 2, abs=2e-2)
+
+
+@pytest.mark.parametrize("spacing", [(0.09, 0.5), (0.5, 2.1)])
+def test_spacings_that_no_array_has_are_refused(spacing):
+    with pytest.raises(InputError, match=r"spacing_wavelengths = .*: allowed is a number from 0.1 to 2"):
+        PanelFrame(spacing_wavelengths=spacing)
+
+
+def test_the_papers_frame_has_half_wavelengths():
+    with pytest.raises(InputError, match="spacing_wavelengths is that of a panel"):
+        get_frame("paper", spacing_wavelengths=(0.5, 0.8))
+
+
 def test_where_a_frame_is_singular_or_blind_there_is_no_jacobian():
     for frame, u, w in (
         *((PaperFrame(), 0.0, 0.0), (PaperFrame(), 1.0, 0.0), (PaperFrame(), 0.8, 0.8)),

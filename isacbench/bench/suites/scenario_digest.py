@@ -13,7 +13,7 @@ import numpy as np
 
 from isacbench.model.array import PAPER_ORDER, VirtualArray
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
-from isacbench.model.frame import PaperFrame, get_frame
+from isacbench.model.frame import HALF_WAVELENGTHS, PaperFrame, get_frame
 from isacbench.model.link_budget import LinkBudget
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
@@ -31,7 +31,10 @@ OPTIONS = {
 }
 """Fields of a scenario, beside its parts, with the values at which its description leaves them out."""
 
-LEFT_OUT = {**OPTIONS, "ascending": PAPER_ORDER, "mimo": "ideal", "leakage_db": None, "noise": "receiver"}
+LEFT_OUT = {
+    **{**OPTIONS, "ascending": PAPER_ORDER, "mimo": "ideal", "leakage_db": None, "noise": "receiver"},
+    "spacing_wavelengths": HALF_WAVELENGTHS,
+}
 """Fields of scenarios and their parts that descriptions leave out at these values. A field that is
 added is listed with the value for the behaviour before it: digests of older scenarios stay as they are."""
 
@@ -100,7 +103,7 @@ def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFram
             name=name,
             system=System(**described["system"]),
             array=VirtualArray(**_tupled(described["array"])),
-            frame=get_frame(**described["frame"]),
+            frame=get_frame(**_tupled(described["frame"])),
             base_station_m=np.array(described["base_station_m"]),
             region=Region(**_tupled(described["region"])),
             **options,

@@ -66,9 +66,10 @@ def _number_or_name(value: Any) -> float | str:
 CrossSection = Annotated[Any, AfterValidator(_number_or_name)]
 
 
-class _EchoTable(FileTable):
-    role: Literal["target", "clutter"] = "target"
+Role = Literal["target", "clutter"]
 
+
+class _EchoTable(FileTable):
     @model_validator(mode="after")
     def _require_one_strength(self) -> Self:
         if {"amplitude", "rcs_dbsm"} <= self.model_fields_set:
@@ -83,6 +84,7 @@ class _ObjectTable(_EchoTable):
     rcs_dbsm: CrossSection = None
     yaw_deg: Finite = 0.0
     yaw_rate_dps: Finite = 0.0
+    role: Role = "target"
 
     outline: ClassVar[Callable[..., Floats]]
     """Gives scatterer positions (n, 3) around `position_m` from the keys of the kind."""
@@ -345,6 +347,7 @@ class PointsTable(_EchoTable):
     velocity_mps: Finite = 0.0
     amplitude: Positive = 1.0
     rcs_dbsm: CrossSection = None
+    role: Role = "target"
 
     def placed(self, around: Surroundings) -> PlacedObject:
         """Read the scatterers of the csv, which lies in the folder of the scenario's file."""

@@ -13,11 +13,11 @@ from isacbench.choices import Mimo, NoiseSource
 from isacbench.errors import InputError
 from isacbench.files.toml_files import read_toml
 from isacbench.model.array import MOST_LEAKAGE_DB, VirtualArray
-from isacbench.model.frame import FrameName, get_frame
+from isacbench.model.frame import HALF_WAVELENGTHS, FrameName, get_frame
 from isacbench.model.link_budget import ElementPattern, LinkBudget, PathLoss
 from isacbench.model.numerology import System
 from isacbench.model.region import Region
-from isacbench.model.scene import CLUTTER, ERRORS, MOST_ERRORS, Scenario
+from isacbench.model.scene import CLUTTER, ERRORS, MOST_ERRORS, Scenario, no_input_warnings
 from isacbench.model.scenes.generators import scene_table
 from isacbench.model.scenes.object_tables import AnyObject, FileTable, Finite, Position, Positive
 from isacbench.model.scenes.placed_objects import (
@@ -82,9 +82,10 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 def _generated(spec: FamilySpec) -> Scenario:
     """Scenario of a family."""
     table = _ScenarioTable.model_validate(scene_table(spec))
-    return dataclasses.replace(
-        table.scenario(Path()), family=spec.family.name, family_version=spec.family.version
-    )
+    with no_input_warnings():  # families keep to their region; docs/scenarios.md says what else they do
+        return dataclasses.replace(
+            table.scenario(Path()), family=spec.family.name, family_version=spec.family.version
+        )
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
@@ -119,6 +120,7 @@ class _ArrayTable(FileTable):
     frame: FrameName
     yaw_deg: Finite = 0.0
     tilt_deg: Finite = 0.0
+    spacing_wavelengths: tuple[Finite, Finite] = HALF_WAVELENGTHS
     tx_shape: tuple[Count, Count] = VirtualArray.tx_shape
     rx_shape: tuple[Count, Count] = VirtualArray.rx_shape
     tx_spacing: Count = VirtualArray.tx_spacing
@@ -183,8 +185,9 @@ class _ScenarioTable(FileTable):
                 )
                 for number, each in enumerate(placed)
             ]
-        array = VirtualArray(**self.array.model_dump(exclude={"frame", "yaw_deg", "tilt_deg", *ERRORS}))
-        frame = get_frame(self.array.frame, self.array.yaw_deg, self.array.tilt_deg)
+        of_frame = "yaw_deg", "tilt_deg", "spacing_wavelengths"
+        array = VirtualArray(**self.array.model_dump(exclude={"frame", *of_frame, *ERRORS}))
+        frame = get_frame(self.array.frame, **self.array.model_dump(include={*of_frame}))
         budget = None if self.budget is None else LinkBudget(**self.budget.model_dump())
         if budget is not None:
             self._require_powers()
