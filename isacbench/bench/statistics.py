@@ -69,16 +69,28 @@ def median_interval(values: Floats) -> tuple[float, float, float]:
     >>> median_interval(np.arange(1.0, 10.0))
     (5.0, 2.0, 8.0)
     """
-    n = values.size
-    if not n:
+    if not values.size:
         return math.nan, math.nan, math.nan
+    return float(np.median(values)), *quantile_interval(values, 0.5)
+
+
+def quantile_interval(values: Floats, share: float) -> tuple[float, float]:
+    """Limits of the 95 % confidence interval of a quantile, for any distribution, as `median_interval` does.
+
+    NaN where even the range of all values misses the quantile in more than 5 % of all cases.
+
+    Examples
+    --------
+    >>> quantile_interval(np.arange(1.0, 101.0), 0.9)
+    (84.0, 96.0)
+    """
+    n, tail = values.size, (1 - CONFIDENCE) / 2
     ordered = np.sort(values)
-    # Rank of the ends of the interval, counted from either end of the values.
-    outside = int((2 * bdtr(np.arange(n // 2), n, 0.5) <= 1 - CONFIDENCE).sum())
-    median = float(np.median(ordered))
-    if not outside:
-        return median, math.nan, math.nan
-    return median, float(ordered[outside - 1]), float(ordered[n - outside])
+    # Values that may lie below the quantile at least, and above it.
+    below, above = (int((bdtr(np.arange(n), n, part) <= tail).sum()) for part in (share, 1 - share))
+    if not below or not above:
+        return math.nan, math.nan
+    return float(ordered[below - 1]), float(ordered[n - above])
 
 
 def rms_interval(values: Floats) -> tuple[float, float, float]:

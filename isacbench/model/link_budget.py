@@ -67,7 +67,7 @@ class LinkBudget:
     def __post_init__(self) -> None:
         for name in ("tx_power_dbm", "noise_figure_db", "residual_dbm"):
             value = getattr(self, name)
-            limits = f"numbers from -{MOST_DB:g} to {MOST_DB:g}"
+            limits = f"a number from -{MOST_DB:g} to {MOST_DB:g}"
             require(value is None or abs(value) <= MOST_DB, f"budget.{name}", value, limits)
         require_option(self, "element", get_args(ElementPattern))
 

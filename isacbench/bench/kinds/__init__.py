@@ -2,6 +2,7 @@
 
 __all__ = [
     "detection",
+    "drops",
     "efficiency",
     "imaging",
     "kind",

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, field_validator
 
 from isacbench.bench.kinds.detection import DetectionKind
+from isacbench.bench.kinds.drops import DropsKind
 from isacbench.bench.kinds.efficiency import EfficiencyKind
 from isacbench.bench.kinds.imaging import ImagingKind
 from isacbench.bench.kinds.kind import Kind
@@ -27,7 +28,10 @@ S = TypeVar("S", bound=Suite)
 
 KINDS: dict[str, Kind] = {
     kind.name: kind()
-    for kind in (ImagingKind, EfficiencyKind, ResolutionKind, DetectionKind, LinkKind, PopulationKind)
+    for kind in (
+        *(ImagingKind, EfficiencyKind, ResolutionKind, DetectionKind, LinkKind, PopulationKind),
+        DropsKind,
+    )
 }
 """Kinds of suites by the value of the key ``kind``. A new one is entered here, and nowhere else."""
 

@@ -24,11 +24,12 @@ from isacbench.model.scenes.placement import MOST_TRIES, FreeGround, Sampler
 from isacbench.model.scenes.scene_families import (
     CrowdParameters,
     DensityParameters,
-    FamilyParameters,
     FamilySpec,
     SparseParameters,
+    StreetParameters,
     WeakParameters,
 )
+from isacbench.model.scenes.urban_cell import draw_uma_av
 
 Content = dict[str, Any]
 Place = tuple[float, float]
@@ -38,7 +39,7 @@ SQUARE: Content = {
     "base_station": {"position_m": [20.0, 100.0, 20.0]},
     "region": {"x_m": [0.0, 40.0], "y_m": [0.0, 30.0], "z_m": [0.0, 20.0], "speed_mps": [-25.0, 25.0]},
 }
-"""Base station and region of all families."""
+"""Base station and region of all families but ``uma-av``."""
 
 FASTEST_MPS = 12.0
 """Speed of vehicles: the highest point of a wheel has twice as much."""
@@ -54,7 +55,7 @@ RANGES: dict[str, dict[str, tuple[int, int]]] = {
 """Least and largest number of each object of a town, by density."""
 
 
-def draw_street(parameters: FamilyParameters, key: str) -> Content:
+def draw_street(parameters: StreetParameters, key: str) -> Content:
     """Draw the paper's objects elsewhere, mirrored and turned.
 
     All have one heading, but stand anywhere: two cars drive in opposite
@@ -167,7 +168,7 @@ LANE_M = 3.5
 LANES = 4
 
 
-def draw_traffic(parameters: FamilyParameters, key: str) -> Content:
+def draw_traffic(parameters: StreetParameters, key: str) -> Content:
     """Draw a road of four lanes: lorries, vehicles and cyclists both ways, pedestrians beside them."""
     draws, ground = Sampler(key), _free_ground()
     # Traffic keeps right: seen along +x, the first two lanes go there.
@@ -206,7 +207,7 @@ def _along(centre: Place, along_deg: float, along_m: float, across_m: float) -> 
     return round(x, 2), round(centre[1] + sin * along_m + cos * across_m, 2)
 
 
-def draw_crossing(parameters: FamilyParameters, key: str) -> Content:
+def draw_crossing(parameters: StreetParameters, key: str) -> Content:
     """Draw vehicles, of which every third one turns, cyclists and pedestrians with any heading."""
     draws, ground = Sampler(key), _free_ground()
     anywhere = _anywhere(draws)
@@ -233,7 +234,7 @@ def _rayleigh_coordinates(place: list[float], speed_mps: float) -> np.ndarray:
     return np.array([range_m / system.range_bin_m, speed_mps / system.velocity_bin_mps, *cosines])
 
 
-def _content(parameters: FamilyParameters, objects: list[Content]) -> Content:
+def _content(parameters: StreetParameters, objects: list[Content]) -> Content:
     """Content of a scenario file."""
     of_array = {"gain_error_db", "phase_error_deg", "mimo", "leakage_db"}
     return {
@@ -377,6 +378,7 @@ DRAWS: dict[str, Callable[[Any, str], Content]] = {
     "sparse": draw_sparse,
     "traffic": draw_traffic,
     "crossing": draw_crossing,
+    "uma-av": draw_uma_av,
 }
 
 

@@ -29,6 +29,18 @@ class FamilyParameters(BaseModel):
     seed : int
         Seed of the objects. Those below 500 are for developing estimators,
         500 to 999 for validating, 1000 and up for reporting.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: Seed
+
+
+class StreetParameters(FamilyParameters):
+    """Parameters of families of scenes before the paper's radio.
+
+    Attributes
+    ----------
     frame : {"panel", "paper"}
         Frame of the array.
     coherent_phase : bool
@@ -43,9 +55,6 @@ class FamilyParameters(BaseModel):
         Scatterers of transparent objects, or those that the base station sees past all surfaces.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    seed: Seed
     frame: Literal["panel", "paper"] = "panel"
     coherent_phase: Annotated[bool, Field(strict=True)] = False
     gain_error_db: Annotated[float, Field(strict=True, ge=0, le=10, allow_inf_nan=False)] = 0.0
@@ -58,7 +67,7 @@ class FamilyParameters(BaseModel):
     visible: Literal["all", "seen"] = "all"
 
 
-class DensityParameters(FamilyParameters):
+class DensityParameters(StreetParameters):
     """Parameters of a family of mixed objects.
 
     Attributes
@@ -82,7 +91,7 @@ class WeakParameters(DensityParameters):
     dynamic_range_db: Annotated[float, Field(strict=True, ge=0, le=60, allow_inf_nan=False)] = 40.0
 
 
-class CrowdParameters(FamilyParameters):
+class CrowdParameters(StreetParameters):
     """Parameters of the family ``crowd``.
 
     Attributes
@@ -94,13 +103,13 @@ class CrowdParameters(FamilyParameters):
     pedestrians: Count = 0
 
 
-class TrafficParameters(FamilyParameters):
+class TrafficParameters(StreetParameters):
     """Parameters of the families ``traffic`` and ``crossing``, whose objects hide each other by default."""
 
     visible: Literal["all", "seen"] = "seen"
 
 
-class SparseParameters(FamilyParameters):
+class SparseParameters(StreetParameters):
     """Parameters of the family ``sparse``.
 
     Attributes
@@ -112,6 +121,27 @@ class SparseParameters(FamilyParameters):
     scatterers: Annotated[Count, Field(le=200)] = 0
 
 
+class UmaAvParameters(FamilyParameters):
+    """Parameters of the family ``uma-av``.
+
+    Attributes
+    ----------
+    targets : int
+        Number of drones.
+    tx_power_dbm : float
+        Transmit power of the link budget.
+    path_loss : {"uma_av", "free_space"}
+        Path loss, with line of sight and shadow fading drawn, or that of free space.
+    clutter : {"none", "ground"}
+        Nothing else, or cars and people who move on the ground and are no targets.
+    """
+
+    targets: Annotated[Count, Field(le=50)] = 5
+    tx_power_dbm: Annotated[float, Field(strict=True, ge=-50, le=80, allow_inf_nan=False)] = 52.0
+    path_loss: Literal["uma_av", "free_space"] = "uma_av"
+    clutter: Literal["none", "ground"] = "none"
+
+
 @dataclass(frozen=True)
 class Family:
     """Family of generated scenes; its version counts up when a seed gives other scenes than before."""
@@ -119,7 +149,7 @@ class Family:
     name: str
     version: int
     description: str
-    parameters: type[FamilyParameters] = FamilyParameters
+    parameters: type[FamilyParameters] = StreetParameters
 
 
 FAMILIES = {
@@ -147,6 +177,7 @@ FAMILIES = {
         Family(
             "crossing", 1, "vehicles, cyclists and pedestrians that move in all directions", TrafficParameters
         ),
+        Family("uma-av", 1, "drones over a sector of an urban macro cell; link budget", UmaAvParameters),
     )
 }
 
