@@ -1,12 +1,12 @@
 """The OFDM numerology and everything that follows from it, and the positioning reference signal (PRS).
 
-PRS of comb size 4 on the 2nd to the 13th symbol of every fourth slot. Symbols of a slot
-take turns in the comb, so that four of them touch every subcarrier.
+The PRS is a comb of subcarriers on some symbols of some slots. Symbols of a slot take turns in
+the comb, so that as many successive ones as its size touch every subcarrier.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import get_args
 
 import numpy as np
@@ -18,17 +18,74 @@ from isacbench.model.number_limits import require_count
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
-COMB_SIZE = 4
-
-COMB_OFFSETS = (0, 2, 1, 3)
-"""First subcarrier on successive PRS symbols, counted from the first of a slot."""
-
 SLOT_SYMBOLS = 14
 
-FIRST_SYMBOL, LAST_SYMBOL = 1, 12
-"""PRS symbols of a slot, counted from 0."""
+COMB_OFFSETS = {
+    2: (0, 1),
+    4: (0, 2, 1, 3),
+    6: (0, 3, 1, 4, 2, 5),
+    12: (0, 6, 3, 9, 1, 7, 4, 10, 2, 8, 5, 11),
+}
+"""First subcarrier on successive PRS symbols, counted from the first of a slot, by comb size."""
 
-SLOT_PERIOD = 4
+PRS_SYMBOLS = {2: (2, 4, 6, 12), 4: (4, 12), 6: (6, 12), 12: (12,)}
+"""Numbers of PRS symbols that a slot may have, by comb size: multiples of it."""
+
+
+@dataclass(frozen=True)
+class Prs:
+    """Positioning reference signal: a comb of subcarriers that is staggered over the symbols of a slot.
+
+    Attributes
+    ----------
+    comb : {2, 4, 6, 12}
+        Subcarriers from one PRS element of a symbol to the next.
+    n_symbols : int
+        Successive PRS symbols of a slot: 2, 4, 6 or 12 for comb 2, 4 or 12 for
+        comb 4, 6 or 12 for comb 6, 12 for comb 12.
+    first_symbol : int
+        First of them, counted from 0; the slot has 14 symbols.
+    period : int
+        Slots from one slot with PRS to the next. The standard has periods of 4
+        slots and more, and repeats a resource within one, at gaps from 1 slot up.
+        This number stands for both; that the repetition ends is not modelled.
+    offset : int
+        First slot with PRS, below the period.
+
+    Raises
+    ------
+    InputError
+        If a number is not allowed.
+
+    References
+    ----------
+    3GPP TS 38.211, 7.4.1.7.3 and 7.4.1.7.4.
+    """
+
+    comb: int = 4
+    n_symbols: int = 12
+    first_symbol: int = 1
+    period: int = 4
+    offset: int = 0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            require(type(value) is int, f"prs.{field.name}", value, "a whole number")
+        require(self.comb in PRS_SYMBOLS, "prs.comb", self.comb, "2, 4, 6 or 12")
+        n_symbols = PRS_SYMBOLS[self.comb]
+        limits = f"{' or '.join(map(str, n_symbols))} with comb {self.comb}"
+        require(self.n_symbols in n_symbols, "prs.n_symbols", self.n_symbols, limits)
+        last = SLOT_SYMBOLS - self.n_symbols
+        limits = f"from 0 to {last}, so that {self.n_symbols} symbols fit into the slot"
+        require(0 <= self.first_symbol <= last, "prs.first_symbol", self.first_symbol, limits)
+        require_count("prs.period", self.period)
+        limits = f"from 0 to {self.period - 1}, below the period"
+        require(0 <= self.offset < self.period, "prs.offset", self.offset, limits)
+
+    def symbols_to(self, n: int) -> int:
+        """Count the symbols of a frame up to the n-th PRS symbol of its first slot with PRS."""
+        return SLOT_SYMBOLS * self.offset + self.first_symbol + n
 
 
 @dataclass(frozen=True)
@@ -56,6 +113,8 @@ class System:
     noise : {"receiver", "transmitter"}
         Noise of every element of its own, or one noise that is sent with the
         signal and comes back with each echo, as in the paper's program.
+    prs : Prs
+        Positioning reference signal of the frame.
 
     Raises
     ------
@@ -75,6 +134,7 @@ class System:
     cyclic_suffix_ratio: float = 1 / 32
     coherent_phase: bool = True
     noise: NoiseSource = "receiver"
+    prs: Prs = Prs()
 
     def __post_init__(self) -> None:
         for name in ("n_subcarriers", "n_symbols"):
@@ -148,12 +208,14 @@ def prs_elements(system: System) -> Mask:
 
     References
     ----------
-    3GPP TS 38.211, 7.4.1.7.3, table 7.4.1.7.3-1 (comb size 4, 12 symbols).
+    3GPP TS 38.211, 7.4.1.7.3, table 7.4.1.7.3-1.
     """
+    prs = system.prs
     slot, symbol = np.divmod(np.arange(system.n_symbols), SLOT_SYMBOLS)
-    offset = np.array(COMB_OFFSETS)[(symbol - FIRST_SYMBOL) % len(COMB_OFFSETS)]
-    in_comb = np.arange(system.n_subcarriers)[:, None] % COMB_SIZE == offset
-    is_sent = (slot % SLOT_PERIOD == 0) & (symbol >= FIRST_SYMBOL) & (symbol <= LAST_SYMBOL)
+    number = symbol - prs.first_symbol
+    offset = np.array(COMB_OFFSETS[prs.comb])[number % prs.comb]
+    in_comb = np.arange(system.n_subcarriers)[:, None] % prs.comb == offset
+    is_sent = (slot % prs.period == prs.offset) & (number >= 0) & (number < prs.n_symbols)
     return in_comb & is_sent
 
 
@@ -165,9 +227,9 @@ def resource_elements(system: System, sensing: Sensing) -> Mask:
     """
     if sensing == "prs":
         mask = prs_elements(system)
-        n_whole = system.n_symbols // SLOT_SYMBOLS
-        if n_whole:
-            mask[:, n_whole * SLOT_SYMBOLS :] = False
+        in_whole_slots = system.n_symbols // SLOT_SYMBOLS * SLOT_SYMBOLS
+        if mask[:, :in_whole_slots].any():
+            mask[:, in_whole_slots:] = False
         return mask
     if sensing == "all":
         return np.ones((system.n_subcarriers, system.n_symbols), dtype=np.bool_)

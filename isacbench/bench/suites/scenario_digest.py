@@ -15,7 +15,7 @@ from isacbench.model.array import PAPER_ORDER, VirtualArray
 from isacbench.model.cloud_files.tables import POINT_COLUMNS
 from isacbench.model.frame import HALF_WAVELENGTHS, PaperFrame, get_frame
 from isacbench.model.link_budget import LinkBudget
-from isacbench.model.numerology import System
+from isacbench.model.numerology import Prs, System
 from isacbench.model.region import Region
 from isacbench.model.scene import Scatterers, Scenario, no_input_warnings
 
@@ -32,8 +32,8 @@ OPTIONS = {
 """Fields of a scenario, beside its parts, with the values at which its description leaves them out."""
 
 LEFT_OUT = {
-    **{**OPTIONS, "ascending": PAPER_ORDER, "mimo": "ideal", "leakage_db": None, "noise": "receiver"},
-    "spacing_wavelengths": HALF_WAVELENGTHS,
+    **{**OPTIONS, "ascending": PAPER_ORDER, "mimo": "ideal", "leakage_db": None},
+    **{"noise": "receiver", "prs": Prs(), "spacing_wavelengths": HALF_WAVELENGTHS},
 }
 """Fields of scenarios and their parts that descriptions leave out at these values. A field that is
 added is listed with the value for the behaviour before it: digests of older scenarios stay as they are."""
@@ -83,25 +83,31 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
         "frame": {"name": frame, **described_fields(scenario.frame)},
         "base_station_m": scenario.base_station_m.tolist(),
         **{name: value for name, value in described_fields(scenario).items() if name in OPTIONS},
-        **({} if scenario.budget is None else {"budget": dataclasses.asdict(scenario.budget)}),
     }
 
 
 def described_fields(part: Any) -> dict[str, Any]:
     """Collect the fields of a scenario or a part of it, but those that have their value of `LEFT_OUT`."""
     values = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
-    return {name: value for name, value in values.items() if name not in LEFT_OUT or value != LEFT_OUT[name]}
+    return {
+        name: dataclasses.asdict(value) if isinstance(value, (Prs, LinkBudget)) else value
+        for name, value in values.items()
+        if name not in LEFT_OUT or value != LEFT_OUT[name]
+    }
 
 
 def restore_scenario(name: str, described: Mapping[str, Any], truth: pd.DataFrame) -> Scenario:
     """Build a scenario from its description and its rows of the truth, without warnings."""
     options = {name: described[name] for name in OPTIONS if name in described}
+    system = dict(described["system"])
+    if "prs" in system:
+        system["prs"] = Prs(**system["prs"])
     if "budget" in options:
         options["budget"] = LinkBudget(**options["budget"])
     with no_input_warnings():
         return Scenario(
             name=name,
-            system=System(**described["system"]),
+            system=System(**system),
             array=VirtualArray(**_tupled(described["array"])),
             frame=get_frame(**_tupled(described["frame"])),
             base_station_m=np.array(described["base_station_m"]),

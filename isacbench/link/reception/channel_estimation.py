@@ -1,6 +1,6 @@
 """Estimation of the user's channel on every resource element from the PRS.
 
-Four consecutive PRS symbols together touch every subcarrier. The estimate from
+The PRS symbols of a slot together touch every subcarrier. The estimate from
 them, one number per subcarrier, is noisy. A channel whose paths arrive within the
 cyclic prefix is a sum of few basis responses: the first discrete prolate spheroidal
 sequences. Projection on these keeps the whole channel and removes most of the noise.
@@ -118,11 +118,12 @@ def prs_estimator(system: System, time_order: int = 0) -> PrsEstimator:
 
 def require_estimable(system: System, time_order: int = 0) -> None:
     """Refuse what `prs_estimator` cannot estimate, without building it."""
-    bursts = _bursts(prs_elements(system))
+    bursts, prs = _bursts(prs_elements(system)), system.prs
     if not bursts:
         raise InputError(
-            f"n_symbols = {system.n_symbols}: the PRS covers every subcarrier only within symbols 1 to 4 "
-            "of a slot; at least 5 symbols are needed"
+            f"n_symbols = {system.n_symbols}: the PRS covers every subcarrier only within symbols "
+            f"{prs.first_symbol} to {prs.first_symbol + prs.comb - 1} of slot {prs.offset}; "
+            f"at least {prs.symbols_to(prs.comb)} symbols are needed"
         )
     allowed = type(time_order) is int and 0 <= time_order < len(bursts)
     limits = f"a whole number below {len(bursts)}, the bursts of PRS in {system.n_symbols} symbols"

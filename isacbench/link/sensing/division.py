@@ -118,7 +118,7 @@ def sensed_elements(system: System, sensing: Sensing) -> Mask:
     if not sensed.any():
         raise InputError(
             f"sensing = {sensing!r}: no PRS in a grid of {system.n_subcarriers} subcarriers and "
-            f"{system.n_symbols} symbols; at least 2 symbols are needed"
+            f"{system.n_symbols} symbols; at least {system.prs.symbols_to(1)} symbols are needed"
         )
     return sensed
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool
+from pydantic import AfterValidator, Field, StrictBool, StrictInt
 
 from isacbench.choices import Mimo, NoiseSource
 from isacbench.errors import InputError
@@ -15,7 +15,7 @@ from isacbench.files.toml_files import read_toml
 from isacbench.model.array import MOST_LEAKAGE_DB, VirtualArray
 from isacbench.model.frame import HALF_WAVELENGTHS, FrameName, get_frame
 from isacbench.model.link_budget import ElementPattern, LinkBudget, PathLoss
-from isacbench.model.numerology import System
+from isacbench.model.numerology import Prs, System
 from isacbench.model.region import Region
 from isacbench.model.scene import CLUTTER, ERRORS, MOST_ERRORS, Scenario, no_input_warnings
 from isacbench.model.scenes.generators import scene_table
@@ -116,6 +116,14 @@ class _SystemTable(FileTable):
     noise: NoiseSource = System.noise
 
 
+class _PrsTable(FileTable):
+    comb: StrictInt = Prs.comb
+    n_symbols: StrictInt = Prs.n_symbols
+    first_symbol: StrictInt = Prs.first_symbol
+    period: StrictInt = Prs.period
+    offset: StrictInt = Prs.offset
+
+
 class _ArrayTable(FileTable):
     frame: FrameName
     yaw_deg: Finite = 0.0
@@ -157,6 +165,7 @@ class _ScoringTable(FileTable):
 class _ScenarioTable(FileTable):
     name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
     system: _SystemTable = _SystemTable()
+    prs: _PrsTable = _PrsTable()
     array: _ArrayTable
     base_station: _BaseStationTable
     region: _RegionTable
@@ -169,7 +178,8 @@ class _ScenarioTable(FileTable):
 
     def scenario(self, source: Path) -> Scenario:
         """Build the scenario; `source` is its file."""
-        system, base_station_m = System(**self.system.model_dump()), np.array(self.base_station.position_m)
+        system = System(**self.system.model_dump(), prs=Prs(**self.prs.model_dump()))
+        base_station_m = np.array(self.base_station.position_m)
         region = Region(**self.region.model_dump())
         around = Surroundings(source, base_station_m, region, with_solids=self.visible == "seen")
         placed = [self._placed(number, around) for number in range(len(self.objects))]
