@@ -17,11 +17,13 @@ sys.dont_write_bytecode = False
 import numpy as np
 import pytest
 from hypothesis import settings
+from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
 from isacbench.errors import InputError
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import resource_grid
+from isacbench.model.numerology import Prs
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.discovery import isolated_plugins
 
@@ -30,6 +32,26 @@ from isacbench.plugins.discovery import isolated_plugins
 settings.register_profile("quick", deadline=None, max_examples=25, derandomize=True)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile("quick")
+
+
+PRS_PAIRS = [(2, 2), (2, 4), (2, 6), (2, 12), (4, 4), (4, 12), (6, 6), (6, 12), (12, 12)]
+"""Comb sizes and numbers of symbols of a slot that 3GPP TS 38.211, 7.4.1.7.3, allows together."""
+
+COMB_TURNS = {
+    2: [0, 1],
+    4: [0, 2, 1, 3],
+    6: [0, 3, 1, 4, 2, 5],
+    12: [0, 6, 3, 9, 1, 7, 4, 10, 2, 8, 5, 11],
+}
+"""Relative offsets k' of its table 7.4.1.7.3-1, by comb size."""
+
+
+@st.composite
+def each_prs(draw, pairs=PRS_PAIRS):
+    """Draw a PRS that is allowed."""
+    comb, n_symbols = draw(st.sampled_from(pairs))
+    first, period = draw(st.integers(0, 14 - n_symbols)), draw(st.integers(1, 5))
+    return Prs(comb, n_symbols, first, period, draw(st.integers(0, period - 1)))
 
 
 def few(test):

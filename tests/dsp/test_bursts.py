@@ -9,6 +9,7 @@ from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.numerology import System, resource_elements
+from tests.conftest import each_prs, refusal
 
 PRS = symbol_bursts(System(), "prs")
 
@@ -100,6 +101,22 @@ def test_bursts_are_those_of_the_resource_elements(n_symbols):
     np.testing.assert_array_equal(sensed_symbols(bursts), symbols)
     assert bursts.delay_symbols == (n_symbols - 1) / 2 - symbols.mean()
     assert bursts.redundancy == n_symbols / symbols.size
+
+
+@given(each_prs(), st.integers(1, 160))
+def test_bursts_of_any_prs_are_those_of_its_slots(prs, n_symbols):
+    system = System(n_subcarriers=16, n_symbols=n_symbols, prs=prs)
+    symbols = np.flatnonzero(resource_elements(system, "prs").any(axis=0))
+    if not symbols.size:
+        assert n_symbols <= 14 * prs.offset + prs.first_symbol
+        assert f"system.n_symbols = {n_symbols}, sensing = 'prs'" in refusal(symbol_bursts, system, "prs")
+        return
+    bursts = symbol_bursts(system, "prs")
+    np.testing.assert_array_equal(sensed_symbols(bursts), symbols)
+    if bursts.n_bursts > 1:
+        assert (bursts.length, bursts.spacing) == (prs.n_symbols, 14 * prs.period)
+        lobe_mps = bursts.lobe_period * system.velocity_bin_mps
+        assert lobe_mps == pytest.approx(system.wavelength_m / (2 * prs.period * 14 * system.symbol_time_s))
 
 
 def test_a_frame_without_prs_is_refused():

@@ -18,6 +18,7 @@ from isacbench.bench.suites.scenario_digest import (
     truth_table,
 )
 from isacbench.errors import InputWarning
+from isacbench.model.numerology import Prs
 from isacbench.model.scenes.scenario import load_scenario
 
 json_values = st.recursive(
@@ -55,6 +56,7 @@ def scenario(tiny):
         ("[5.0, 40.0, 10.0]", "[5, 4.0e1, 10.000]"),
         ("n_symbols = 32", "n_symbols = 32\ncarrier_hz = 70e9"),
         ("[system]", "[scoring]\nradius_m = 1\n[system]"),
+        ("[system]", "[prs]\ncomb = 4\nn_symbols = 12\nfirst_symbol = 1\nperiod = 4\noffset = 0\n[system]"),
     ],
 )
 def test_how_a_scenario_is_written_is_not_its_content(tiny, scenario, old, new):
@@ -74,6 +76,8 @@ def test_how_a_scenario_is_written_is_not_its_content(tiny, scenario, old, new):
         ("z_m = [0.0, 5.0]", "z_m = [0.0, 5.5]"),
         ("speed_mps = [-15.0, 15.0]", "speed_mps = [-15.0, 16.0]"),
         ("[system]", "[scoring]\nradius_m = 2\n[system]"),
+        ("[system]", "[prs]\ncomb = 2\n[system]"),
+        ("[system]", "[prs]\nperiod = 5\n[system]"),
     ],
 )
 def test_everything_that_an_observation_follows_from_is_content(tiny, scenario, old, new):
@@ -128,6 +132,16 @@ def test_a_key_that_is_left_out_at_one_value_is_restored_with_any(tiny, radius_m
     assert ("radius_m" in described) == (radius_m != 1)
     again = restore_scenario("tiny", described, truth_table(scenario))
     assert again.radius_m == radius_m
+    assert scenario_digest(again) == scenario_digest(scenario)
+
+
+@pytest.mark.parametrize("prs", [Prs(), Prs(2, 6, 3, 1)])
+def test_a_scenario_is_restored_with_its_positioning_signal(scenario, prs):
+    scenario = dataclasses.replace(scenario, system=dataclasses.replace(scenario.system, prs=prs))
+    described = json.loads(json.dumps(describe_scenario(scenario)))
+    assert described["system"].get("prs") == (None if prs == Prs() else dataclasses.asdict(prs))
+    again = restore_scenario("tiny", described, truth_table(scenario))
+    assert again.system == scenario.system
     assert scenario_digest(again) == scenario_digest(scenario)
 
 

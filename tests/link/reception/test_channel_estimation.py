@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,8 +10,8 @@ from isacbench.link.reception.channel import Paths, TappedDelay, TwoRay, channel
 from isacbench.link.reception.channel_estimation import prs_estimator
 from isacbench.link.waveform.resource_grid import draw_grid
 from isacbench.model.echo import random_stream, white_gaussian
-from isacbench.model.numerology import System
-from tests.conftest import refusal
+from isacbench.model.numerology import Prs, System
+from tests.conftest import each_prs, few, refusal
 
 WIDE = System(n_subcarriers=1024)
 SMALL = System(n_subcarriers=256, n_symbols=224)
@@ -105,9 +107,33 @@ def test_a_flat_channel_is_known_whatever_the_frame(n, m, prefix):
     np.testing.assert_allclose(gram, np.eye(gram.shape[0]), rtol=0, atol=1e-10)
 
 
+@few
+@given(each_prs(), st.integers(0, 2))
+def test_a_channel_that_stands_during_bursts_is_known_with_any_prs(prs, order):
+    system = System(n_subcarriers=64, n_symbols=14 * (prs.offset + 3 * prs.period), prs=prs)
+    grid, estimator = draw_grid(system), prs_estimator(system, order)
+    n_prs, n_basis = int(estimator.is_prs.sum()), estimator.basis.shape[1]
+    assert len(estimator.bursts) == 3
+    if order == 0:
+        assert estimator.noise_gain == pytest.approx(n_basis / n_prs)
+    course = np.polynomial.Polynomial(np.arange(1, order + 2) / np.array([1, 100, 1e4])[: order + 1])
+    sounded = np.zeros(system.n_symbols)
+    for burst in estimator.bursts:
+        sounded[burst] = course(burst.mean())
+    response = late_by(system, 100e-9)[:, :1]
+    estimate = estimator.estimate(response * sounded * grid.symbols, grid.symbols)
+    expected = response * course(np.arange(estimate.shape[1]))
+    np.testing.assert_allclose(estimate, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
+
+
 def test_a_frame_whose_prs_misses_subcarriers_and_an_order_that_cannot_be_are_refused():
     for m in (1, 2, 4):
         message = refusal(prs_estimator, System(n_subcarriers=64, n_symbols=m))
         assert f"n_symbols = {m}: the PRS covers" in message
+        assert "within symbols 1 to 4 of slot 0; at least 5 symbols are needed" in message
+    late = System(n_subcarriers=64, n_symbols=14 + 13, prs=Prs(12, 12, 2, 3, 1))
+    message = "within symbols 2 to 13 of slot 1; at least 28 symbols are needed"
+    assert message in refusal(prs_estimator, late)
+    assert len(prs_estimator(dataclasses.replace(late, n_symbols=28)).bursts) == 1
     for order in (-1, 4, 1.0, True):
         assert "allowed is a whole number below 4" in refusal(prs_estimator, System(n_subcarriers=63), order)

@@ -5,7 +5,8 @@ import pytest
 
 from isacbench.link.sensing.division import division_weights
 from isacbench.link.sensing.noise_colouring import noise_covariance
-from isacbench.model.numerology import System, resource_elements
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, Prs, System, resource_elements
+from tests.conftest import PRS_PAIRS
 
 PAPER = System()
 VELOCITY_BIN_MPS = PAPER.velocity_bin_mps
@@ -44,3 +45,31 @@ def test_the_comb_repeats_ranges_a_quarter_turn_of_doppler_away_and_never_at_res
     np.testing.assert_allclose(heights, expected, atol=1e-9)
     assert PAPER.unambiguous_range_m / 4 == pytest.approx(156.1, abs=0.05)
     assert pytest.approx(102.8, abs=0.05) == 56 * VELOCITY_BIN_MPS
+
+
+def side_peaks(spread):
+    """Lags (n,) at which a cut of the response, whose peak is 1 at lag 0, is as high as anywhere else."""
+    height = np.abs(spread)
+    highest = height[1:].max()
+    assert highest > 1e-9
+    return 1 + np.flatnonzero(height[1:] > highest * (1 - 1e-9))
+
+
+@pytest.mark.parametrize(("comb", "n_symbols"), PRS_PAIRS)
+@pytest.mark.parametrize(("period", "offset"), [(1, 0), (2, 1), (5, 3)])
+def test_the_highest_side_peaks_of_any_prs_are_where_the_documentation_has_them(
+    comb, n_symbols, period, offset
+):
+    prs = Prs(comb, n_symbols, 0, period, offset)
+    system = System(n_subcarriers=24, n_symbols=14 * period * 4, prs=prs)
+    mask = resource_elements(system, "prs")
+    spread = np.fft.fft(np.fft.ifft(mask, axis=0), axis=1) / mask.mean() / system.n_symbols
+    # Along Doppler: bursts of 14 · period symbols repeat; the first lobe of either sign is highest.
+    lobe_mps = system.wavelength_m / (2 * period * 14 * system.symbol_time_s)
+    speeds = side_peaks(spread[0]) * system.velocity_bin_mps
+    np.testing.assert_allclose(speeds, [lobe_mps, system.n_symbols * system.velocity_bin_mps - lobe_mps])
+    # Along range: a symbol repeats after each comb-th part of the unambiguous range, a slot at rest never.
+    alone = np.fft.ifft(mask[:, 14 * offset]) * system.n_subcarriers / mask[:, 14 * offset].sum()
+    repeat_m = SPEED_OF_LIGHT_MPS / (2 * comb * system.subcarrier_spacing_hz)
+    np.testing.assert_allclose(side_peaks(alone) * system.range_bin_m, repeat_m * np.arange(1, comb))
+    assert np.abs(spread[1:, 0]).max() < 1e-12

@@ -1,5 +1,6 @@
 """Division by the transmitted symbols: weights against the definition, their moments, and what is allowed."""
 
+import dataclasses
 import itertools
 import re
 
@@ -11,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from isacbench.link.sensing.division import Signal, division_factors, division_weights, symbol_moduli
 from isacbench.link.waveform.qam import constellation
-from isacbench.model.numerology import System
+from isacbench.model.numerology import Prs, System
 from tests.conftest import refusal
 
 SMALL = System(n_subcarriers=64, n_symbols=28)
@@ -119,6 +120,9 @@ def test_data_change_with_the_trial_and_the_prs_keeps_unit_modulus_between_them(
 def test_a_grid_without_a_prs_is_refused():
     message = refusal(symbol_moduli, System(n_subcarriers=16, n_symbols=1), Signal(sensing="prs"))
     assert re.search("sensing = 'prs'.*16 subcarriers and 1 symbols; at least 2 symbols", message)
+    late = System(n_subcarriers=16, n_symbols=28, prs=Prs(first_symbol=2, offset=2))
+    assert "28 symbols; at least 31 symbols" in refusal(symbol_moduli, late, Signal(sensing="prs"))
+    assert symbol_moduli(dataclasses.replace(late, n_symbols=31), Signal(sensing="prs")).any()
 
 
 @pytest.mark.parametrize("division", DIVISIONS)

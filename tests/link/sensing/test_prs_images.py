@@ -15,6 +15,7 @@ from isacbench.link.sensing.link_observation import SignalSimulator
 from isacbench.link.sensing.observing import observe
 from isacbench.model.array import VirtualArray
 from isacbench.model.echo import Simulator, echo_parameters
+from isacbench.model.numerology import Prs
 from isacbench.model.radio_coordinates import radio_places, rayleigh_cells
 from isacbench.model.scene import Scatterers
 from isacbench.model.scenes.scenario import load_scenario
@@ -69,6 +70,18 @@ def test_a_scatterer_anywhere_is_one_point_at_its_own_speed(anywhere, name):
         assert len(cloud) == 1
         assert distances(scene, cloud)[0] < 0.2
         assert cloud.power[0] == pytest.approx(1, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["fft4d", "nomp4d"])
+@pytest.mark.parametrize(
+    "prs", [Prs(2, period=1), Prs(2, 2, 3, 4, 1), Prs(6, 6, 0, 2), Prs(12, 12, 2, 2, 1), Prs(4, 4, 9, 16, 2)]
+)
+def test_a_lone_scatterer_of_any_prs_is_one_point_in_its_own_cell(space, name, prs):
+    system = dataclasses.replace(space.system, prs=prs)
+    scene = dataclasses.replace(holding(space, [16.0, 5.0, 16.0], 9.3), system=system)
+    cloud = image(name, scene)
+    assert len(cloud) == 1
+    assert distances(scene, cloud)[0] < 0.5
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)

@@ -11,8 +11,8 @@ from py3gpp import nrPRBS, nrSymbolModulate
 from isacbench.link.sensing.division import Signal
 from isacbench.link.waveform.qam import bits_per_symbol, constellation, modulate_bits
 from isacbench.link.waveform.resource_grid import draw_grid, gold_sequence, prs_c_init, prs_symbols
-from isacbench.model.numerology import System
-from tests.conftest import few, refusal
+from isacbench.model.numerology import Prs, System
+from tests.conftest import COMB_TURNS, PRS_PAIRS, few, refusal
 
 # A slot with PRS, three without, and the beginning of another with PRS; no whole number of combs.
 SYSTEM = System(n_subcarriers=13, n_symbols=4 * 14 + 6)
@@ -30,15 +30,18 @@ def c_init_as_printed(slot, symbol, n_id):
 def prs_as_printed(system, n_id):
     """PRS element by element, by another implementation's sequence and mapping."""
     grid = np.zeros((system.n_subcarriers, system.n_symbols), dtype=complex)
-    for slot in range(0, system.n_symbols // 14 + 1, 4):
-        for symbol in range(1, 13):
+    prs = system.prs
+    for slot in range(prs.offset, system.n_symbols // 14 + 1, prs.period):
+        for symbol in range(prs.first_symbol, prs.first_symbol + prs.n_symbols):
             column = 14 * slot + symbol
             if column >= system.n_symbols:
                 continue
             c_init = c_init_as_printed(slot, symbol, n_id)
             sequence = nrSymbolModulate(nrPRBS(c_init, 2 * system.n_subcarriers), "qpsk")
-            comb = grid[(0, 2, 1, 3)[(symbol - 1) % 4] :: 4, column]
-            comb[:] = sequence[: len(comb)]
+            offset = COMB_TURNS[prs.comb][(symbol - prs.first_symbol) % prs.comb]
+            for m in range(system.n_subcarriers):
+                if m * prs.comb + offset < system.n_subcarriers:
+                    grid[m * prs.comb + offset, column] = sequence[m]
     grid.setflags(write=False)
     return grid
 
@@ -57,6 +60,13 @@ def test_initial_values_are_those_of_the_printed_formula(n_id):
 
 def test_every_prs_symbol_is_where_and_what_the_standard_says():
     np.testing.assert_allclose(prs_symbols(SYSTEM, 4095), prs_as_printed(SYSTEM, 4095), rtol=4e-16)
+
+
+@pytest.mark.parametrize(("comb", "n_symbols"), PRS_PAIRS)
+def test_every_symbol_of_other_combs_is_where_and_what_the_standard_says(comb, n_symbols):
+    prs = Prs(comb, n_symbols, first_symbol=14 - n_symbols, period=2, offset=1)
+    system = System(n_subcarriers=31, n_symbols=4 * 14, prs=prs)
+    np.testing.assert_allclose(prs_symbols(system, 1030), prs_as_printed(system, 1030), rtol=4e-16)
 
 
 @pytest.mark.parametrize("n_id", [-1, 4096, 0.5, 3.0, True, None])

@@ -11,7 +11,7 @@ from isacbench.cli import app
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.toml_files import builtin_names
 from isacbench.model.frame import PanelFrame, PaperFrame
-from isacbench.model.numerology import System
+from isacbench.model.numerology import Prs, System
 from isacbench.model.scenes.scenario import load_scenario
 from tests.conftest import refusal
 
@@ -147,7 +147,7 @@ MANY = "objects[1]: its spacing_m makes 2163001 scatterers of one surface; allow
 MISTAKES = {
     "unknown key system.n_symbol: did you mean 'n_symbols'? allowed are carrier": ("n_symbols", "n_symbol"),
     "unknown key objects[1].sise_m: did you mean 'size_m'? allowed are": (CAR, f"{CAR}sise_m = [1, 1, 1]\n"),
-    "unknown key objects[1].car: allowed are position_m, velocity_mps": (CAR, f"{CAR}car = 1\n"),
+    "unknown key objects[1].car: allowed are role, position_m, velocity": (CAR, f"{CAR}car = 1\n"),
     "missing key name": ('name = "tiny"', ""),
     "missing key array.frame": (PANEL, ""),
     "missing key region.x_m[1]": ("x_m = [0.0, 10.0]", "x_m = [0.0]"),
@@ -159,6 +159,10 @@ MISTAKES = {
     "system.carrier_hz = nan: input should be a finite number": (SYMBOLS, "carrier_hz = nan"),
     "system.coherent_phase = 1: input should be a valid boolean": (SYMBOLS, "coherent_phase = 1"),
     "system.cyclic_prefix_ratio = 1.5: input should be less than or": (SYMBOLS, "cyclic_prefix_ratio = 1.5"),
+    "prs.comb = 3: allowed is 2, 4, 6 or 12": ("[array]", "[prs]\ncomb = 3\n[array]"),
+    "prs.n_symbols = 2: allowed is 4 or 12 with comb 4": ("[array]", "[prs]\nn_symbols = 2\n[array]"),
+    "prs.period = 1.5: input should be a valid integer": ("[array]", "[prs]\nperiod = 1.5\n[array]"),
+    "unknown key prs.combs: did you mean 'comb'?": ("[array]", "[prs]\ncombs = 4\n[array]"),
     "array.frame = 'flat': input should be 'paper' or 'panel'": (PANEL, 'frame = "flat"'),
     SPARSE_ARRAY: ("rx_shape = [4, 4]", "rx_shape = [4, 4]\nrx_spacing = 2"),
     "region.x_m = [10.0, 0.0]: must ascend, lower limit first": ("x_m = [0.0, 10.0]", "x_m = [10.0, 0.0]"),
@@ -179,6 +183,13 @@ def test_a_mistake_in_a_scenario_is_answered_with_file_key_and_what_is_allowed(t
     for message, change in MISTAKES.items():
         tiny.write_text(text.replace(*change))
         assert refusal(load_scenario, tiny).startswith(f"{tiny}: {message}")
+
+
+def test_a_file_says_which_positioning_signal_is_sent(tiny):
+    assert load_scenario(tiny).system.prs == Prs()
+    keys = "comb = 2\nn_symbols = 6\nfirst_symbol = 3\nperiod = 5\noffset = 2"
+    tiny.write_text(tiny.read_text().replace("[array]", f"[prs]\n{keys}\n[array]"))
+    assert load_scenario(tiny).system.prs == Prs(2, 6, 3, 5, 2)
 
 
 def test_a_mistake_in_a_points_file_is_answered_with_both_files_and_the_row(tiny):
