@@ -42,7 +42,8 @@ def cli(command_line):
 def assert_same_scene(scenario, other):
     for field in ("xyz", "velocity", "amplitude"):
         np.testing.assert_array_equal(getattr(scenario.scatterers, field), getattr(other.scatterers, field))
-    for field in ("system", "array", "frame", "region", "radius_m", "gain_error_db", "phase_error_deg"):
+    fields = "system", "array", "frame", "region", "radius_m", "gain_error_db", "phase_error_deg", "budget"
+    for field in fields:
         assert getattr(scenario, field) == getattr(other, field)
     np.testing.assert_array_equal(scenario.base_station_m, other.base_station_m)
 
@@ -113,7 +114,8 @@ def test_commands_on_one_scenario_refuse_a_range_of_seeds(cli, tmp_path):
 
 def test_families_are_listed_with_version_parameters_and_defaults(cli):
     families = {entry["name"]: entry for entry in json.loads(cli("list", "--json").stdout)["families"]}
-    assert set(families) == {"street", "town", "facade", "crowd", "weak", "sparse", "traffic", "crossing"}
+    streets = {"street", "town", "facade", "crowd", "weak", "sparse", "traffic", "crossing"}
+    assert set(families) == {*streets, "uma-av"}
     assert all(entry["version"] >= 1 and entry["description"] for entry in families.values())
     parameters = families["town"]["parameters"]
     assert "default" not in parameters["seed"]

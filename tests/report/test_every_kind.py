@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from isacbench.bench.kinds.drops import DropsSuite
 from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite_kinds import KINDS
@@ -43,6 +44,7 @@ STEMS = {
     "detection": ["maps", "roc", "detection-street"],
     "link": ["link-tiny", "trade-tiny"],
     "population": ["ratios", "scores", "targets-sparse"],
+    "drops": ["drops-uma-av"],
 }
 
 
@@ -73,6 +75,10 @@ def rows(kind, seen, plugins, tiny):
     if kind == "link":
         common = {"name": "test", "scenarios": [str(tiny)], "estimators": ["blob"], "channels": ["awgn"]}
         found = run(LinkSuite(**common, modulations=["qpsk", "16qam"], snr_db=[0, 20], trials=2))
+    elif kind == "drops":
+        scenarios = ["uma-av[seed=0:4]", "uma-av[seed=5,targets=0]"]
+        common = {"name": "test", "scenarios": scenarios, "estimators": ["fft4d"], "sensing": "prs"}
+        found = run(DropsSuite(**common, snr_db=[-20, 0], trials=1))
     else:
         found = pd.read_parquet(REFERENCE / COMMITTED[kind] / "results.parquet").query(FEW[kind])
     seen[kind] = found.reset_index(drop=True)

@@ -148,7 +148,7 @@ class DropsKind(Kind):
         """Categories of TS 22.137 that estimators keep, a table a configuration."""
         rows, tables = kind.with_labels(rows), []
         first = [Column("estimator", "label", part=0), Column("category", "category", part=0)]
-        columns = [*first, *(Column(name, name) for name in VERDICTS)]
+        columns = [*first, *(Column(f"{name}: [%]", name) for name in VERDICTS)]
         for (name, sensing), part in rows.groupby(["configuration", "sensing"], sort=False):
             lines = verdicts(part)
             title = (
@@ -344,7 +344,7 @@ def _verdict(snrs_db: list[float], shares: list[_Share]) -> str:
     else:
         word = last.word
     low, high = last.ends
-    share = f"{100 * last.n / last.n_all:.1f} ({100 * low:.1f}-{100 * high:.1f}) %" if last.n_all else ""
+    share = f"{100 * last.n / last.n_all:.3g} ({100 * low:.2g}-{100 * high:.3g})" if last.n_all else ""
     return f"{word}: {share}".rstrip(": ")
 
 

@@ -247,13 +247,13 @@ class Run(Displayed):
 
     def lost_clouds(self) -> Mask:
         """Tell of which images the cloud is missing or damaged."""
-        return self.rows["deviation"].notna().to_numpy() & ~self.is_whole()
+        return is_image(self.rows) & ~self.is_whole()
 
     def require_clouds(self) -> None:
         """Refuse a run that has lost clouds."""
         if n_lost := int(self.lost_clouds().sum()):
             raise InputError(
-                f"{self.label}: {n_lost} of {self.rows['deviation'].count()} clouds are missing or damaged; "
+                f"{self.label}: {n_lost} of {is_image(self.rows).sum()} clouds are missing or damaged; "
                 "`isacbench run` into the folder makes them again"
             )
 
@@ -448,12 +448,20 @@ def write_truth(folder: Path, scenarios: Mapping[str, Scenario]) -> None:
     files.write_table(truth, folder / files.TRUTH)
 
 
+def is_image(rows: pd.DataFrame) -> Mask:
+    """Tell which rows are of images: those with a deviation, and of drops also those without targets."""
+    found = rows["deviation"].notna()
+    if "n_detections" in rows:
+        found |= rows["status"].isin(SCORED)
+    return found.to_numpy()
+
+
 class _Clouds(Mapping[CellKey, PointCloud]):
     """Clouds of rows, each built when it is asked for."""
 
     def __init__(self, run: Run) -> None:
         self._points = run.points
-        places = np.flatnonzero(run.rows["deviation"].notna() & run.is_whole())
+        places = np.flatnonzero(is_image(run.rows) & run.is_whole())
         keys = run.rows[CLOUD_KEYS].iloc[places].itertuples(index=False)
         self._places = dict(zip(map(CellKey._make, keys), places.tolist(), strict=True))
 
@@ -552,7 +560,7 @@ def _warn_of_damage(path: Path, what: str) -> None:
 def _why_no_cloud(row: pd.Series[Any]) -> str:
     if row["status"] not in SCORED:
         return f"its status is {row['status']}, {row['reason']}; allowed are {' and '.join(SCORED)}"
-    if pd.isna(row["deviation"]):
+    if not is_image(row.to_frame().T).all():
         return NO_IMAGE
     return "it is missing or damaged; `isacbench run` into the folder makes it again"
 

@@ -147,7 +147,7 @@ MANY = "objects[1]: its spacing_m makes 2163001 scatterers of one surface; allow
 MISTAKES = {
     "unknown key system.n_symbol: did you mean 'n_symbols'? allowed are carrier": ("n_symbols", "n_symbol"),
     "unknown key objects[1].sise_m: did you mean 'size_m'? allowed are": (CAR, f"{CAR}sise_m = [1, 1, 1]\n"),
-    "unknown key objects[1].car: allowed are role, position_m, velocity": (CAR, f"{CAR}car = 1\n"),
+    "unknown key objects[1].car: allowed are position_m, velocity": (CAR, f"{CAR}car = 1\n"),
     "missing key name": ('name = "tiny"', ""),
     "missing key array.frame": (PANEL, ""),
     "missing key region.x_m[1]": ("x_m = [0.0, 10.0]", "x_m = [0.0]"),

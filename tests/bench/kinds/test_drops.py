@@ -1,0 +1,118 @@
+"""The kind ``drops``: its numbers against a recount from the clouds on disk, verdicts, and refused drops."""
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from isacbench import load_run, load_scenario
+from isacbench.bench.kinds.drops import DropsKind, DropsSuite, configuration_of, verdicts
+from isacbench.bench.kinds.kind import with_labels
+from isacbench.bench.run.runner import run_suite
+
+SCENARIOS = ["uma-av[seed=0:5]", "uma-av[seed=10:12,targets=0]"]
+PFAS = "1e-4", "3e-2"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Run with a detector of many false alarms."""
+    out = tmp_path_factory.mktemp("drops") / "run"
+    estimators = [f"fft4d[pfa={pfa}]" for pfa in PFAS]
+    suite = DropsSuite(name="test", scenarios=SCENARIOS, estimators=estimators, snr_db=[-20], trials=1)
+    run_suite(suite, out)
+    return out
+
+
+def nearest_pairs(truth, found, gate_m):
+    """Associate greedily by distance: for few, far drones as good as any."""
+    pairs = [(math.dist(a, b), i, j) for i, a in enumerate(truth) for j, b in enumerate(found)]
+    kept = []
+    for distance, i, j in sorted(pairs):
+        if distance <= gate_m and all(i != i2 and j != j2 for _, i2, j2 in kept):
+            kept.append((distance, i, j))
+    return kept
+
+
+@pytest.mark.parametrize("pfa", PFAS)
+def test_numbers_are_those_of_the_clouds_on_disk(folder, pfa):
+    """Each point of these sparse clouds is a detection, unless points were grouped."""
+    run = load_run(folder)
+    rows = run.rows
+    own = rows[[json.loads(params)["pfa"] == float(pfa) for params in rows["params"]]]
+    missed, false, pooled, errors, alarms = [], [], [0, 0], [], []
+    for row in own.to_dict("records"):
+        scenario = load_scenario(row["scenario"])
+        cloud = run.cloud(row)
+        n = row["n_detections"]
+        assert n <= len(cloud)
+        if "targets=0" in row["scenario"]:
+            alarms.append(len(cloud) > 0)
+            continue
+        if n < len(cloud):
+            pytest.skip("points of one echo were grouped")
+        kept = nearest_pairs(scenario.truth.xyz.tolist(), cloud.xyz.tolist(), 22.6)
+        missed.append(1 - len(kept) / 5)
+        false.append(1 - len(kept) / n if n else 0)
+        pooled = [pooled[0] + n - len(kept), pooled[1] + n]
+        errors += [math.dist(scenario.truth.xyz[i, :2], cloud.xyz[j, :2]) for _, i, j in kept]
+    summary = run_summary(own)
+    assert summary["missed_detection"] == pytest.approx(np.mean(missed))
+    assert summary["false_alarm_type2"] == pytest.approx(np.mean(false))
+    assert summary["false_alarm_type2_pooled"] == pytest.approx(pooled[0] / pooled[1])
+    assert summary["false_alarm_type1"] == pytest.approx(np.mean(alarms))
+    assert summary["horizontal_error_p90_m"] == pytest.approx(np.percentile(errors, 90))
+
+
+def run_summary(rows):
+    (summary,) = DropsKind().summary(rows).to_dict("records")
+    return summary
+
+
+def test_means_of_the_metrics_columns_are_those_of_the_summary(folder):
+    rows = pd.read_parquet(folder / "results.parquet")
+    for _, own in rows.groupby("params"):
+        summary = run_summary(own)
+        for name in ("missed_detection", "false_alarm_type1", "false_alarm_type2"):
+            assert own[name].mean() == pytest.approx(summary[name])
+            assert summary[f"{name}_low"] <= summary[name] <= summary[f"{name}_high"]
+
+
+def test_the_effective_snr_is_that_of_the_link_budget(folder):
+    rows = pd.read_parquet(folder / "results.parquet").drop_duplicates("scenario")
+    for row in rows[rows["n_targets"] > 0].to_dict("records"):
+        echoes = load_scenario(row["scenario"]).truth.power.sum()
+        assert row["snr_effective_db"] == pytest.approx(row["snr_db"] + 10 * np.log10(echoes))
+
+
+def test_the_gate_curve_ascends_and_the_manifest_has_the_gate(folder):
+    rows = pd.read_parquet(folder / "results.parquet")
+    for text in rows["detected_by_gate"]:
+        counts = [int(part) for part in text.strip("[]").split(",")]
+        assert counts == sorted(counts)
+    assert '"gate_m": 22.6' in (folder / "manifest.json").read_text()
+
+
+def test_verdicts_say_from_which_snr_on_a_limit_is_kept(folder):
+    rows = with_labels(pd.read_parquet(folder / "results.parquet"))
+    many = pd.concat([rows] * 40).reset_index(drop=True)
+    better = many.assign(snr_db=0.0, n_detected=many["n_targets"], n_detections=many["n_targets"])
+    texts = verdicts(pd.concat([many, better]))
+    assert len(texts) == 4 * len(PFAS)
+    for text in texts:
+        assert text["missed"].startswith("from 0 dB: 0 (")
+        assert ("radial velocity" in text) == (text["category"] != "1")
+
+
+@pytest.mark.parametrize(
+    ("name", "configuration"),
+    [
+        ("uma-av[seed=3,targets=0]", "uma-av"),
+        ("uma-av[seed=3,clutter=ground]", "uma-av[clutter=ground]"),
+        ("street", "street"),
+    ],
+)
+def test_drops_of_one_configuration_belong_together(name, configuration):
+    assert configuration_of(name) == configuration
