@@ -124,7 +124,7 @@ FILES = [
         CLOUD,
         "score t.csv t.csv --metric papers",
         "'papers'",
-        "allowed are objects, occupancy, paper",
+        "allowed are nr-isac, objects, occupancy, paper",
     ),
     ("tiny.csv", "x,y,z,v\n1,2,3,4\n1,nan,3,4\n", IMAGE, "tiny.csv", "row 3", "y is nan"),
     ("tiny.csv", "x,y,z\n1,2,3\n", IMAGE, "tiny.csv", "takes the columns x, y, z, v"),
