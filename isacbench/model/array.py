@@ -31,7 +31,7 @@ MOST_LEAKAGE_DB = 200.0
 
 
 def rectangular_positions(shape: tuple[int, int], spacing: int) -> Integers:
-    """Element positions (n, 2) of a rectangular array in half wavelengths, `spacing` apart."""
+    """Element positions (n, 2) of a rectangular array, `spacing` apart."""
     p, q = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
     return spacing * np.stack([p.ravel(), q.ravel()], axis=1)
 
@@ -45,7 +45,7 @@ class VirtualArray:
     tx_shape, rx_shape : (int, int)
         Elements along u and w.
     tx_spacing, rx_spacing : int
-        Element distance in half wavelengths.
+        Element distance in units of the frame's `spacing_wavelengths`, half a wavelength by default.
     ascending : (str, str)
         Directions towards which the elements of a frame ascend, as seen from
         its element (0, 0): "-u" or "+u", and "-w" or "+w". Frames are written
@@ -94,13 +94,13 @@ class VirtualArray:
         if len(self.positions) != n_p * n_q:
             raise InputError(
                 f"array: the sum co-array of tx_shape {self.tx_shape} at tx_spacing {self.tx_spacing} and "
-                f"rx_shape {self.rx_shape} at rx_spacing {self.rx_spacing} half wavelengths fills "
+                f"rx_shape {self.rx_shape} at rx_spacing {self.rx_spacing} fills "
                 f"{len(self.positions)} of {n_p} x {n_q} places; it must be a filled rectangle"
             )
 
     @property
     def positions(self) -> Integers:
-        """Distinct virtual element positions (n, 2) in half wavelengths, row by row."""
+        """Distinct virtual element positions (n, 2) in element spacings, row by row."""
         return self._elements[0]
 
     @property

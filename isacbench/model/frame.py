@@ -103,7 +103,7 @@ class Frame(ABC):
     def ambiguity(self) -> str:
         """Say from which angle off broadside on directions are ambiguous; empty where they are not."""
         wide = [
-            f"{np.degrees(np.arcsin(min(1 / spacing - 1, 1.0))):.1f}° along {axis}"
+            f"{np.degrees(np.arcsin(max(1 / spacing - 1, 0.0))):.1f}° along {axis}"
             for axis, spacing in zip("uw", self.spacing_wavelengths, strict=True)
             if spacing > 1 / 2
         ]

@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Complex, Floats, checked_array
 
+PERIOD = 2.0
+"""Distance of two u, or two w, that look alike."""
+
 SERIES_BELOW = 1e-3
 """Distance in bins below which slopes come from the series at the peak: their quotients lose digits there."""
 
@@ -81,13 +84,24 @@ def sine_cosine(angle: Floats) -> tuple[Floats, Floats]:
     return 2 * half / (1 + square), (1 - square) / (1 + square)
 
 
+def within_period(cosine: Floats, middle: float = 0.0) -> Floats:
+    """Cosines of the same plane waves that are nearest to a middle, by default those from -1 to 1.
+
+    Returns
+    -------
+    ndarray of float64, same shape
+        Those at most 1 from the middle stay as they are.
+    """
+    return cosine - PERIOD * np.rint((cosine - middle) / PERIOD)
+
+
 def steering(n_elements: int, cosine: ArrayLike) -> Complex:
-    """Response exp(-jπ p u) of a line of half-wavelength elements p = 0, 1, ..., which ascend towards -u.
+    """Response exp(-jπ p u) of a line of elements p = 0, 1, ..., which ascend towards -u.
 
     Parameters
     ----------
     cosine : array_like, shape (...)
-        Direction cosines along the line.
+        Direction cosines along the line, times the spacing over half a wavelength.
 
     Returns
     -------

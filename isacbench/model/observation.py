@@ -16,14 +16,12 @@ from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud
 from isacbench.model.frame import Frame
 from isacbench.model.gate import Gate
+from isacbench.model.kernels import PERIOD, within_period
 from isacbench.model.numerology import System
 from isacbench.model.region import Interval, Region
 
 REGION_TOLERANCE_M = 0.5
 """Largest distance outside the region at which a point is still reported."""
-
-PERIOD = 2.0
-"""Distance of two u, or two w, that look alike."""
 
 REGION_SAMPLES = 17
 """Points per edge at which directions of the region are sampled: exact to about 1e-3 on a street."""
@@ -163,7 +161,7 @@ class Observation(Displayed):
         found = checked_array("u", u), checked_array("w", w)
         is_unique = self.frame.cosine_scale <= 1
         of_u, of_w = (
-            each if alone else _unfolded(each, limits, 1.0, int(PERIOD))
+            each if alone else within_period(each, sum(limits) / 2)
             for each, alone, limits in zip(found, is_unique, self.cosine_limits, strict=True)
         )
         return of_u, of_w
@@ -178,7 +176,7 @@ def cosine_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple
 
     Where they are further apart than aliases, 2, it is a period in their middle.
     """
-    limits = _spanned_limits(region, base_station_m, frame)
+    limits = spanned_limits(region, base_station_m, frame)
     middles = [(low + high) / 2 for low, high in limits]
     (u, w) = (
         each if each[1] - each[0] <= PERIOD else (middle - PERIOD / 2, middle + PERIOD / 2)
@@ -187,7 +185,7 @@ def cosine_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple
     return u, w
 
 
-def _spanned_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple[Interval, Interval]:
+def spanned_limits(region: Region, base_station_m: Floats, frame: Frame) -> tuple[Interval, Interval]:
     """Lowest and highest u, and w, that a point of a region can have, whatever their distance."""
     lower, upper = region.lower_m - REGION_TOLERANCE_M, region.upper_m + REGION_TOLERANCE_M
     if np.all((base_station_m > lower) & (base_station_m < upper)):

@@ -17,9 +17,11 @@ from isacbench.files.escaping import plural, quoted
 from isacbench.model.array import VirtualArray
 from isacbench.model.cloud import PointCloud, describe_points
 from isacbench.model.frame import Frame
+from isacbench.model.kernels import PERIOD
 from isacbench.model.link_budget import LinkBudget
 from isacbench.model.number_limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
 from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
+from isacbench.model.observation import spanned_limits
 from isacbench.model.region import Region
 
 MOST_EXPONENT = 1000
@@ -286,14 +288,16 @@ class Scenario(Displayed):
             )
 
     def _warn_of_aliases(self) -> None:
-        corners_m = self.region.corners_m - self.base_station_m
-        seen_m = corners_m[self.frame.in_half_space(corners_m) & (np.abs(corners_m).sum(axis=1) > 0)]
-        for axis, cosines in zip("uw", self.frame.direction_cosines(seen_m), strict=True):
-            if np.ptp(cosines) > 2 * (1 + ROUNDING):
+        if not self.frame.ambiguity:
+            return
+        limits = spanned_limits(self.region, self.base_station_m, self.frame)
+        for axis, (low, high), spacing in zip("uw", limits, self.frame.spacing_wavelengths, strict=True):
+            if high - low > PERIOD * (1 + ROUNDING):
                 warnings.warn(
                     f"scenario {self.name}: directions of the region look alike along {axis}, where elements "
-                    f"are {self.frame.spacing_wavelengths['uw'.index(axis)]:g} wavelengths apart; points are "
-                    "placed in the middle of the region's angles",
+                    f"are {spacing:g} wavelengths apart: its direction cosines span "
+                    f"{(high - low) / (2 * spacing):.2f}, and {1 / spacing:.2f} would be unambiguous; points "
+                    "are placed in the middle of the region's angles",
                     InputWarning,
                     stacklevel=4,
                 )

@@ -19,6 +19,7 @@ from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError, InputWarning
 from isacbench.files.escaping import file_stems, plural
 from isacbench.model.echo import Simulator
+from isacbench.model.kernels import within_period
 from isacbench.model.observation import Observation
 from isacbench.model.scene import Scenario
 from isacbench.plugins.contracts import Diagnoser, Diagnosis, Estimator, Spectrum
@@ -95,7 +96,13 @@ def _checked_spectrum(given: Spectrum) -> Spectrum:
     if threshold_db is not None:
         threshold_db = np.broadcast_to(checked_array("threshold_db", threshold_db), cosine.shape)
     level_db = _numbers("level_db", given.level_db, cosine.shape)
-    return Spectrum(cosine, level_db, threshold_db, _numbers("peaks", given.peaks), given.label)
+    peaks = _on_axis(_numbers("peaks", given.peaks), cosine)
+    return Spectrum(cosine, level_db, threshold_db, peaks, given.label)
+
+
+def _on_axis(places: Floats, cosine: Floats) -> Floats:
+    """Aliases of directions that are nearest to the middle of the cosines of a spectrum."""
+    return within_period(places, float(cosine[0] + cosine[-1]) / 2)
 
 
 def _numbers(what: str, values: Any, shape: tuple[int, ...] | None = None) -> Floats:
@@ -248,7 +255,7 @@ def spectrum_charts(title: str, one: Diagnosed) -> ChartGroup:
         cell += ", signal and noise subspaces not separated"
     charts = []
     for spectrum in one.spectra:
-        own, level_db = true[spectrum.label], spectrum.level_db
+        own, level_db = _on_axis(true[spectrum.label], spectrum.cosine), spectrum.level_db
         peaks_db = np.interp(spectrum.peaks, spectrum.cosine, level_db)
         floor_db = np.full(own.size, np.min(level_db))
         series = [Series("spectrum", spectrum.cosine, level_db, style=SPECTRUM)]

@@ -10,6 +10,10 @@ ESTIMATORS = (
     *("fft4d", "bartlett2d", "capon2d", "iaa2d", "music2d", "music2d_joint", "esprit2d"),
     *("omp4d", "nomp4d", "sbl4d"),
 )
+VARIANTS = (
+    *(("music2d", {"search": "root"}), ("music2d", {"pairing": "product"})),
+    *((name, {"integration": "element"}) for name in ("music2d", "fft4d")),
+)
 SCENE = """
 name = "spaced"
 [system]
@@ -59,11 +63,21 @@ def load_spaced(tmp_path):
 @pytest.mark.parametrize("spacing", [(0.5, 0.8), (0.4, 0.45)])
 def test_every_estimator_finds_a_target_to_within_its_rayleigh_cell(load_spaced, spacing, place):
     scenario = load_spaced(spacing, place)
+    all_find_it(scenario)
+
+
+@pytest.mark.filterwarnings("ignore:.*look alike along u")
+def test_every_estimator_finds_a_target_where_the_region_spans_more_than_a_period(load_spaced):
+    scenario = load_spaced((0.8, 0.8), PLACES[0])
+    (lowest, highest), _ = observe(scenario, 0.0).cosine_limits
+    assert highest - lowest == pytest.approx(2)
+    all_find_it(scenario)
+
+
+def all_find_it(scenario):
     observation = observe(scenario, 0.0)
-    estimators = {name: get_estimator(name) for name in ESTIMATORS}
-    estimators["root"] = get_estimator("music2d", search="root")
-    for name, estimator in estimators.items():
-        cloud = estimator.estimate(observation)
+    for name, parameters in (*((name, {}) for name in ESTIMATORS), *VARIANTS):
+        cloud = get_estimator(name, **parameters).estimate(observation)
         error = radio_places(scenario, cloud) - radio_places(scenario, scenario.scatterers)
-        assert (np.abs(error) < rayleigh_cells(scenario)).all(axis=1).sum() == 1, name
-        assert len(cloud) == 1, name
+        assert (np.abs(error) < rayleigh_cells(scenario)).all(axis=1).sum() == 1, (name, parameters)
+        assert len(cloud) == 1, (name, parameters)

@@ -54,7 +54,7 @@ def frame_of(scenario, yaw_deg, tilt_deg):
 
 
 @pytest.mark.parametrize(("yaw_deg", "tilt_deg"), [(0.0, 0.0), (20.0, 12.0)])
-@pytest.mark.filterwarnings("ignore:.*look alike along u")
+@pytest.mark.filterwarnings("ignore:.*look alike along")
 @pytest.mark.parametrize("spacing", [(0.5, 0.5), (0.5, 0.8), (0.7, 0.4)])
 @pytest.mark.parametrize("ascending", ORDERS)
 def test_a_frame_of_path_lengths_is_imaged_where_its_scatterer_is(ascending, spacing, yaw_deg, tilt_deg):
@@ -67,8 +67,22 @@ def test_a_frame_of_path_lengths_is_imaged_where_its_scatterer_is(ascending, spa
 
 
 def test_a_region_with_directions_that_look_alike_is_warned_of():
-    with pytest.warns(InputWarning, match="look alike along u, where elements are 0.7 wavelengths apart"):
+    warning = (
+        "path lengths: .* alike along u, where elements are 0.7 wave.* span 2.00, and 1.43 would be unam"
+    )
+    with pytest.warns(InputWarning, match=warning):
         scenario_of(ORDERS[0], spacing=(0.7, 0.4))
+
+
+@pytest.mark.parametrize(("y_m", "spacing"), [(-10.0, 0.6), (100.0, 0.8)])
+def test_directions_also_look_alike_between_the_corners_of_a_region_and_around_the_array(y_m, spacing):
+    # The widest directions are those of edges at the height of the array, or it sees a whole half-space.
+    scenario = scenario_of(ORDERS[0])
+    region, base_station_m = Region((-60.0, 60.0), (-60.0, y_m), (-80.0, 80.0), (-40.0, 40.0)), np.zeros(3)
+    scatterers = replace(scenario.scatterers, xyz=np.array([[3.0, -20.0, 5.0]]))
+    placed = replace(scenario, base_station_m=base_station_m, region=region, scatterers=scatterers)
+    with pytest.warns(InputWarning, match="look alike along u"):
+        replace(placed, frame=get_frame("panel", spacing_wavelengths=(spacing, 0.4)))
 
 
 @pytest.mark.parametrize("ascending", ORDERS)

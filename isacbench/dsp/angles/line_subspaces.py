@@ -34,7 +34,7 @@ import scipy.fft
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
-from isacbench.dsp.angles.peaks import PERIOD, Peaks
+from isacbench.dsp.angles.peaks import Peaks, within_period
 from isacbench.model.kernels import sine_cosine
 from isacbench.model.region import Interval
 
@@ -310,8 +310,7 @@ def music_roots(eigenvectors: Floats, order: Integers, limits: Interval) -> Peak
     mirrored = np.take_along_axis(outer, apart.argmin(axis=2), axis=1)
     # Half of the digits of a double root are lost, but not those of the mean of the two.
     cosine = -np.angle(inner + mirrored) / np.pi
-    # Of all aliases the one nearest to the middle of the limits.
-    cosine = cosine - PERIOD * np.rint((cosine - sum(limits) / 2) / PERIOD)
+    cosine = within_period(cosine, sum(limits) / 2)
     inside = (cosine >= limits[0]) & (cosine <= limits[1]) & (np.abs(inner) > LEAST_RADIUS)
     n_most = min(int(order.max(initial=0)), n_sensors - 1)
     found = inside[:, :n_most] & (np.arange(n_most) < order[:, None])

@@ -10,20 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Floats, Integers, Mask
+from isacbench.model.kernels import PERIOD as PERIOD
+from isacbench.model.kernels import within_period as within_period
 from isacbench.model.region import Interval
-
-PERIOD = 2.0
-
-
-def within_period(cosine: Floats) -> Floats:
-    """Cosines from -1 to 1 of the same plane waves.
-
-    Returns
-    -------
-    ndarray of float64, same shape
-        Those from -1 to 1 stay as they are.
-    """
-    return cosine - PERIOD * np.rint(cosine / PERIOD)
 
 
 def cosine_samples(limits: Interval, widest: float) -> Floats:

@@ -18,6 +18,7 @@ from isacbench.bench.suites.scenario_digest import (
     truth_table,
 )
 from isacbench.errors import InputWarning
+from isacbench.model.frame import PanelFrame
 from isacbench.model.numerology import Prs
 from isacbench.model.scenes.scenario import load_scenario
 
@@ -132,6 +133,16 @@ def test_a_key_that_is_left_out_at_one_value_is_restored_with_any(tiny, radius_m
     assert ("radius_m" in described) == (radius_m != 1)
     again = restore_scenario("tiny", described, truth_table(scenario))
     assert again.radius_m == radius_m
+    assert scenario_digest(again) == scenario_digest(scenario)
+
+
+@pytest.mark.parametrize("spacing", [(0.5, 0.5), (0.5, 0.8)])
+def test_a_scenario_is_restored_with_the_spacing_of_its_elements(scenario, spacing):
+    scenario = dataclasses.replace(scenario, frame=PanelFrame(3.0, 4.0, spacing))
+    described = json.loads(json.dumps(describe_scenario(scenario)))
+    assert ("spacing_wavelengths" in described["frame"]) == (spacing != (0.5, 0.5))
+    again = restore_scenario("tiny", described, truth_table(scenario))
+    assert again.frame == scenario.frame
     assert scenario_digest(again) == scenario_digest(scenario)
 
 

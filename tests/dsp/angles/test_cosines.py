@@ -13,6 +13,7 @@ from tests.dsp.plane_wave_data import pairs_of, snapshot, waves
 
 def test_a_cosine_and_that_two_farther_are_one():
     np.testing.assert_allclose(within_period(np.array([-1.02, 0.98, 0.3, 2.3])), [0.98, 0.98, 0.3, 0.3])
+    np.testing.assert_allclose(within_period(np.array([-0.6, 0.3, 1.4]), 0.9), [1.4, 0.3, 1.4])
     assert pairs_of(waves(1.25, -1.5)) == [(-0.75, 0.5)]
 
 

@@ -134,7 +134,7 @@ SYMBOLS, KIND, PANEL = "n_symbols = 32", 'kind = "car"', 'frame = "panel"'
 SPACING = "subcarrier_spacing_hz = -1.0"
 SPARSE_ARRAY = (
     "array: the sum co-array of tx_shape (1, 1) at tx_spacing 8 and rx_shape (4, 4) at rx_spacing 2 "
-    "half wavelengths fills 16 of 7 x 7 places; it must be a filled rectangle"
+    "fills 16 of 7 x 7 places; it must be a filled rectangle"
 )
 FAR = (
     "region: its farthest corner is 940.1 m from the base station, beyond the unambiguous range; "

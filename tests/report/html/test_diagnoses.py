@@ -3,6 +3,7 @@
 import json
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from isacbench.bench.run.runner import run_suite
 from isacbench.bench.suites.suite import Suite
 from isacbench.errors import InputWarning
+from isacbench.model.frame import get_frame
 from isacbench.model.scenes.scenario import load_scenario
 from isacbench.plugins.contracts import Detection, Diagnosis, Spectrum
 from isacbench.report import diagnoses
@@ -105,6 +107,20 @@ def test_a_map_is_in_decibels_over_the_noise_with_cells_around_their_range_and_v
     assert np.ma.filled(detected.get_array(), np.nan)[4, 1] == pytest.approx(20.0)
     assert np.isfinite(np.ma.filled(detected.get_array(), np.nan)).sum() == 1
     assert np.isfinite(power.get_clim()).all()
+
+
+def test_directions_beyond_a_period_are_shown_on_the_axis_of_their_spectrum(scenario):
+    spaced = replace(scenario, frame=get_frame("panel", spacing_wavelengths=(0.5, 0.8)))
+    offset_m = spaced.scatterers.xyz[:1] - spaced.base_station_m
+    _, (w,) = spaced.frame.direction_cosines(offset_m)
+    range_bin = round(float(np.linalg.norm(offset_m)) / spaced.system.range_bin_m)
+    # Peaks are found from -1 to 1; the samples lie around an alias of the true direction.
+    axis = w - 2 + np.linspace(-0.1, 0.1, 21)
+    peak = np.array([(w + 1) % 2 - 1])
+    found = diagnosed(spaced, (range_bin, 0), [Spectrum(axis, -np.abs(axis - w + 2), None, peak, "w")])
+    *_, peaks, true = spectrum_charts("title", found).charts[0].series
+    np.testing.assert_allclose([peaks.x, true.x], [[w - 2], [w - 2]])
+    np.testing.assert_allclose(peaks.y, 0, atol=1e-9)
 
 
 def test_spectra_show_threshold_peaks_and_the_true_directions_of_the_cell(scenario):
