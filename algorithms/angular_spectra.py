@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 
 from isacbench.checked_arrays import Floats
-from isacbench.dsp.angles.peaks import direction_samples, within_period
+from isacbench.dsp.angles.peaks import direction_samples
 from isacbench.dsp.angles.planar_spectra import AngularSpectrum
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.errors import require_least, require_positive
 from isacbench.instrument.stages import stage
+from isacbench.model.kernels import within_period
 from isacbench.model.observation import Observation
 from isacbench.plugins.contracts import Spectrum
 

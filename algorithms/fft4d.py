@@ -35,13 +35,14 @@ from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
 from isacbench.dsp.angles.aperture import Cross
-from isacbench.dsp.angles.peaks import PERIOD, Peaks, Places, plane_maxima, plane_peaks, within_period
+from isacbench.dsp.angles.peaks import Peaks, Places, plane_maxima, plane_peaks
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import Integration
 from isacbench.dsp.detection import detect_listed
 from isacbench.dsp.rangedoppler import CACHED_SAMPLES
 from isacbench.errors import require_least, require_positive
 from isacbench.instrument.stages import stage
+from isacbench.model.kernels import PERIOD, within_period
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum

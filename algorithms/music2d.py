@@ -54,7 +54,6 @@ from isacbench.dsp.angles.line_subspaces import (
 )
 from isacbench.dsp.angles.model_order import ModelOrder, noise_edge, smoothed_noise_edge, source_count
 from isacbench.dsp.angles.peaks import (
-    PERIOD,
     Peaks,
     cosine_samples,
     in_rows,
@@ -62,13 +61,13 @@ from isacbench.dsp.angles.peaks import (
     line_peaks,
     strongest,
     with_neighbours,
-    within_period,
 )
 from isacbench.dsp.angles.plane_waves import PlaneWaves, pair_directions
 from isacbench.dsp.cell_detection import Integration
 from isacbench.dsp.detection import detect_listed
 from isacbench.errors import require, require_least, require_option
 from isacbench.instrument.stages import stage
+from isacbench.model.kernels import PERIOD, within_period
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Detector, Spectrum

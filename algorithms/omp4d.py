@@ -39,7 +39,6 @@ from typing import ClassVar
 import numpy as np
 
 from isacbench.checked_arrays import Floats
-from isacbench.dsp.angles.peaks import PERIOD
 from isacbench.dsp.fitting.atom_fits import fit_atoms
 from isacbench.dsp.fitting.atoms import AtomMap
 from isacbench.dsp.fitting.grid_pursuit import PlaceGrid, pursue_on_grid
@@ -48,6 +47,7 @@ from isacbench.dsp.scatterers import LocatedScatterers
 from isacbench.errors import require, require_least
 from isacbench.instrument.stages import stage
 from isacbench.model.cloud import PointCloud
+from isacbench.model.kernels import PERIOD
 from isacbench.model.observation import Observation
 from isacbench.model.region import Interval
 from isacbench.plugins.contracts import Needs

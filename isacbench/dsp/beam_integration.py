@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
 from isacbench.checked_arrays import Complex, Floats, Mask, parts_of
-from isacbench.dsp.angles.peaks import PERIOD
 from isacbench.dsp.detection import Detection, Detector, detect_listed
 from isacbench.dsp.rangedoppler import CACHED_SAMPLES, TaperedMap
 from isacbench.dsp.windows import reach, taper
-from isacbench.model.kernels import steering
+from isacbench.model.kernels import PERIOD, steering
 from isacbench.model.region import Interval
 
 BEAMS_A_CELL = 2

@@ -13,14 +13,13 @@ from scipy.spatial import cKDTree
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture
-from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.bursts import SymbolBursts
 from isacbench.dsp.floating_point import round_mantissa
 from isacbench.dsp.rangedoppler import TaperedMap
 from isacbench.dsp.windows import Window, bin_profile, fractional_bin, reach, taper
 from isacbench.model.gate import Bins
-from isacbench.model.kernels import dirichlet
+from isacbench.model.kernels import PERIOD, dirichlet, within_period
 from isacbench.model.numerology import System
 
 DUPLICATE_CELL = np.array([0.3, 0.3, 0.01, 0.01])

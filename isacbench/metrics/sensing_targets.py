@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from isacbench.checked_arrays import Floats
-from isacbench.errors import require, require_option
-from isacbench.metrics.assignment import cheapest, near_pairs
+from isacbench.errors import InputError, require, require_option
+from isacbench.metrics.assignment import MOST_PAIRS, cheapest, near_pairs
 from isacbench.metrics.descriptions import ScoreColumn, object_kind
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.object_scores import group_points
@@ -59,7 +59,7 @@ class Associations(NamedTuple):
         return 1 - len(self.errors) / self.n_detections if self.n_detections else 0.0
 
 
-def associate(pair: CloudPair, gate_m: float = GATE_M, grouping: Grouping = "objects") -> Associations | None:
+def associate(pair: CloudPair, gate_m: float = GATE_M, grouping: Grouping = "objects") -> Associations:
     """Associate detections and targets one to one: as many as possible, then at least squared distances.
 
     A target is an object of the scenario, but for clutter, at the mean of its scatterers. Where objects are
@@ -73,18 +73,20 @@ def associate(pair: CloudPair, gate_m: float = GATE_M, grouping: Grouping = "obj
         Largest distance in m of a target and a detection that may be associated.
     grouping : {"objects", "points"}
 
-    Returns
-    -------
-    Associations or None
-        None, with an `InputWarning`, where more pairs lie within the gate than can be compared
-        (`isacbench.metrics.assignment.MOST_PAIRS`).
+    Raises
+    ------
+    InputError
+        If more pairs lie within the gate than can be compared (`isacbench.metrics.assignment.MOST_PAIRS`).
     """
     targets = pair.remembered(_targets)
     detections = pair.remembered(_objects_found) if grouping == "objects" else pair.estimate
     trees = cKDTree(targets.xyz), cKDTree(detections.xyz)
     near = near_pairs(*trees, gate_m, "the association")
     if near is None:
-        return None
+        raise InputError(
+            f"{len(targets)} targets and {len(detections)} detections: more than {MOST_PAIRS} pairs are within "
+            f"{gate_m:g} m of each other; allowed are fewer points"
+        )
     chosen = near.take(cheapest(near, near.squared_m2, math.inf))
     offset_m = detections.xyz[chosen.j] - targets.xyz[chosen.i]
     speed_mps = detections.velocity[chosen.j] - targets.velocity[chosen.i]
@@ -162,9 +164,8 @@ class _TargetMetric(ABC):
         require_option(self, "grouping", get_args(Grouping))
 
     def score(self, pair: CloudPair) -> dict[str, float]:
-        """Score a drop; NaN where it has too many pairs of targets and detections."""
-        found = associate(pair, self.gate_m, self.grouping)
-        values = [math.nan] * len(self.columns) if found is None else self.values(found)
+        """Score a drop."""
+        values = self.values(associate(pair, self.gate_m, self.grouping))
         return dict(zip((column.name for column in self.columns), values, strict=True))
 
     @abstractmethod

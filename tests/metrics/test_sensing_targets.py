@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench import load_scenario, score
-from isacbench.errors import InputError
+from isacbench.errors import InputError, InputWarning
 from isacbench.metrics.geometry import CloudPair
 from isacbench.metrics.sensing_targets import (
     GATE_M,
@@ -163,3 +163,10 @@ def test_the_gate_is_that_of_six_metres_at_three_deviations():
 def test_unknown_parameters_are_refused(spec):
     with pytest.raises(InputError, match=r"gate_m|grouping|target"):
         score(SCENARIO, SCENARIO.truth, spec)
+
+
+def test_more_pairs_than_can_be_compared_are_refused(monkeypatch):
+    monkeypatch.setattr("isacbench.metrics.assignment.MOST_PAIRS", 3)
+    with pytest.warns(InputWarning, match="association"):
+        message = refusal(score, cloud(4 * [(0, 0, 0, 0)]), cloud(2 * [(0, 0, 0, 0)]), "nr-isac")
+    assert message.startswith("4 targets and 2 detections: more than")

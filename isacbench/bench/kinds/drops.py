@@ -49,7 +49,6 @@ GATES_M = 1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0
 GROUP = ["configuration", "sensing", *VARIANT, "snr_db"]
 SHARES = "missed_detection", "false_alarm_type1", "false_alarm_type2"
 ACCURACIES = tuple(OBJECTIVES)[len(SHARES) :]
-PERCENT = "{:.1f}"
 TITLES = {
     "missed_detection": "missed: targets [%]",
     "false_alarm_type1": "false alarm: Type 1 [%]",
@@ -62,7 +61,7 @@ TITLES = {
 VERDICTS = *ERRORS, "missed", "false alarm"
 """Columns of the table of verdicts."""
 
-SNR_AXIS = Axis("offset from the link budget [dB]")
+SNR_AXIS = Axis("SNR, or offset from the link budget [dB]")
 SHARE_AXIS = partial(Axis, limits=charts.SHARE_LIMITS)
 
 
@@ -87,7 +86,7 @@ class DropsKind(Kind):
     columns: ClassVar = {
         **SNR_GAIN,
         "snr_effective_db": math.nan,
-        **dict.fromkeys(["configuration", "sensing"], ""),
+        **dict.fromkeys(["configuration", "sensing", "categories"], ""),
         **dict.fromkeys(["n_targets", "n_detections", "n_detected"], 0),
         **dict.fromkeys(["target_errors", "detected_by_gate"], ""),
     }
@@ -101,6 +100,8 @@ class DropsKind(Kind):
         """Plan one task a drop."""
         entries, metrics = build_estimators(suite), self.metrics_of(suite)
         own = next((one for one in metrics.further if isinstance(one, NrIsac)), NrIsac())
+        judge = next((one for one in metrics.further if isinstance(one, Ts22137)), Ts22137())
+        common = {"sensing": suite.sensing, "categories": json.dumps(judge.categories)}
         return [
             ImagingTask(
                 suite,
@@ -109,7 +110,7 @@ class DropsKind(Kind):
                 simulator=partial(SignalSimulator, signal=Signal(sensing=suite.sensing)),
                 measure=partial(measure_drop, own),
                 metrics=metrics,
-                labels={"configuration": configuration_of(name), "sensing": suite.sensing},
+                labels={"configuration": configuration_of(name), **common},
             )
             for name, scenario in scenarios.items()
         ]
@@ -130,7 +131,7 @@ class DropsKind(Kind):
         """Metrics of every configuration and estimator over SNR, and verdicts of categories."""
         tables, words = kind.number_tables(rows), statistics.time_words(rows)
         columns = [
-            Column("offset [dB]", "snr_db", "{:g}", part=0),
+            Column("SNR: or offset [dB]", "snr_db", "{:g}", part=0),
             Column("estimator", "label", part=0),
             Column("SNR: effective [dB]", "snr_effective_db_median", "{:.1f}", optional=1),
             *(Column(title, form=partial(_value_text, name)) for name, title in TITLES.items()),
@@ -150,12 +151,9 @@ class DropsKind(Kind):
         first = [Column("estimator", "label", part=0), Column("category", "category", part=0)]
         columns = [*first, *(Column(f"{name}: [%]", name) for name in VERDICTS)]
         for (name, sensing), part in rows.groupby(["configuration", "sensing"], sort=False):
-            lines = verdicts(part)
-            title = (
-                f"{name}, sensing {sensing}: offsets from which limits of TS 22.137 are kept, and shares at"
-            )
-            title += f" {part['snr_db'].max():g} dB with 95 % intervals"
-            tables.append(Table(title, columns, lines))
+            title = f"{name}, sensing {sensing}: SNRs from which limits of TS 22.137 are kept, and shares at "
+            title += f"{part['snr_db'].max():g} dB with 95 % intervals"
+            tables.append(Table(title, columns, verdicts(part)))
         return tables
 
     def charts(self, rows: pd.DataFrame, scenarios: Scenarios = NO_SCENARIOS) -> list[ChartGroup]:
@@ -193,27 +191,19 @@ def measure_drop(metric: NrIsac, image: Image) -> dict[str, Any]:
     """Count targets and detections of a drop, and keep the errors of detected targets, as JSON.
 
     ``detected_by_gate`` has the number of detected targets at each of `GATES_M`. The effective SNR is that of
-    all targets and clutter, Σ|G|²/σ² on a resource element and virtual element.
+    all targets and clutter, Σ|G|²/σ² on a resource element and virtual element; NaN without any.
     """
-    scenario = image.scenario
-    unit, power = scenario.scatterers.power_in_units
-    with np.errstate(divide="ignore"):
-        echoes_db = 20 * math.log10(unit) + float(10 * np.log10(power)) if power else math.nan
-    reference_unit, reference = scenario.reference_power
-    reference_db = 20 * math.log10(reference_unit) + 10 * math.log10(reference)
-    measured: dict[str, Any] = {"snr_effective_db": image.snr_db + echoes_db - reference_db}
-    pair = CloudPair.of(scenario, image.cloud)
+    pair, power = CloudPair.of(image.scenario, image.cloud), float(image.scenario.truth.power.sum())
     found = associate(pair, metric.gate_m, metric.grouping)
     by_gate = [associate(pair, gate_m, metric.grouping) for gate_m in GATES_M]
-    if found is None or None in by_gate:
-        return measured
+    echoes_db = 10 * math.log10(power) if image.scenario.budget and power else 0.0
     return {
-        **measured,
+        "snr_effective_db": image.snr_db + echoes_db if power else math.nan,
         "n_targets": found.n_targets,
         "n_detections": found.n_detections,
         "n_detected": len(found.errors),
         "target_errors": json.dumps(found.errors.tolist()),
-        "detected_by_gate": json.dumps([len(each.errors) for each in by_gate if each]),
+        "detected_by_gate": json.dumps([len(each.errors) for each in by_gate]),
     }
 
 
@@ -266,7 +256,7 @@ def _value_text(name: str, entry: Mapping[Any, Any]) -> str:
     value, low, high = (scale * entry[f"{name}{end}"] for end in ("", "_low", "_high"))
     if math.isnan(value):
         return ""
-    form = "{:.2f}" if name in ACCURACIES else PERCENT
+    form = "{:.2f}" if name in ACCURACIES else "{:.1f}"
     limits = "" if math.isnan(low) else f" ({form.format(low)}-{form.format(high)})"
     return form.format(value) + limits
 
@@ -285,7 +275,7 @@ def verdicts(rows: pd.DataFrame) -> list[dict[str, str]]:
     found = []
     for label, part in rows.groupby("label", sort=False):
         drops = part[~failed(part) & (part["n_targets"] > 0)]
-        for number, category in enumerate(Ts22137().categories, 1):
+        for number, category in enumerate(_categories(part), 1):
             judged = [_judged(own, category) for _, own in drops.groupby("snr_db")]
             snrs_db = sorted(drops["snr_db"].unique())
             texts = {
@@ -295,6 +285,11 @@ def verdicts(rows: pd.DataFrame) -> list[dict[str, str]]:
             }
             found.append({"label": str(label), "category": str(number), **texts})
     return found
+
+
+def _categories(rows: pd.DataFrame) -> list[Category]:
+    """Categories that the drops of rows are judged by."""
+    return [Category(*limits) for limits in json.loads(rows["categories"].iloc[0])]
 
 
 class _Share(NamedTuple):
@@ -312,7 +307,7 @@ class _Share(NamedTuple):
 
     @property
     def word(self) -> str:
-        """Whether it is kept."""
+        """Say of the limits that they are kept, or not, or that it is open."""
         low, high = self.ends
         if self.least <= low and high <= self.most:
             return "kept"

@@ -34,8 +34,8 @@ import scipy.fft
 from numpy.typing import ArrayLike
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
-from isacbench.dsp.angles.peaks import Peaks, within_period
-from isacbench.model.kernels import sine_cosine
+from isacbench.dsp.angles.peaks import Peaks
+from isacbench.model.kernels import sine_cosine, within_period
 from isacbench.model.region import Interval
 
 MOST_ROTATION = 1e-3

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isacbench.checked_arrays import Floats, Integers, Mask
-from isacbench.model.kernels import PERIOD as PERIOD
-from isacbench.model.kernels import within_period as within_period
+from isacbench.model.kernels import PERIOD
 from isacbench.model.region import Interval
 
 

@@ -41,9 +41,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array, parts_of
 from isacbench.dsp.angles.line_subspaces import Eigenpairs, unitary_transform, with_rounding
-from isacbench.dsp.angles.peaks import PERIOD, within_period
 from isacbench.dsp.angles.planar_spectra import Minima, planar_minima, squared_projections
 from isacbench.instrument.stages import stage
+from isacbench.model.kernels import PERIOD, within_period
 
 CHUNK_VALUES = 2**17
 """Values of the covariances decomposed or inverted at once: a megabyte stays in the cache."""

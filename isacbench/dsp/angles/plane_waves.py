@@ -15,7 +15,8 @@ import numpy as np
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask, checked_array
 from isacbench.display import short_repr
 from isacbench.dsp.angles.aperture import Aperture
-from isacbench.dsp.angles.peaks import Peaks, within_period
+from isacbench.dsp.angles.peaks import Peaks
+from isacbench.model.kernels import within_period
 
 DIAGONAL_LOADING = 1e-9
 """Keeps Gram matrices of nearly equal directions invertible; far below any misfit."""

@@ -37,10 +37,10 @@ import numpy as np
 
 from isacbench.checked_arrays import Complex, Floats, Integers, Mask
 from isacbench.dsp.angles.line_subspaces import real_steering_slopes, unitary_transform
-from isacbench.dsp.angles.peaks import within_period
 from isacbench.dsp.angles.plane_waves import PlaneWaves
 from isacbench.dsp.floating_point import round_step
 from isacbench.dsp.positive_matrices import is_positive
+from isacbench.model.kernels import within_period
 
 GRAM_LOADING = 1e-14
 """Keeps the Gram matrix of coinciding directions invertible."""

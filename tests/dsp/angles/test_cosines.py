@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacbench.dsp.angles.peaks import PERIOD, cosine_samples, with_neighbours, within_period
+from isacbench.dsp.angles.peaks import cosine_samples, with_neighbours
 from isacbench.dsp.angles.planar_subspaces import null_minima, planar_eigenpairs
 from isacbench.dsp.fitting.maximum_likelihood import resolve_directions
+from isacbench.model.kernels import PERIOD, within_period
 from tests.dsp.plane_wave_data import pairs_of, snapshot, waves
 
 

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.angles.line_subspaces import unitary_transform
-from isacbench.dsp.angles.peaks import within_period
 from isacbench.dsp.angles.planar_subspaces import (
     leading_eigenpairs,
     most_sources,
@@ -14,7 +13,7 @@ from isacbench.dsp.angles.planar_subspaces import (
     planar_eigenpairs,
     unitary_esprit,
 )
-from isacbench.model.kernels import steering
+from isacbench.model.kernels import steering, within_period
 from tests.dsp.plane_wave_data import noise, plain_covariance, responses, separate_sources, snapshot
 
 CONSTELLATIONS = {
