@@ -227,8 +227,8 @@ def score_command(
         known: isacbench.Scenario | isacbench.PointCloud = isacbench.load_scenario(truth)
     else:
         known = isacbench.PointCloud.read(truth)
-    if not len(known if isinstance(known, isacbench.PointCloud) else known.truth):
-        raise InputError(f"{truth}: the truth has no points; allowed is at least one")
+        if not len(known):
+            raise InputError(f"{truth}: the truth has no points; allowed is at least one")
     scores = isacbench.score(known, isacbench.PointCloud.read(cloud), metric=metric)
     if as_json:
         print_json({name: None if math.isnan(value) else value for name, value in scores.items()})

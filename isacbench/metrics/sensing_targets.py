@@ -84,8 +84,8 @@ def associate(pair: CloudPair, gate_m: float = GATE_M, grouping: Grouping = "obj
     near = near_pairs(*trees, gate_m, "the association")
     if near is None:
         raise InputError(
-            f"{len(targets)} targets and {len(detections)} detections: more than {MOST_PAIRS} pairs are within "
-            f"{gate_m:g} m of each other; allowed are fewer points"
+            f"{len(targets)} targets and {len(detections)} detections: more than {MOST_PAIRS} pairs are "
+            f"within {gate_m:g} m of each other; allowed are fewer points"
         )
     chosen = near.take(cheapest(near, near.squared_m2, math.inf))
     offset_m = detections.xyz[chosen.j] - targets.xyz[chosen.i]

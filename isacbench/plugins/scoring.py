@@ -96,7 +96,8 @@ def score(
     given: dict[str, Any] = {"region": region, "velocity_bin_mps": velocity_bin_mps, "radius_m": radius_m}
     pair = replace(pair, **{name: value for name, value in given.items() if value is not None})
     if not (len(pair.truth) or takes_empty_truth(chosen)):
-        raise InputError(f"truth: it is empty, and metric {chosen.name} takes at least one true scatterer")
+        named = "truth" if pair.scenario is None else f"scenario {pair.scenario.name}"
+        raise InputError(f"{named}: it has no scatterers; metric {chosen.name} takes at least one")
     if lack := lacks_of(chosen, pair.scenario):
         warnings.warn(f"metric {chosen.name}: {lack}; its scores are NaN", InputWarning, stacklevel=2)
     return {**_counts(pair), **metric_scores(chosen, pair)}

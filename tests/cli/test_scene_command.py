@@ -140,3 +140,12 @@ def test_a_picture_without_a_file_is_named_after_scene_and_estimator(cli, monkey
         assert named.exit_code == 0, named.output
         assert "picture: sparse-seed-3-oracle.png" in named.output
     assert drawn == ["sparse-seed-3-oracle.png"] * 2
+
+
+def test_a_cloud_of_a_drop_without_targets_is_scored_by_its_false_alarms(cli, tmp_path):
+    (tmp_path / "cloud.csv").write_text("x,y,z,v,power\n0,-100,60,1,1\n")
+    scored = cli("score", "uma-av[seed=1,targets=0]", "cloud.csv", "--metric", "nr-isac", "--json")
+    assert scored.exit_code == 0, scored.output
+    scores = json.loads(scored.stdout)
+    assert (scores["false_alarm_type1"], scores["missed_detection"]) == (1.0, None)
+    assert cli("score", "uma-av[seed=1,targets=0]", "cloud.csv").exit_code == 2

@@ -123,7 +123,9 @@ def test_a_drop_without_targets_is_scored_by_its_false_alarms_alone():
     for scores in (none, some):
         others = [name for name in OBJECTIVES if name != "false_alarm_type1"]
         assert all(math.isnan(scores[name]) for name in others)
-    assert "truth: it is empty" in refusal(score, scenario, SCENARIO.truth, "paper")
+    assert "[seed=3,targets=0]: it has no scatterers; metric paper" in refusal(
+        score, scenario, SCENARIO.truth, "paper"
+    )
     assert all(
         math.isnan(one) for name, one in score(scenario, SCENARIO.truth, "ts22137").items() if "cat" in name
     )
