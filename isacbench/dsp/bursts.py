@@ -26,6 +26,9 @@ from isacbench.model.numerology import System, resource_elements
 PLACE_ERROR_BINS = 0.5
 """Error of the distance of two peaks that are read twice a bin."""
 
+DENSE_LOBES = 12.0
+"""Bins between the grating lobes of dense bursts, at least: two mainlobes of the widest window."""
+
 OFFSETS = 513
 """Offsets of an echo from a bin at which the kernel is tabulated."""
 
@@ -56,6 +59,12 @@ class SymbolBursts:
     def is_whole_frame(self) -> bool:
         """True if all symbols are sensed with: noise is then white, and echoes have one mainlobe."""
         return self.length == self.n_symbols
+
+    @property
+    def are_dense(self) -> bool:
+        """True if a taper acts on them as on a whole frame: they span it, with lobes far from each other."""
+        spanned = (self.n_bursts + 1) * self.spacing > self.n_symbols
+        return self.is_whole_frame or (spanned and self.lobe_period >= DENSE_LOBES)
 
     @property
     def delay_symbols(self) -> float:

@@ -118,12 +118,12 @@ class GatedMap:
         return whole_frame(n_symbols) if self.bursts is None else self.bursts
 
     def doppler_taper(self, window: Window) -> Window:
-        """Choose the window along Doppler: that of a whole frame, or "rect" for bursts.
+        """Choose the window along Doppler: that of a whole frame, or "rect" for bursts far from each other.
 
-        Between one grating lobe of bursts and the next there are no sidelobes to lower, and a taper widens
+        Between one grating lobe of these and the next there are no sidelobes to lower, and a taper widens
         all lobes until they meet.
         """
-        return "rect" if self.sees_lobes else window
+        return window if self.bursts is None or self.bursts.are_dense else "rect"
 
     def tapered(
         self,

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isacbench.dsp.bursts import SymbolBursts, symbol_bursts, whole_frame
+from isacbench.dsp.windows import taper
 from isacbench.errors import InputError
 from isacbench.model.kernels import dirichlet, dirichlet_slopes
 from isacbench.model.numerology import System, resource_elements
@@ -131,3 +132,23 @@ def test_single_symbols_have_lobes_as_high_as_the_peak():
     np.testing.assert_allclose(np.abs(equal.slopes(4.0 * np.arange(5))[0]), 1)
     np.testing.assert_array_equal(equal.sidelobe_drop(4.0 * np.arange(5)), 1)
     assert whole_frame(8).with_equal_lobes == whole_frame(8)
+
+
+@pytest.mark.parametrize(
+    ("bursts", "dense"),
+    [
+        (SymbolBursts(224, 0, 224), True),
+        (SymbolBursts(560, 1, 12, 40, 14), True),
+        # Four lobes a frame; a single burst; bursts in a part of the frame.
+        (SymbolBursts(224, 1, 12, 4, 56), False),
+        (SymbolBursts(224, 30, 4), False),
+        (SymbolBursts(560, 1, 12, 20, 14), False),
+    ],
+)
+def test_a_taper_acts_on_dense_bursts_as_on_a_whole_frame(bursts, dense):
+    assert bursts.are_dense == dense
+    # What a Hann window leaves of an echo, in its bins and between them.
+    bins = np.arange(-20, 21)
+    seen = taper(bursts.response(bins, [1 / 3])[:, 0], "hann", axis=0)
+    whole = taper(whole_frame(bursts.n_symbols).response(bins, [1 / 3])[:, 0], "hann", axis=0)
+    assert np.allclose(np.abs(seen), np.abs(whole), atol=2e-2 * np.abs(whole).max()) == dense
