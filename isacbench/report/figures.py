@@ -291,7 +291,7 @@ def _inside(values: Floats, axis: Axis, instead: Floats | None = None) -> Floats
     if axis.limits is not None:
         return np.clip(values, *axis.limits)
     if axis.log and values.size:
-        return np.where(values > 0, values, np.nan if instead is None else instead / 10)
+        return np.where(values <= 0, np.nan if instead is None else instead / 10, values)
     return values
 
 

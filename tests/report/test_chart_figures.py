@@ -212,3 +212,9 @@ def test_figures_are_written_by_stem_and_extension_each_in_its_format(tmp_path):
 
 def test_names_are_drawn_without_missing_glyphs():
     assert drawable("$x$ é_a\n街") == "\\$x\\$ é_a\ufffd\ufffd"
+
+
+def test_a_point_without_an_interval_has_no_bar_on_a_logarithmic_axis():
+    axes = drawn(Series("a", [0.0], [0.2], [np.nan], [np.nan], mark="points"), y=Axis("e", log=True))
+    (bars,) = axes.collections
+    assert not any(np.isfinite(segment).any() for segment in bars.get_segments())
