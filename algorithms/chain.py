@@ -48,6 +48,7 @@ from isacbench.dsp.cell_detection import (
     detect_cells,
     white_noise,
 )
+from isacbench.dsp.doppler_notch import check_notch, without_slow_points, without_static_echoes
 from isacbench.dsp.fitting.joint_selection import MatchedFilters, select_jointly
 from isacbench.dsp.floating_point import scale_to_unit
 from isacbench.dsp.rangedoppler import GatedMap, TaperedMap
@@ -88,11 +89,14 @@ class ReadMap:
         Cells in double precision, without tapers, shape (n_range, n_doppler, *elements).
     unit : float
         Amplitude in the observation that is 1 in this map; a power of two.
+    notch_mps : float or None
+        Speed up to which points are left out of the image.
     """
 
     observation: Observation
     gated: GatedMap
     unit: float
+    notch_mps: float | None = None
 
 
 class Levels(NamedTuple):
@@ -206,18 +210,23 @@ def read_map(observation: Observation, estimator: MapEstimator) -> ReadMap:
     """Read the range-Doppler map of the elements that an estimator needs.
 
     The other elements need never be computed. Amplitudes are read in units of
-    a power of two, so that no scale of the observation overflows.
+    a power of two, so that no scale of the observation overflows. With a notch,
+    static echoes are taken out.
 
     Parameters
     ----------
     estimator : MapEstimator
-        Its `aperture` is used.
+        Its `aperture`, `notch_mps` and `detection_window` are used.
     """
     with stage("rdm"):
         aperture = estimator.aperture(observation)
         cells = observation.cross if isinstance(aperture, Cross) else observation.cells
         cells, unit = scale_to_unit(cells.astype(np.complex128, copy=False))
-        return ReadMap(observation, GatedMap.of(observation, cells, aperture), unit)
+        gated = GatedMap.of(observation, cells, aperture)
+        if estimator.notch_mps is not None:
+            window = gated.doppler_taper(estimator.detection_window)
+            gated = without_static_echoes(gated, observation.system, window)
+        return ReadMap(observation, gated, unit, estimator.notch_mps)
 
 
 def detect(rdm: ReadMap, estimator: MapEstimator) -> Detected:
@@ -353,15 +362,18 @@ def to_cloud(rdm: ReadMap, scatterers: LocatedScatterers) -> PointCloud:
     Returns
     -------
     PointCloud
-        Without points outside the region (`isacbench.model.observation`).
+        Without points outside the region (`isacbench.model.observation`), or within the notch.
     """
     with stage("peaks"):
         observation = rdm.observation
         # Unit by unit: its square may overflow where the power does not.
         unit_power = scatterers.power / observation.system.processing_gain * rdm.unit * rdm.unit
-        return observation.cloud(
+        cloud = observation.cloud(
             scatterers.range_bin, scatterers.doppler_bin, scatterers.u, scatterers.w, unit_power
         )
+        if rdm.notch_mps is None:
+            return cloud
+        return without_slow_points(cloud, observation.system, rdm.notch_mps)
 
 
 @dataclass(frozen=True)
@@ -403,6 +415,10 @@ class MapEstimator(ABC):
     detection_window : {"hann", "rect", "soft", "hamming", "blackman"}
         Taper along range and Doppler of the map on which cells are detected.
         Its sidelobes must not look like echoes.
+    notch_mps : float or None
+        Speed up to which points are left out of the image, at least a velocity bin; static
+        echoes are then taken out of the map before detection (`isacbench.dsp.doppler_notch`).
+        None for no notch.
 
     Raises
     ------
@@ -421,6 +437,7 @@ class MapEstimator(ABC):
     precision: CellPrecision = "double"
     detection_window: Window = "hann"
     m_of_n: int = 1
+    notch_mps: float | None = None
 
     to_cloud = staticmethod(to_cloud)
 
@@ -435,6 +452,7 @@ class MapEstimator(ABC):
         require(0 < self.angle_pfa < 1, "angle_pfa", self.angle_pfa, "between 0 and 1")
         require_positive(self, "dynamic_range_db", "local_dynamic_range_db")
         require_least(self, m_of_n=1)
+        check_notch(self.notch_mps)
         require_option(self, "integration", get_args(Integration))
         binary = self.integration == "binary"
         require(binary or self.m_of_n == 1, "m_of_n", self.m_of_n, '1, or a number with integration "binary"')
@@ -527,7 +545,7 @@ class CellwiseEstimator(MapEstimator):
         Doppler.
     separable, detector, pfa, integration, angle_pfa, dynamic_range_db
         See `MapEstimator`.
-    local_dynamic_range_db, precision, detection_window
+    local_dynamic_range_db, precision, detection_window, notch_mps
         See `MapEstimator`.
 
     Raises
