@@ -191,14 +191,17 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
     shape = 2 * n_rows - 1, 2 * n_columns - 1
     # Plane by plane, which stays in the cache; around all planes lies one of zeros.
     highest = np.zeros((*(n + 2 for n in n_directions), *shape))
-    dense, found, levels = np.empty(shape, dtype=np.complex128), [], []
+    energy, found, levels = np.empty(shape), [np.empty(0, np.int64)], [np.empty(0)]
     for w, u in np.ndindex(*n_directions):
         outputs = beams[w, u]
-        dense[::2, ::2] = outputs
-        # Halfway between neighbouring bins their sum is matched.
-        dense[::2, 1::2] = np.sqrt(0.5) * (outputs[:, :-1] + outputs[:, 1:])
-        dense[1::2] = np.sqrt(0.5) * (dense[:-2:2] + dense[2::2])
-        energy = dense.real**2 + dense.imag**2
+        _energies(outputs, 1.0, energy[::2, ::2])
+        # Halfway between neighbouring bins their sum is matched, with the energy of two.
+        between = outputs[:, :-1] + outputs[:, 1:]
+        _energies(between, 0.5, energy[::2, 1::2])
+        _energies(outputs[:-1] + outputs[1:], 0.5, energy[1::2, ::2])
+        _energies(between[:-1] + between[1:], 0.25, energy[1::2, 1::2])
+        if energy.max() <= least_energy:
+            continue  # it exceeds no sample that is sought
         here = _highest_of_three(_highest_of_three(energy).T).T / (1 + 10.0**-TIE_DIGITS)
         highest[w + 1, u + 1] = here
         is_candidate = (energy >= here) & (energy > least_energy)
@@ -206,10 +209,18 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
         levels.append(energy[is_candidate])
     index, level = np.concatenate(found), np.concatenate(levels)
     for plane in (np.array([-1, 0, 1])[:, None] * (n_directions[1] + 2) + np.array([-1, 0, 1])).flat:
-        stays = level >= highest.ravel()[index + plane * dense.size]
+        stays = level >= highest.ravel()[index + plane * energy.size]
         index, level = index[stays], level[stays]
     w, u, doppler_bin, range_bin = np.unravel_index(index, highest.shape)
     return (w - 1, u - 1, doppler_bin, range_bin), level
+
+
+def _energies(outputs: Complex, share: float, energy: Floats) -> None:
+    """Write a share of the energies of contiguous outputs into an array."""
+    squares = np.square(outputs.view(np.float64))
+    if share != 1:
+        squares *= share
+    np.add(squares[:, ::2], squares[:, 1::2], out=energy)
 
 
 def _highest_of_three(rows: Floats) -> Floats:
