@@ -233,21 +233,23 @@ def _numbers(part: pd.DataFrame) -> dict[str, Any]:
     }
     for name, values in means.items():
         mean, band = values.mean(), float(statistics.student_band(values.std(), len(values)))
-        numbers |= {name: mean, f"{name}_low": max(mean - band, 0.0), f"{name}_high": min(mean + band, 1.0)}
+        numbers |= _with_ends(name, mean, (max(mean - band, 0.0), min(mean + band, 1.0)))
     shares = {
         "false_alarm_type1": (n_alarms, len(empty)),
         "false_alarm_type2_pooled": (n_false, counts["n_detections"]),
     }
     for name, (n, n_all) in shares.items():
-        limits = statistics.exact_interval(n, n_all)
-        numbers |= {name: n / n_all if n_all else math.nan}
-        numbers |= dict(zip((f"{name}_low", f"{name}_high"), limits, strict=True))
+        numbers |= _with_ends(name, n / n_all if n_all else math.nan, statistics.exact_interval(n, n_all))
     errors = pooled_errors(full)
-    for place, name in enumerate(ACCURACIES):
-        limits = statistics.quantile_interval(errors[:, place], ACCURACY_SHARE)
-        numbers[name] = error_quantiles(errors, ACCURACY_SHARE)[place]
-        numbers |= dict(zip((f"{name}_low", f"{name}_high"), limits, strict=True))
+    quantiles = error_quantiles(errors, ACCURACY_SHARE)
+    for name, value, own in zip(ACCURACIES, quantiles, errors.T, strict=True):
+        numbers |= _with_ends(name, value, statistics.quantile_interval(own, ACCURACY_SHARE))
     return numbers
+
+
+def _with_ends(name: str, value: float, ends: tuple[float, float]) -> dict[str, float]:
+    """A number and the ends of its interval, by their columns."""
+    return {name: value, f"{name}_low": ends[0], f"{name}_high": ends[1]}
 
 
 def _value_text(name: str, entry: Mapping[Any, Any]) -> str:
@@ -275,21 +277,12 @@ def verdicts(rows: pd.DataFrame) -> list[dict[str, str]]:
     found = []
     for label, part in rows.groupby("label", sort=False):
         drops = part[~failed(part) & (part["n_targets"] > 0)]
-        for number, category in enumerate(_categories(part), 1):
-            judged = [_judged(own, category) for _, own in drops.groupby("snr_db")]
-            snrs_db = sorted(drops["snr_db"].unique())
-            texts = {
-                name: _verdict(snrs_db, [each[name] for each in judged])
-                for name in VERDICTS
-                if judged and name in judged[0]
-            }
+        for number, limits in enumerate(json.loads(part["categories"].iloc[0]), 1):
+            judged = {snr_db: _judged(own, Category(*limits)) for snr_db, own in drops.groupby("snr_db")}
+            names = judged[max(judged)] if judged else ()
+            texts = {name: _verdict({snr_db: own[name] for snr_db, own in judged.items()}) for name in names}
             found.append({"label": str(label), "category": str(number), **texts})
     return found
-
-
-def _categories(rows: pd.DataFrame) -> list[Category]:
-    """Categories that the drops of rows are judged by."""
-    return [Category(*limits) for limits in json.loads(rows["categories"].iloc[0])]
 
 
 class _Share(NamedTuple):
@@ -329,15 +322,15 @@ def _judged(drops: pd.DataFrame, category: Category) -> dict[str, _Share]:
     return judged
 
 
-def _verdict(snrs_db: list[float], shares: list[_Share]) -> str:
-    """Text of a limit: from which SNR on it is kept, and the share at the highest one."""
-    last = shares[-1]
-    if last.word == "kept":
-        kept = [snr_db for snr_db, share in zip(snrs_db, shares, strict=True) if share.word != "kept"]
-        first = min(snr_db for snr_db in snrs_db if not kept or snr_db > max(kept))
-        word = f"from {first:g} dB"
-    else:
-        word = last.word
+def _verdict(shares: Mapping[float, _Share]) -> str:
+    """Text of a limit by SNR: from which one on it is kept, and the share at the highest."""
+    last = shares[max(shares)]
+    word = last.word
+    if word == "kept":
+        highest_other = max(
+            (snr_db for snr_db, share in shares.items() if share.word != "kept"), default=-math.inf
+        )
+        word = f"from {min(snr_db for snr_db in shares if snr_db > highest_other):g} dB"
     low, high = last.ends
     share = f"{100 * last.n / last.n_all:.3g} ({100 * low:.2g}-{100 * high:.3g})" if last.n_all else ""
     return f"{word}: {share}".rstrip(": ")
@@ -363,14 +356,9 @@ def _gate_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Char
     false: list[Series] = []
     for variant, line in lines.items():
         own = charts.rows_of(top, variant)
-        if not own.empty:
-            detected = np.array([json.loads(text) for text in own["detected_by_gate"]])
-            n_targets, n_found = own[["n_targets", "n_detections"]].to_numpy().T[:, :, None]
-            shares = (
-                (1 - detected / n_targets).mean(axis=0),
-                (1 - detected / np.maximum(n_found, 1)).mean(axis=0),
-            )
-            for panel, share in zip((missed, false), shares, strict=True):
-                panel.append(Series(line.label, GATES_M, share, style=line.style))
+        detected = np.array([json.loads(text) for text in own["detected_by_gate"]]).reshape(len(own), -1)
+        for panel, total in ((missed, "n_targets"), (false, "n_detections")):
+            share = (1 - detected / own[[total]].clip(lower=1).to_numpy()).mean(axis=0)
+            panel += [Series(line.label, GATES_M, share, style=line.style)] if len(own) else []
     x, y = Axis("gate [m]", log=True), SHARE_AXIS("share")
     return [Chart("missed over the gate", x, y, missed), Chart("Type 2 over the gate", x, y, false)]
