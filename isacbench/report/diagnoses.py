@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from isacbench.bench.compare.scenes import SCENE_KINDS
 from isacbench.bench.labels import estimator_labels
 from isacbench.bench.store.run import Run
 from isacbench.bench.suites.suite import Suite
+from isacbench.bench.suites.suite_kinds import KINDS
 from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, Variant, variants_in
 from isacbench.checked_arrays import Floats, Mask, checked_array
 from isacbench.errors import InputError, InputWarning
@@ -168,7 +168,7 @@ def diagnosed_maps(run: Run) -> dict[str, Any]:
     The dictionary has ``maps``, each with its scene, estimator (label), SNR and trial, axes, power, threshold
     and mask, and spectra; and ``left_out``, the number of images beyond the first six.
     """
-    if run.kind not in SCENE_KINDS or run.rows.empty:
+    if not KINDS[run.kind].has_images or run.rows.empty:
         return {}
     snr_db, trial = shown_snr_db(run.rows), int(run.rows["trial"].min())
     names = [name for name in dict.fromkeys(run.rows["scenario"].astype(object)) if name in run.scenarios]

@@ -20,7 +20,7 @@ from isacbench.files.escaping import plural
 MIN_FAMILY_SCENES = 20
 """Least number of scenes for which something is said of a family alone."""
 
-SCENE_KINDS = tuple(name for name, kind in KINDS.items() if kind.has_images)
+SCENE_KINDS = tuple(name for name, kind in KINDS.items() if kind.has_scenes)
 """Kinds of suites whose scenarios are scenes."""
 
 SCENE_CELL = ["scenario", "snr_db", "trial"]

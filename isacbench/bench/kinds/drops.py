@@ -95,6 +95,7 @@ class DropsKind(Kind):
         **dict.fromkeys([*SNR_GAIN, "snr_effective_db", "n_targets", "n_detections"], "neither"),
     }
     metrics = "nr-isac", "ts22137"
+    has_scenes = True
 
     def tasks(self, suite: DropsSuite, scenarios: Scenarios) -> list[ImagingTask]:
         """Plan one task a drop."""

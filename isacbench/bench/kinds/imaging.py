@@ -37,6 +37,7 @@ class ImagingKind(Kind):
 
     name = "imaging"
     metrics = OF_IMAGES
+    has_scenes = True
     has_images = True
 
     def tasks(self, suite: Suite, scenarios: Scenarios) -> list[ImagingTask]:

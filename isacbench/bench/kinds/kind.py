@@ -51,8 +51,10 @@ class Kind(ABC):
         Better direction of a column; columns that are not listed are better ``"lower"``.
     metrics : tuple of str
         Metrics beside ``paper`` that score the images of a suite that names none.
+    has_scenes : bool
+        Whether its scenarios are scenes as they are, over which estimators are ranked and compared.
     has_images : bool
-        Whether its scenarios are scenes as they are, whose images are drawn, ranked and compared by scene.
+        Whether images of these scenes are drawn, too.
     """
 
     name: ClassVar[str]
@@ -60,6 +62,7 @@ class Kind(ABC):
     columns: ClassVar[Mapping[str, Any]] = {}
     better: ClassVar[Mapping[str, Direction]] = {}
     metrics: ClassVar[tuple[str, ...]] = ()
+    has_scenes: ClassVar[bool] = False
     has_images: ClassVar[bool] = False
 
     @abstractmethod

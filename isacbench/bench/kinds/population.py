@@ -148,6 +148,7 @@ class PopulationKind(Kind):
     columns: ClassVar = {"family": "", "frame": "", "coherent_phase": False, **dict.fromkeys(LONE_COUNTS, 0)}
     better: ClassVar = {"n_resolved": "higher", "n_resolvable": "neither", "coherent_phase": "neither"}
     metrics = OF_IMAGES
+    has_scenes = True
     has_images = True
 
     def tasks(self, suite: PopulationSuite, scenarios: Scenarios) -> list[ImagingTask]:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from isacbench import load_run, load_scenario
+from isacbench import compare, load_run, load_scenario, rank
 from isacbench.bench.kinds.drops import DropsKind, DropsSuite, configuration_of, verdicts
 from isacbench.bench.kinds.kind import with_labels
 from isacbench.bench.run.runner import run_suite
@@ -125,3 +125,18 @@ def test_verdicts_say_from_which_snr_on_a_limit_is_kept(folder):
 )
 def test_drops_of_one_configuration_belong_together(name, configuration):
     assert configuration_of(name) == configuration
+
+
+def test_estimators_are_ranked_over_the_drops_that_have_targets(folder):
+    ranking = rank(folder, metric="missed_detection")
+    assert set(ranking.ranks["n_scenes"]) == {6}
+    rows = load_run(folder).rows
+    by_params = rows.groupby("params")["missed_detection"].mean()
+    ranked = ranking.ranks.set_index("params")["mean"]
+    np.testing.assert_allclose(ranked.sort_index(), by_params.sort_index())
+
+
+def test_runs_of_drops_are_compared_by_missed_targets(folder):
+    found = compare(folder, folder, tolerances="missed_detection=0.05")
+    assert not found.is_regression
+    assert "missed_detection" in set(found.curves["metric"])
