@@ -20,7 +20,7 @@ from isacbench.model.frame import Frame
 from isacbench.model.kernels import PERIOD
 from isacbench.model.link_budget import LinkBudget
 from isacbench.model.number_limits import LARGEST_AMPLITUDE, SMALLEST_AMPLITUDE, require_all, require_places
-from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, System
+from isacbench.model.numerology import SPEED_OF_LIGHT_MPS, Prs, System
 from isacbench.model.observation import spanned_limits
 from isacbench.model.region import Region
 
@@ -305,7 +305,8 @@ class Scenario(Displayed):
     def _description(self) -> Description:
         system, (n_p, n_q) = self.system, self.array.shape
         n_scatterers = plural(len(self.scatterers), "scatterer")
-        ambiguity = self.frame.ambiguity
+        ambiguity, prs = self.frame.ambiguity, system.prs
+        of_prs = f"comb {prs.comb}, {prs.n_symbols} symbols, one slot in {prs.period}"
         place = ", ".join(f"{coordinate:g}" for coordinate in self.base_station_m)
         return Description(
             f"Scenario {quoted(self.name, MOST_OF_A_NAME)}: {n_scatterers}, {n_p} x {n_q} virtual elements",
@@ -314,6 +315,7 @@ class Scenario(Displayed):
                 "carrier": f"{system.carrier_hz / 1e9:.4g} GHz",
                 "bandwidth": f"{system.bandwidth_hz / 1e6:.4g} MHz",
                 "bins": f"{system.range_bin_m:.3g} m x {system.velocity_bin_mps:.3g} m/s",
+                **({"PRS": of_prs} if prs != Prs() else {}),
                 **({"ambiguous off broadside from": ambiguity} if ambiguity else {}),
                 "base station": f"({place}) m",
                 "region": str(self.region),

@@ -87,3 +87,9 @@ def test_a_stored_description_gives_the_drop_again(name):
 def test_parameters_of_other_families_are_refused():
     assert "no parameter 'frame'" in refusal(load_scenario, "uma-av[seed=1,frame=panel]")
     assert "targets = 51" in refusal(load_scenario, "uma-av[seed=1,targets=51]")
+
+
+def test_a_scenario_shows_what_is_unlike_the_default():
+    text = repr(load_scenario("uma-av[seed=1]"))
+    assert "PRS comb 4, 12 symbols, one slot in 1; ambiguous off broadside from 14.5° along w" in text
+    assert "PRS" not in repr(load_scenario("street"))
