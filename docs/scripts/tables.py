@@ -8,6 +8,7 @@ the rows disagree (tests/documents/test_tables.py).
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -19,6 +20,7 @@ import pandas as pd
 
 from isacbench.bench.compare.ranking import Ranking, rank_table, rank_text
 from isacbench.bench.kinds.detection import DetectionKind
+from isacbench.bench.kinds.drops import DropsKind
 from isacbench.bench.kinds.efficiency import EfficiencyKind
 from isacbench.bench.kinds.kind import lines_of
 from isacbench.bench.kinds.population import ALL, ratio_charts, summarise_population, with_ratios
@@ -27,8 +29,8 @@ from isacbench.bench.kinds.scores import object_means, summarise_scores
 from isacbench.bench.labels import estimator_labels, references_in
 from isacbench.bench.run_times import pareto_charts, summarise_points
 from isacbench.bench.store.run import Run
+from isacbench.charts import Axis, Chart, ChartGroup, LineStyle, Series, variants_in
 from isacbench.charts import rows_of as own_rows
-from isacbench.charts import variants_in
 from isacbench.report.figures import drawings_of, save_figures
 from isacbench.report.ranking import ranking_charts, ranking_tables
 from isacbench.report.tables import markdown as grid_markdown
@@ -42,6 +44,7 @@ PAGES = (
     "docs/pareto.md",
     "docs/rank.md",
     "docs/performance.md",
+    "docs/3gpp.md",
 )
 MARKED = re.compile(r"<!-- table ([\w-]+) -->[^<]*<!-- end -->")
 
@@ -538,6 +541,79 @@ def peers() -> str:
     return markdown(header, rows, left=2)
 
 
+@cache
+def drops(name: str) -> pd.DataFrame:
+    """Summary of drops of drones, with what their estimators are set to."""
+    table = DropsKind().summary(rows_of(name).rows)
+    settings = pd.json_normalize(table["params"].map(json.loads).tolist())[["pfa", "notch_mps"]]
+    return pd.concat([table, settings], axis=1)
+
+
+def _shares(row: pd.Series) -> list[str]:
+    """Missed targets and false alarms in per cent, with intervals."""
+    names = "missed_detection", "false_alarm_type1", "false_alarm_type2"
+    return [
+        "{:.1f} ({:.1f} to {:.1f})".format(*(100 * row[f"{name}{end}"] for end in ("", "_low", "_high")))
+        for name in names
+    ]
+
+
+def uma_av() -> str:
+    """Missed and false detections and accuracies at 52 dBm, and shares at 37 dBm."""
+    header = ["", "missed [%]", "Type 1 [%]", "Type 2 [%]", "horizontal [m]", "vertical [m]"]
+    header += ["radial velocity [m/s]", "time [s]", *(f"37 dBm: {name}" for name in header[1:4])]
+    accuracies = "horizontal_error_p90_m", "vertical_error_p90_m", "radial_velocity_error_p90_mps"
+    rows = []
+    for _, own in drops("uma-av").groupby(VARIANT, sort=False):
+        high, low = (own[own["snr_db"] == snr_db].iloc[0] for snr_db in POWERS_DB)
+        cells = [*_shares(high), *(number(high[name]) for name in accuracies)]
+        cells += [seconds(high["time_estimate_s_median"]), *_shares(low)]
+        rows.append([code(high["estimator"]), *cells])
+    return markdown(header, rows)
+
+
+def uma_av_clutter() -> str:
+    """Missed and false detections among cars and people on the ground, with and without a notch."""
+    header = ["", "notch", "missed [%]", "Type 1 [%]", "Type 2 [%]"]
+    rows = [
+        [code(label), "" if math.isnan(row["notch_mps"]) else f"{row['notch_mps']:g} m/s", *_shares(row)]
+        for label, (_, row) in zip(
+            labels_of("uma-av-clutter").values(), drops("uma-av-clutter").iterrows(), strict=True
+        )
+    ]
+    return markdown(header, rows, left=2)
+
+
+POWERS_DB = {0.0: "52 dBm", -15.0: "37 dBm"}
+"""Offsets of the suites of drones, and what they stand for."""
+
+PUBLISHED = {"5GNRad, one station": (0.238, 0.796), "5GNRad, 13 stations": (0.046, 0.920)}
+"""False alarms of Type 2 and detection that NIST has published with arXiv 2604.02205."""
+
+
+def uma_av_plane() -> ChartGroup:
+    """Detection over false alarms of Type 2: a line through the thresholds of each detector."""
+    lines, charts = lines_of(rows_of("uma-av").rows), []
+    styles = {name: line.style for (name, _), line in lines.items()}
+    others = drops("uma-av")
+    both = pd.concat([drops("uma-av-thresholds"), others[others["estimator"].isin(["omp4d", "nomp4d"])]])
+    for snr_db, title in POWERS_DB.items():
+        part = both[both["snr_db"] == snr_db].sort_values("pfa")
+        series = [
+            Series(name, own["false_alarm_type2"], 1 - own["missed_detection"], style=styles[name])
+            for name, own in part.groupby("estimator", sort=False)
+        ]
+        series += [
+            Series(name, [false], [found], mark="points", style=LineStyle("", "", symbol))
+            for (name, (false, found)), symbol in zip(PUBLISHED.items(), ["x", "diamond-open"], strict=True)
+        ]
+        axes = Axis("false alarm Type 2", limits=(-0.01, 0.4)), Axis("detected", limits=(0.6, 1.0))
+        charts.append(Chart(title, *axes, series, [0.95]))
+    return ChartGroup(
+        "uma-av-plane", "100 drops of five drones; 5GNRad: 50 other drops", charts, 2, (4.0, 3.2)
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "chosen": chosen,
     "over-snr": over_snr,
@@ -560,6 +636,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "ranks": rank_example,
     "looks": looks,
     "peers": peers,
+    "uma-av": uma_av,
+    "uma-av-clutter": uma_av_clutter,
 }
 
 
@@ -578,6 +656,7 @@ def draw() -> None:
         pareto_charts(points[points["estimator"] != "empty"], "pareto-scenes", lines),
         replace(ranking_charts(ranking(TOP_DB)), stem="population-ranks"),
         *(replace(group, stem="population-ratios") for group in ratio_charts(with_ratios(run.rows), lines)),
+        uma_av_plane(),
     ]
     save_figures(drawings_of(groups), ROOT / "docs" / "images")
 

@@ -267,7 +267,7 @@ def locate_waves(
     behind, before = (_one_echo_share(in_ranges, side * range_offset, windows[0]) for side in (1, -1))
     range_offset = np.where(before > behind, -range_offset, range_offset)
     range_offset[_one_echo_share(in_ranges, range_offset, windows[0], noise) < ONE_ECHO] = 0
-    bursts = tapered.untapered.bursts if windows[1] == "rect" else None
+    bursts = tapered.untapered.bursts if tapered.sees_lobes and windows[1] == "rect" else None
     doppler_offset = _offset(own, faster, slower, windows[1], bursts)
     loss = _own_share(range_offset, windows[0]) * _own_share(doppler_offset, windows[1], bursts)
     found = ScatterersInCells(

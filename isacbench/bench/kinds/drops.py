@@ -166,7 +166,8 @@ class DropsKind(Kind):
             for column, objective in OBJECTIVES.items():
                 series = charts.line_series(part, lines, "snr_db", column, column)
                 is_share = column in SHARES
-                y = SHARE_AXIS("share") if is_share else Axis(column.rpartition("_")[2], log=True)
+                unit = TITLES[column].partition("[")[2].rstrip("]")
+                y = SHARE_AXIS("share") if is_share else Axis(unit, log=True)
                 panels.append(Chart(TITLES[column].partition(" [")[0], SNR_AXIS, y, series, [objective]))
             panels += _gate_charts(own, lines)
             title = f"{name}: {part['n_drops'].max()} drops with targets; lines: objectives of TR 38.765"
