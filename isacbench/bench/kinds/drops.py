@@ -280,7 +280,10 @@ def verdicts(rows: pd.DataFrame) -> list[dict[str, str]]:
     for label, part in rows.groupby("label", sort=False):
         drops = part[~failed(part) & (part["n_targets"] > 0)]
         for number, limits in enumerate(json.loads(part["categories"].iloc[0]), 1):
-            judged = {snr_db: _judged(own, Category(*limits)) for snr_db, own in drops.groupby("snr_db")}
+            judged = {
+                snr_db: _judged(drops[drops["snr_db"] == snr_db], Category(*limits))
+                for snr_db in drops["snr_db"].unique().tolist()
+            }
             names = judged[max(judged)] if judged else ()
             texts = {name: _verdict({snr_db: own[name] for snr_db, own in judged.items()}) for name in names}
             found.append({"label": str(label), "category": str(number), **texts})
@@ -329,10 +332,8 @@ def _verdict(shares: Mapping[float, _Share]) -> str:
     last = shares[max(shares)]
     word = last.word
     if word == "kept":
-        highest_other = max(
-            (snr_db for snr_db, share in shares.items() if share.word != "kept"), default=-math.inf
-        )
-        word = f"from {min(snr_db for snr_db in shares if snr_db > highest_other):g} dB"
+        above_db = max((snr_db for snr_db, one in shares.items() if one.word != "kept"), default=-math.inf)
+        word = f"from {min(snr_db for snr_db in shares if snr_db > above_db):g} dB"
     low, high = last.ends
     share = f"{100 * last.n / last.n_all:.3g} ({100 * low:.2g}-{100 * high:.3g})" if last.n_all else ""
     return f"{word}: {share}".rstrip(": ")

@@ -15,6 +15,7 @@ of a move is the energy that it takes from the residual.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -188,31 +189,31 @@ def _local_maxima(beams: Complex, least_energy: float) -> tuple[tuple[Integers, 
     samples halfway between the outputs of beams (n_w, n_u, n_doppler, n_range) are put in.
     """
     *n_directions, n_rows, n_columns = beams.shape
-    shape = 2 * n_rows - 1, 2 * n_columns - 1
-    # Plane by plane, which stays in the cache; around all planes lies one of zeros.
-    highest = np.zeros((*(n + 2 for n in n_directions), *shape))
-    energy, found, levels = np.empty(shape), [np.empty(0, np.int64)], [np.empty(0)]
-    for w, u in np.ndindex(*n_directions):
-        outputs = beams[w, u]
+    energy = np.empty((2 * n_rows - 1, 2 * n_columns - 1))
+    # Plane by plane, which stays in the cache.
+    highest, candidates = {}, {}
+    for plane in np.ndindex(*n_directions):
+        outputs = beams[plane]
         _energies(outputs, 1.0, energy[::2, ::2])
         # Halfway between neighbouring bins their sum is matched, with the energy of two.
         between = outputs[:, :-1] + outputs[:, 1:]
         _energies(between, 0.5, energy[::2, 1::2])
         _energies(outputs[:-1] + outputs[1:], 0.5, energy[1::2, ::2])
         _energies(between[:-1] + between[1:], 0.25, energy[1::2, 1::2])
-        if energy.max() <= least_energy:
-            continue  # it exceeds no sample that is sought
-        here = _highest_of_three(_highest_of_three(energy).T).T / (1 + 10.0**-TIE_DIGITS)
-        highest[w + 1, u + 1] = here
-        is_candidate = (energy >= here) & (energy > least_energy)
-        found.append(np.flatnonzero(is_candidate) + ((w + 1) * (n_directions[1] + 2) + u + 1) * here.size)
-        levels.append(energy[is_candidate])
-    index, level = np.concatenate(found), np.concatenate(levels)
-    for plane in (np.array([-1, 0, 1])[:, None] * (n_directions[1] + 2) + np.array([-1, 0, 1])).flat:
-        stays = level >= highest.ravel()[index + plane * energy.size]
-        index, level = index[stays], level[stays]
-    w, u, doppler_bin, range_bin = np.unravel_index(index, highest.shape)
-    return (w - 1, u - 1, doppler_bin, range_bin), level
+        if energy.max() > least_energy:  # all others exceed no sample that is sought
+            here = _highest_of_three(_highest_of_three(energy).T).T / (1 + 10.0**-TIE_DIGITS)
+            found = np.flatnonzero((energy >= here) & (energy > least_energy))
+            highest[plane], candidates[plane] = here.ravel(), (found, energy.ravel()[found])
+    indices, levels = [np.empty((N_COORDINATES, 0), dtype=np.int64)], [np.empty(0)]
+    for (w, u), (found, level) in candidates.items():
+        for plane in product((w - 1, w, w + 1), (u - 1, u, u + 1)):
+            if plane in highest:
+                stays = level >= highest[plane][found]
+                found, level = found[stays], level[stays]
+        directions = np.full_like(found, w), np.full_like(found, u)
+        indices.append(np.stack([*directions, *np.unravel_index(found, energy.shape)]))
+        levels.append(level)
+    return tuple(np.concatenate(indices, axis=1)), np.concatenate(levels)
 
 
 def _energies(outputs: Complex, share: float, energy: Floats) -> None:
