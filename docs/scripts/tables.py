@@ -541,11 +541,14 @@ def peers() -> str:
     return markdown(header, rows, left=2)
 
 
+SETTINGS = ["pfa", "dynamic_range_db", "notch_mps"]
+
+
 @cache
 def drops(name: str) -> pd.DataFrame:
     """Summary of drops of drones, with what their estimators are set to."""
     table = DropsKind().summary(rows_of(name).rows)
-    settings = pd.json_normalize(table["params"].map(json.loads).tolist())[["pfa", "notch_mps"]]
+    settings = pd.json_normalize(table["params"].map(json.loads).tolist())[SETTINGS]
     return pd.concat([table, settings], axis=1)
 
 
@@ -562,26 +565,32 @@ def uma_av() -> str:
     """Missed and false detections and accuracies at 52 dBm, and shares at 37 dBm."""
     header = ["", "missed [%]", "Type 1 [%]", "Type 2 [%]", "horizontal [m]", "vertical [m]"]
     header += ["radial velocity [m/s]", "time [s]", *(f"37 dBm: {name}" for name in header[1:4])]
-    accuracies = "horizontal_error_p90_m", "vertical_error_p90_m", "radial_velocity_error_p90_mps"
+    accuracies = {"horizontal_error_p90_m": ".2f", "vertical_error_p90_m": ".2f"}
+    accuracies["radial_velocity_error_p90_mps"] = ".3f"
     rows = []
     for _, own in drops("uma-av").groupby(VARIANT, sort=False):
         high, low = (own[own["snr_db"] == snr_db].iloc[0] for snr_db in POWERS_DB)
-        cells = [*_shares(high), *(number(high[name]) for name in accuracies)]
+        cells = [*_shares(high), *(number(high[name], form) for name, form in accuracies.items())]
         cells += [seconds(high["time_estimate_s_median"]), *_shares(low)]
         rows.append([code(high["estimator"]), *cells])
     return markdown(header, rows)
 
 
+def uma_av_categories() -> str:
+    """Limits of the categories of TS 22.137 that `nomp4d` keeps."""
+    rows = rows_of("uma-av").rows
+    *_, table = DropsKind().tables(rows[rows["estimator"] == "nomp4d"])
+    return markdown(table.headings[1:], [texts[1:] for texts in table.texts])
+
+
 def uma_av_clutter() -> str:
     """Missed and false detections among cars and people on the ground, with and without a notch."""
-    header = ["", "notch", "missed [%]", "Type 1 [%]", "Type 2 [%]"]
+    header = ["", "`dynamic_range_db`", "`notch_mps`", "missed [%]", "Type 1 [%]", "Type 2 [%]"]
     rows = [
-        [code(label), "" if math.isnan(row["notch_mps"]) else f"{row['notch_mps']:g} m/s", *_shares(row)]
-        for label, (_, row) in zip(
-            labels_of("uma-av-clutter").values(), drops("uma-av-clutter").iterrows(), strict=True
-        )
+        [code(row["estimator"]), *(number(row[name], "g") for name in SETTINGS[1:]), *_shares(row)]
+        for _, row in drops("uma-av-clutter").iterrows()
     ]
-    return markdown(header, rows, left=2)
+    return markdown(header, rows)
 
 
 POWERS_DB = {0.0: "52 dBm", -15.0: "37 dBm"}
@@ -603,11 +612,14 @@ def uma_av_plane() -> ChartGroup:
             Series(name, own["false_alarm_type2"], 1 - own["missed_detection"], style=styles[name])
             for name, own in part.groupby("estimator", sort=False)
         ]
-        series += [
-            Series(name, [false], [found], mark="points", style=LineStyle("", "", symbol))
-            for (name, (false, found)), symbol in zip(PUBLISHED.items(), ["x", "diamond-open"], strict=True)
-        ]
-        axes = Axis("false alarm Type 2", limits=(-0.01, 0.4)), Axis("detected", limits=(0.6, 1.0))
+        if not snr_db:
+            series += [
+                Series(name, [false], [found], mark="points", style=LineStyle("", "", symbol))
+                for (name, (false, found)), symbol in zip(
+                    PUBLISHED.items(), ["x", "diamond-open"], strict=True
+                )
+            ]
+        axes = Axis("false alarm Type 2", limits=(-0.01, 0.6)), Axis("detected", limits=(0.6, 1.0))
         charts.append(Chart(title, *axes, series, [0.95]))
     return ChartGroup(
         "uma-av-plane", "100 drops of five drones; 5GNRad: 50 other drops", charts, 2, (4.0, 3.2)
@@ -637,6 +649,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "looks": looks,
     "peers": peers,
     "uma-av": uma_av,
+    "uma-av-categories": uma_av_categories,
     "uma-av-clutter": uma_av_clutter,
 }
 

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from isacbench.bench.kinds.drops import DropsSuite
 from isacbench.bench.kinds.link import LinkSuite
 from isacbench.bench.run.runner import run
 from isacbench.bench.suites.suite_kinds import KINDS
@@ -28,6 +27,7 @@ COMMITTED = {
     "resolution": "resolution",
     "detection": "detectors",
     "population": "population",
+    "drops": "uma-av",
 }
 FEW = {
     "imaging": "scenario == 'street' and trial < 5",
@@ -36,6 +36,7 @@ FEW = {
     "detection": "trial < 1 and scenario in ['homogeneous', 'interferers', 'street']",
     "population": "snr_db == 10 and scenario.str.contains('(?:town|sparse).*[05](?:,|])')"
     " and estimator in ['empty', 'chance', 'fft4d', 'music2d', 'oracle']",
+    "drops": "snr_db >= -15 and estimator in ['fft4d', 'nomp4d']",
 }
 STEMS = {
     "imaging": ["deviation", "curves-street"],
@@ -75,10 +76,6 @@ def rows(kind, seen, plugins, tiny):
     if kind == "link":
         common = {"name": "test", "scenarios": [str(tiny)], "estimators": ["blob"], "channels": ["awgn"]}
         found = run(LinkSuite(**common, modulations=["qpsk", "16qam"], snr_db=[0, 20], trials=2))
-    elif kind == "drops":
-        scenarios = ["uma-av[seed=0:4]", "uma-av[seed=5,targets=0]"]
-        common = {"name": "test", "scenarios": scenarios, "estimators": ["fft4d"], "sensing": "prs"}
-        found = run(DropsSuite(**common, snr_db=[-20, 0], trials=1))
     else:
         found = pd.read_parquet(REFERENCE / COMMITTED[kind] / "results.parquet").query(FEW[kind])
     seen[kind] = found.reset_index(drop=True)
