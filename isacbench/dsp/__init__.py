@@ -7,6 +7,7 @@ __all__ = [
     "cell_detection",
     "cfar",
     "detection",
+    "doppler_notch",
     "fitting",
     "floating_point",
     "null_carriers",
