@@ -95,5 +95,7 @@ def too_slow(committed):
 if __name__ == "__main__":
     if sys.argv[1:] == ["check"]:
         sys.exit("\n".join(too_slow(json.loads(PATH.read_text()))) or None)
+    if sys.argv[1:]:
+        sys.exit("usage: python -m tests.image_speed [check]")
     times = {"algebra": round(algebra_y(), 3), "images": times_y(IMAGES)}
     PATH.write_text(json.dumps(times).replace('], "', '],\n"') + "\n")
