@@ -361,7 +361,8 @@ def _gate_charts(rows: pd.DataFrame, lines: Mapping[Variant, Line]) -> list[Char
         own = charts.rows_of(top, variant)
         detected = np.array([json.loads(text) for text in own["detected_by_gate"]]).reshape(len(own), -1)
         for panel, total in ((missed, "n_targets"), (false, "n_detections")):
-            share = (1 - detected / own[[total]].clip(lower=1).to_numpy()).mean(axis=0)
+            n = own[[total]].to_numpy()
+            share = ((n - detected) / np.maximum(n, 1)).mean(axis=0)
             panel += [Series(line.label, GATES_M, share, style=line.style)] if len(own) else []
     x, y = Axis("gate [m]", log=True), SHARE_AXIS("share")
     return [Chart("missed over the gate", x, y, missed), Chart("Type 2 over the gate", x, y, false)]

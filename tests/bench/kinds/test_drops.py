@@ -140,3 +140,23 @@ def test_runs_of_drops_are_compared_by_missed_targets(folder):
     found = compare(folder, folder, tolerances="missed_detection=0.05")
     assert not found.is_regression
     assert "missed_detection" in set(found.curves["metric"])
+
+
+def test_drops_without_detections_have_no_false_ones_at_any_gate(folder):
+    rows = load_run(folder).rows
+    (params, *_) = rows["params"].unique()
+    full = rows[(rows["params"] == params) & (rows["n_targets"] > 0)].iloc[[0, 1]]
+    n_gates = len(json.loads(full["detected_by_gate"].iloc[0]))
+    nothing = full.iloc[[1]].assign(n_detections=0, n_detected=0, detected_by_gate=json.dumps([0] * n_gates))
+    alone, both = full.iloc[[0]], pd.concat([full.iloc[[0]], nothing])
+    (one,), (two,) = (gate_series(part, "Type 2 over the gate") for part in (alone, both))
+    np.testing.assert_allclose(two, one / 2)
+    (one,), (two,) = (gate_series(part, "missed over the gate") for part in (alone, both))
+    np.testing.assert_allclose(two, (one + 1) / 2)
+
+
+def gate_series(rows, title):
+    """Curves of a chart over the gate."""
+    (group,) = DropsKind().charts(rows)
+    (chart,) = (chart for chart in group.charts if chart.title == title)
+    return [np.asarray(series.y) for series in chart.series]
